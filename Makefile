@@ -1,0 +1,229 @@
+# softbody: the product is softbody.h, which is generated from src/; everything else is built into build/.
+#
+#   make            the examples                     make bench      benchmarks, one core and all cores
+#   make demo       build and run examples/demo.c    make headers    writes softbody.h from src/
+#   make test       the tests in double              make install    PREFIX=/usr/local, DESTDIR=
+#   make test-float, test-cpp, test-openmp           make clean
+#   make test-golden                                 the same bits from each compiler and optimisation
+#   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
+#   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
+#
+# Variables: CC, CXX, CFLAGS; FILTER="dense mesh/volume" picks tests by suite or start of suite/test.
+CC = cc
+CXX = c++
+CFLAGS = -O2 -g
+PREFIX = /usr/local
+FILTER =
+GCC = gcc
+GXX = g++
+CLANG = clang
+CLANGXX = clang++
+
+, := ,
+WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wundef -Wdouble-promotion -Wcast-qual \
+	-Wvla
+C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
+INCLUDES = -I. -Itests -Ibuild
+
+PARTS = $(filter-out src/softbody/names.h,$(sort $(shell find src/softbody -type f)))
+TESTS = $(wildcard tests/test_*.c)
+TEST_UNITS = $(TESTS) tests/main.c tests/implementation.c
+EXAMPLES = $(wildcard examples/*.c)
+BENCHES = $(wildcard tests/bench/*.c)
+FUZZERS = $(wildcard tests/fuzz/fuzz_*.c)
+
+.SUFFIXES:
+.DELETE_ON_ERROR:
+.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden sanitize cross bench benches \
+	lint fuzz format install clean FORCE
+
+all: examples
+
+# ---- the header ------------------------------------------------------------------------------------------------
+
+build/amalgamate: src/amalgamate.c
+	@mkdir -p build
+	$(CC) -std=c99 $(C_WARNINGS) -O1 $< -o $@
+
+softbody.h: build/amalgamate LICENSE $(PARTS)
+	build/amalgamate src/softbody/manifest.txt $(PARTS)
+
+headers: build/amalgamate
+	build/amalgamate src/softbody/manifest.txt $(PARTS)
+
+# ---- examples --------------------------------------------------------------------------------------------------
+# Built as a user would: the header, the compiler's default language and -lm.
+
+EXAMPLE_CFLAGS = -O3
+examples: $(EXAMPLES:examples/%.c=build/%)
+
+build/%: examples/%.c softbody.h $(wildcard examples/*.h) build/flags
+	$(CC) $(EXAMPLE_CFLAGS) -I. $< -lm -o $@
+
+demo: build/demo
+	build/demo
+
+# ---- tests -----------------------------------------------------------------------------------------------------
+# Holds the compilers and flags of the last build: objects follow when they change.
+build/flags: FORCE
+	@mkdir -p build
+	@echo '$(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS)' | cmp -s - $@ || echo '$(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS)' >$@
+
+build/suites.h: $(TESTS)
+	@mkdir -p build
+	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(TESTS) >$@
+
+# One build of the test program: $(call suite,NAME,COMPILER AND FLAGS,COMPILE FLAGS,LINK FLAGS,SUFFIX)
+# makes build/NAME/testsSUFFIX.
+define suite
+build/$(1)/%.o: tests/%.c softbody.h $(wildcard tests/*.h examples/*.h) build/flags
+	@mkdir -p $$(@D)
+	$(2) $(INCLUDES) $(3) -c $$< -o $$@
+build/$(1)/main.o: build/suites.h
+build/$(1)/tests$(5): $$(TEST_UNITS:tests/%.c=build/$(1)/%.o)
+	$(2) $$^ -lm $(4) -o $$@
+endef
+
+SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+SANITIZE_CFLAGS = -O1 -g
+MINGW = x86_64-w64-mingw32-gcc
+WASM = $(CLANG) --target=wasm32-wasi --sysroot=/usr -D_WASI_EMULATED_PROCESS_CLOCKS
+
+$(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
+$(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float))
+$(eval $(call suite,cpp,$(CXX) $(CFLAGS),-std=c++11 $(WARNINGS) -x c++))
+$(eval $(call suite,openmp,$(CC) $(CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP))
+$(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C_WARNINGS)))
+$(eval $(call suite,mingw,$(MINGW) -O2,-std=c99 $(C_WARNINGS),-static,.exe))
+$(eval $(call suite,wasm,$(WASM) -O2,-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm))
+
+# Takes most of the suite's time; the builds that differ in language or system only leave it out.
+SLOW = -step/10,000
+QUICK = $(or $(FILTER),$(SLOW))
+
+SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o softbody.h README.md
+TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
+
+PROGRAM_TESTS = "tests/case.sh build/case_solve build/case_test" "tests/examples.sh build build/examples_test"
+
+test: build/double/tests $(if $(FILTER),,build/amalgamate examples)
+	tests/total.sh "build/double/tests $(FILTER)" $(if $(FILTER),,"$(TOOL_TEST)" "$(SNIPPETS)" $(PROGRAM_TESTS))
+test-float: build/float/tests
+	build/float/tests $(FILTER)
+test-cpp: build/cpp/tests
+	build/cpp/tests $(QUICK)
+test-openmp: build/openmp/tests
+	build/openmp/tests $(QUICK)
+sanitize: build/sanitize/tests
+	ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(FILTER)
+
+# The tests named golden... hold results as constants: the library and these tests, built by each compiler at each
+# optimisation, also where fused multiply-add is to be had, must give the same bits. (The library sees to that for
+# its own code only, so the tests' code gets the flag.)
+GOLDEN_UNITS = tests/implementation.c $(shell grep -l '"golden' $(TESTS))
+GOLDEN_OTHERS = $(filter-out $(GOLDEN_UNITS),$(TEST_UNITS))
+GOLDEN_NAMES = gcc-O0 gcc-O3 clang-O0 clang-O3
+
+define golden
+build/golden-$(1)/%.o: tests/%.c softbody.h $(wildcard tests/*.h examples/*.h)
+	@mkdir -p $$(@D)
+	$(2) $(INCLUDES) $$(if $$(filter %/implementation.c,$$<),,-ffp-contract=off) -c $$< -o $$@
+build/golden-$(1)/tests: $$(GOLDEN_UNITS:tests/%.c=build/golden-$(1)/%.o) $$(GOLDEN_OTHERS:tests/%.c=build/double/%.o)
+	$(CC) $(CFLAGS) $$^ -lm -o $$@
+endef
+$(eval $(call golden,gcc-O0,$(GCC) -std=c99 -O0))
+$(eval $(call golden,gcc-O3,$(GCC) -std=gnu99 -O3 -march=native))
+$(eval $(call golden,clang-O0,$(CLANG) -std=c99 -O0))
+$(eval $(call golden,clang-O3,$(CLANG) -std=gnu99 -O3 -march=native))
+
+test-golden: $(GOLDEN_NAMES:%=build/golden-%/tests)
+	tests/total.sh $(^:%='% /golden')
+
+cross:
+	MAKE='$(MAKE)' FILTER='$(QUICK)' tests/cross.sh
+
+# ---- lint ------------------------------------------------------------------------------------------------------
+# Every unit with every compiler, language and precision, warnings as errors: each source alone (which keeps the
+# floors honest), the header with and without its implementation, tests, examples, benchmarks.
+
+LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(EXAMPLES) $(FUZZERS) \
+	$(wildcard tests/snippets/*.c)
+LINT_UNITS_double = $(BENCHES)
+LINT_C = gcc clang
+LINT_CPP = gxx clangxx
+LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks
+LINT_gcc = $(GCC) $(LINT_STD) $(C_WARNINGS)
+LINT_clang = $(CLANG) $(LINT_STD) $(C_WARNINGS)
+LINT_gxx = $(GXX) -std=c++11 $(WARNINGS) -x c++
+LINT_clangxx = $(CLANGXX) -std=c++11 $(WARNINGS) -x c++
+
+# $(call lint,COMPILER,REAL): the implementation is optimised, since some warnings need that
+define lint
+build/lint/$(1)-$(2)/%.ok: %.c softbody.h build/suites.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
+	@mkdir -p $$(@D)
+	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) -fsyntax-only $$<
+	@touch $$@
+build/lint/$(1)-$(2)/src/%.ok: src/%.c softbody.h
+	@mkdir -p $$(@D)
+	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) -DSB_SPLIT_BUILD -fsyntax-only $$<
+	@touch $$@
+build/lint/$(1)-$(2)/tests/implementation.ok build/lint/$(1)-$(2)/tests/link/declarations.ok: \
+build/lint/$(1)-$(2)/tests/%.ok: tests/%.c softbody.h
+	@mkdir -p $$(@D)
+	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) -O2 -c $$< -o $$(@:.ok=.o)
+	@touch $$@
+LINT_OK += $(patsubst %.c,build/lint/$(1)-$(2)/%.ok,$(LINT_UNITS) $(LINT_UNITS_$(2)))
+endef
+$(foreach compiler,$(LINT_C) $(LINT_CPP),$(foreach real,double float,$(eval $(call lint,$(compiler),$(real)))))
+
+# The rooms as objects of their own, linked into the test program.
+SPLIT = $(patsubst src/softbody/%.c,build/split/%.o,$(filter %.c,$(PARTS)))
+build/split/%.o: src/softbody/%.c softbody.h build/flags
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) -std=c99 $(C_WARNINGS) -Werror -DSB_SPLIT_BUILD -c $< -o $@
+build/split/tests: $(SPLIT) $(filter-out %/implementation.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
+	$(CC) $(CFLAGS) $^ -lm -o $@
+
+lint: $(LINT_OK) build/split/tests
+	tests/total.sh "build/split/tests $(QUICK)" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
+
+# ---- benchmarks and fuzzing ----------------------------------------------------------------------------------
+
+BENCH_CFLAGS = -O3 -march=native -std=gnu11 -ffp-contract=off -fopenmp -DSB_USE_OPENMP
+build/bench/%: tests/bench/%.c softbody.h $(wildcard tests/bench/*.h)
+	@mkdir -p $(@D)
+	$(CC) $(BENCH_CFLAGS) $(INCLUDES) $< -lm -o $@
+
+benches: $(BENCHES:tests/bench/%.c=build/bench/%)
+bench: $(BENCHES:tests/bench/%.c=build/bench/%)
+	@for bench in $^; do for threads in 1 $$(nproc); do \
+	    echo "# $$bench, OMP_NUM_THREADS=$$threads" && OMP_NUM_THREADS=$$threads $$bench || exit 1; done; done
+
+FUZZ_SECONDS = 10
+build/fuzz/%: tests/fuzz/%.c softbody.h $(wildcard tests/fuzz/*.h)
+	@mkdir -p $(@D)
+	$(CLANG) -std=c99 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined $(INCLUDES) $< -lm -o $@
+
+fuzz: $(FUZZERS:tests/fuzz/%.c=build/fuzz/%)
+	@for target in $^; do $$target -max_total_time=$(FUZZ_SECONDS) -artifact_prefix=build/fuzz/ || exit 1; done
+
+# ---- install ---------------------------------------------------------------------------------------------------
+
+build/softbody.pc: Makefile softbody.h FORCE
+	@mkdir -p build
+	@printf '%s\n' 'prefix=$(PREFIX)' 'includedir=$${prefix}/include' '' 'Name: softbody' \
+	    'Description: soft-tissue simulation in a single C header' \
+	    "Version: $$(sed -n 's/^#define SB_VERSION_STRING "\(.*\)"/\1/p' softbody.h)" \
+	    'Cflags: -I$${includedir}' 'Libs: -lm' >$@
+
+install: softbody.h build/softbody.pc
+	mkdir -p '$(DESTDIR)$(PREFIX)/include' '$(DESTDIR)$(PREFIX)/share/pkgconfig'
+	cp softbody.h '$(DESTDIR)$(PREFIX)/include/'
+	cp build/softbody.pc '$(DESTDIR)$(PREFIX)/share/pkgconfig/'
+
+# Optional: lays out all sources by .clang-format.
+format:
+	clang-format -i $(filter %.c %.h,$(PARTS)) src/*.c tests/*.[ch] tests/*/*.c $(EXAMPLES)
+
+clean:
+	rm -rf build

@@ -1,0 +1,1231 @@
+/* case_reader: reads a case file and everything it names, and makes the body it describes. Shared by
+ * case_solve.c and the tests. A case is checked whole before anything is solved:
+ *
+ *     text --case_parse--> statements --case_load--> mesh, node lists, loads --case_create_body--> sb_body
+ *
+ * What a statement may look like stands in two tables, case_keys (the options) and case_forms (the
+ * statements). Include softbody.h first. */
+#ifndef CASE_READER_H
+#define CASE_READER_H
+
+#include <errno.h>
+#include <limits.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- what a case file may hold ------------------------------------------------------------------------- */
+
+/* What the value of an option, or a word, must be. */
+typedef enum case_type {
+    CASE_TYPE_PATH,         /* a file to read, relative to the case file */
+    CASE_TYPE_VECTOR,       /* X,Y,Z */
+    CASE_TYPE_POSITIVE,     /* a number > 0 */
+    CASE_TYPE_NOT_NEGATIVE, /* a number >= 0 */
+    CASE_TYPE_FRACTION,     /* a number in (0, 1) */
+    CASE_TYPE_POISSON,      /* a number in (-1, 0.5) */
+    CASE_TYPE_COUNT,        /* an integer >= 1 */
+    CASE_TYPE_INTEGER       /* any integer */
+} case_type;
+
+/* Options, key=value. A key means the same in every statement. */
+typedef enum case_key {
+    CASE_NODES,
+    CASE_FACES,
+    CASE_FILE,
+    CASE_VALUE,
+    CASE_RAMP,
+    CASE_E,
+    CASE_NU,
+    CASE_C10,
+    CASE_D1,
+    CASE_DENSITY,
+    CASE_REGION,
+    CASE_STEPS,
+    CASE_TOL,
+    CASE_ITERATIONS,
+    CASE_DT,
+    CASE_END,
+    CASE_ALPHA,
+    CASE_BETA,
+    CASE_NEWTON,
+    CASE_KEY_COUNT
+} case_key;
+
+typedef struct case_key_rule {
+    const char *name;
+    case_type type;
+} case_key_rule;
+
+static const case_key_rule case_keys[CASE_KEY_COUNT] = {
+    {"nodes", CASE_TYPE_PATH},       {"faces", CASE_TYPE_PATH},         {"file", CASE_TYPE_PATH},
+    {"value", CASE_TYPE_VECTOR},     {"ramp", CASE_TYPE_NOT_NEGATIVE},  {"E", CASE_TYPE_POSITIVE},
+    {"nu", CASE_TYPE_POISSON},       {"C10", CASE_TYPE_POSITIVE},       {"D1", CASE_TYPE_POSITIVE},
+    {"density", CASE_TYPE_POSITIVE}, {"region", CASE_TYPE_INTEGER},     {"steps", CASE_TYPE_COUNT},
+    {"tol", CASE_TYPE_FRACTION},     {"iterations", CASE_TYPE_COUNT},   {"dt", CASE_TYPE_POSITIVE},
+    {"end", CASE_TYPE_POSITIVE},     {"alpha", CASE_TYPE_NOT_NEGATIVE}, {"beta", CASE_TYPE_NOT_NEGATIVE},
+    {"newton", CASE_TYPE_COUNT},
+};
+
+typedef enum case_kind {
+    CASE_LATER, /* in the format, but not in this version */
+    CASE_MESH,
+    CASE_ELEMENT,
+    CASE_MATERIAL,
+    CASE_GRAVITY,
+    CASE_FIX,
+    CASE_PRESCRIBE,
+    CASE_FORCE,
+    CASE_TRACTION,
+    CASE_SOLVE,
+    CASE_OUTPUT
+} case_kind;
+
+enum { CASE_STATIC = 0 }; /* code of `solve static`; the other solves have that of an sb_integrator */
+enum { CASE_OUTPUT_DISPLACEMENT, CASE_OUTPUT_REACTION, CASE_OUTPUT_STRESS, CASE_OUTPUT_PROBE };
+
+/* One way to write a statement. Forms with the same keyword and variant differ in their options only. */
+typedef struct case_form {
+    const char *keyword;
+    const char *variant;         /* the second word, or NULL: there is none */
+    const char *words;           /* further words: f FILE, e NAME of an element, a AXES, n number, i NODE */
+    unsigned required, optional; /* keys as bits */
+    case_kind kind;
+    int code; /* of a material, element, solve or output */
+    int once; /* 1: at most one such keyword in a file */
+} case_form;
+
+#define CASE_BIT(key) (1u << (key))
+#define CASE_HOOKE (CASE_BIT(CASE_E) | CASE_BIT(CASE_NU) | CASE_BIT(CASE_DENSITY))
+#define CASE_ISOCHORIC (CASE_BIT(CASE_C10) | CASE_BIT(CASE_D1) | CASE_BIT(CASE_DENSITY))
+#define CASE_IN_REGION CASE_BIT(CASE_REGION)
+#define CASE_NODES_VALUE (CASE_BIT(CASE_NODES) | CASE_BIT(CASE_VALUE))
+#define CASE_TIMES (CASE_BIT(CASE_DT) | CASE_BIT(CASE_END))
+#define CASE_DAMPED (CASE_BIT(CASE_TOL) | CASE_BIT(CASE_ALPHA) | CASE_BIT(CASE_BETA))
+
+static const case_form case_forms[] = {
+    {"mesh", NULL, "f", 0, 0, CASE_MESH, 0, 1},
+    {"element", NULL, "e", 0, 0, CASE_ELEMENT, 0, 1},
+    {"material", "linear", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_LINEAR, 0},
+    {"material", "corotated", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_COROTATED, 0},
+    {"material", "corotated_invertible", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL,
+     SB_COROTATED_INVERTIBLE, 0},
+    {"material", "svk", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_SVK, 0},
+    {"material", "neo_hookean", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_NEO_HOOKEAN, 0},
+    {"material", "neo_hookean", "", CASE_ISOCHORIC, CASE_IN_REGION, CASE_MATERIAL, SB_NEO_HOOKEAN_ISOCHORIC,
+     0},
+    {"material", "stable_neo_hookean", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_STABLE_NEO_HOOKEAN,
+     0},
+    {"material", "mooney_rivlin", "", 0, 0, CASE_LATER, 0, 0},
+    {"material", "reduced_polynomial", "", 0, 0, CASE_LATER, 0, 0},
+    {"gravity", NULL, "nnn", 0, 0, CASE_GRAVITY, 0, 1},
+    {"fix", NULL, "a", CASE_BIT(CASE_NODES), 0, CASE_FIX, 0, 0},
+    {"prescribe", NULL, "a", CASE_NODES_VALUE, CASE_BIT(CASE_RAMP), CASE_PRESCRIBE, 0, 0},
+    {"prescribe", NULL, "a", CASE_BIT(CASE_FILE), CASE_BIT(CASE_RAMP), CASE_PRESCRIBE, 0, 0},
+    {"force", NULL, "", CASE_NODES_VALUE, 0, CASE_FORCE, 0, 0},
+    {"force", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_FORCE, 0, 0},
+    {"traction", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_VALUE), 0, CASE_TRACTION, 0, 0},
+    {"pressure", NULL, "", 0, 0, CASE_LATER, 0, 0},
+    {"spring", NULL, "", 0, 0, CASE_LATER, 0, 0},
+    {"solve", "static", "", CASE_BIT(CASE_STEPS) | CASE_BIT(CASE_TOL), CASE_BIT(CASE_ITERATIONS), CASE_SOLVE,
+     CASE_STATIC, 1},
+    {"solve", "euler", "", CASE_TIMES, CASE_DAMPED, CASE_SOLVE, SB_EULER, 1},
+    {"solve", "newmark", "", CASE_TIMES, CASE_DAMPED | CASE_BIT(CASE_NEWTON), CASE_SOLVE, SB_NEWMARK, 1},
+    {"solve", "central", "", 0, 0, CASE_LATER, 0, 1},
+    {"solve", "modes", "", 0, 0, CASE_LATER, 0, 1},
+    {"output", "displacement", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_DISPLACEMENT, 0},
+    {"output", "reaction", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_REACTION, 0},
+    {"output", "stress", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_STRESS, 0},
+    {"output", "probe", "if", 0, 0, CASE_OUTPUT, CASE_OUTPUT_PROBE, 0},
+    {"output", "frequencies", "", 0, 0, CASE_LATER, 0, 0},
+};
+enum { CASE_FORM_COUNT = (int)(sizeof case_forms / sizeof case_forms[0]) };
+
+/* What `element NAME` may say. */
+typedef struct case_treatment {
+    const char *name;
+    sb_element_type type; /* that the mesh must have; SB_NO_ELEMENT: not in this version */
+    int single_rotation;
+} case_treatment;
+
+static const case_treatment case_treatments[] = {
+    {"tet4", SB_TET4, 0}, {"tet10", SB_TET10, 0},         {"tet10sr", SB_TET10, 1},
+    {"hex8", SB_HEX8, 0}, {"hex8bbar", SB_NO_ELEMENT, 0}, {"hex20", SB_NO_ELEMENT, 0},
+};
+enum { CASE_TREATMENT_COUNT = (int)(sizeof case_treatments / sizeof case_treatments[0]) };
+
+/* ---- a case in memory ---------------------------------------------------------------------------------- */
+
+/* A statement with what its files hold. Text points into the case file. */
+typedef struct case_statement {
+    int line;
+    const case_form *form;
+    const case_treatment *treatment; /* element */
+    const char *path;                /* word FILE */
+    int axes;                        /* word AXES, as SB_X | SB_Y | SB_Z */
+    int node;                        /* word NODE */
+    int number_count;
+    double numbers[3]; /* number words */
+    unsigned given;    /* options, as bits */
+    const char *text[CASE_KEY_COUNT];
+    double number[CASE_KEY_COUNT];
+    sb_vec3 vector; /* option value */
+
+    int count; /* nodes or faces */
+    int capacity;
+    int *nodes;       /* [count] */
+    sb_vec3 *vectors; /* [count] displacement (m) or force (N) of each node */
+    sb_vec3 *scaled;  /* [count] scratch: vectors times the ramp's share */
+    int *faces;       /* [count][corners of a face] */
+} case_statement;
+
+/* A case. case_read fills it; `mass` may be changed before case_create_body. */
+typedef struct case_file {
+    char *path;
+    char *text; /* the file, cut into words */
+    int line_count;
+    case_statement *statements;
+    int statement_count, statement_capacity;
+    const case_statement *mesh_statement, *solve; /* always there */
+    const case_statement *element, *gravity;      /* or NULL */
+
+    sb_mesh mesh;
+    sb_index_lists node_elements; /* of the mesh; made when faces are looked up */
+    sb_region_material *region_materials;
+    int region_material_count; /* 0: the one material has no region */
+    sb_material material;
+    unsigned char *supports; /* [node_count] axes that statements support */
+
+    sb_mass_kind mass; /* of a dynamic solve; a setting, SB_MASS_REDUCED unless changed */
+
+    int error_line; /* line of the case file that `message` is about */
+    char message[1024];
+} case_file;
+
+/* ---- errors and memory --------------------------------------------------------------------------------- */
+
+#if defined(__GNUC__)
+#define CASE_PRINTF __attribute__((format(printf, 3, 4)))
+#else
+#define CASE_PRINTF
+#endif
+
+/* Says what is wrong in which line; returns 0. */
+CASE_PRINTF static inline int case_fail(case_file *c, int line, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(c->message, sizeof c->message, format, arguments);
+    va_end(arguments);
+    c->error_line = line;
+    return 0;
+}
+
+/* Says what the library found wrong, with the file and line it names; returns 0. */
+static inline int case_fail_library(case_file *c, int line, const sb_error *error)
+{
+    const char *later = error->result == SB_ERROR_UNSUPPORTED ? " (not supported by this version)" : "";
+    if (error->line > 0)
+        return case_fail(c, line, "%s:%d: %s%s", error->file, error->line, error->message, later);
+    return case_fail(c, line, "%s%s%s%s", error->file, error->file[0] ? ": " : "", error->message, later);
+}
+
+static inline int case_fail_memory(case_file *c, int line) { return case_fail(c, line, "out of memory"); }
+
+/* Makes room for one more item of `size` bytes; 0 when there is none. */
+static inline int case_reserve(void **items, int count, int *capacity, size_t size)
+{
+    int larger = *capacity < 16 ? 16 : *capacity;
+    void *grown;
+    if (count < *capacity)
+        return 1;
+    if (*capacity >= 16)
+        larger = *capacity > INT_MAX / 2 ? INT_MAX : 2 * *capacity;
+    if (count >= larger || (size_t)larger > (size_t)-1 / size)
+        return 0;
+    grown = realloc(*items, (size_t)larger * size);
+    if (!grown)
+        return 0;
+    *items = grown;
+    *capacity = larger;
+    return 1;
+}
+
+static inline void case_free_statement(case_statement *s)
+{
+    free(s->nodes);
+    free(s->vectors);
+    free(s->scaled);
+    free(s->faces);
+}
+
+/* Releases a case; safe on one that case_read refused. */
+static inline void case_free(case_file *c)
+{
+    for (int i = 0; i < c->statement_count; i++)
+        case_free_statement(c->statements + i);
+    free(c->statements);
+    free(c->region_materials);
+    free(c->supports);
+    free(c->text);
+    free(c->path);
+    sb_index_lists_free(&c->node_elements);
+    sb_mesh_free(&c->mesh);
+    memset(c, 0, sizeof *c);
+}
+
+/* ---- text ---------------------------------------------------------------------------------------------- */
+
+/* The whole file as a string of the caller, or NULL with why in *reason. */
+static inline char *case_read_text(const char *path, const char **reason)
+{
+    FILE *file = fopen(path, "rb");
+    char *text = NULL, *larger;
+    size_t used = 0, size = 0, got = 1;
+    *reason = strerror(errno);
+    if (!file)
+        return NULL;
+    while (got > 0) {
+        if (size - used < 4096) {
+            size = 2 * size + 8192;
+            larger = (char *)realloc(text, size);
+            if (!larger)
+                break;
+            text = larger;
+        }
+        got = fread(text + used, 1, size - used - 1, file);
+        used += got;
+    }
+    *reason = got > 0 ? "out of memory" : ferror(file) ? "it cannot be read" : NULL;
+    fclose(file);
+    if (!*reason) {
+        text[used] = 0;
+        if (memchr(text, 0, used))
+            *reason = "it is not a text file";
+    }
+    if (!*reason)
+        return text;
+    free(text);
+    return NULL;
+}
+
+/* Cuts the next line off *cursor and its comment off the line; NULL at the end. */
+static inline char *case_next_line(char **cursor)
+{
+    char *line = *cursor, *end;
+    if (!*line)
+        return NULL;
+    end = line + strcspn(line, "\n");
+    *cursor = *end ? end + 1 : end;
+    *end = 0;
+    line[strcspn(line, "#")] = 0;
+    return line;
+}
+
+/* Cuts the next word off *cursor; NULL at the end of the line. */
+static inline char *case_next_word(char **cursor)
+{
+    char *word = *cursor + strspn(*cursor, " \t\r"), *end;
+    if (!*word)
+        return NULL;
+    end = word + strcspn(word, " \t\r");
+    *cursor = *end ? end + 1 : end;
+    *end = 0;
+    return word;
+}
+
+/* A decimal number that is finite as an sb_real, and nothing else; 1 or 0. */
+static inline int case_scan_number(const char *word, double *value)
+{
+    char *end;
+    double number;
+    if (!*word || word[strspn(word, "0123456789+-.eE")])
+        return 0;
+    number = strtod(word, &end);
+    if (*end || !sb_is_finite((sb_real)number))
+        return 0;
+    *value = number;
+    return 1;
+}
+
+/* A decimal integer that fits int, and nothing else; 1 or 0. */
+static inline int case_scan_integer(const char *word, int *value)
+{
+    char *end;
+    long number;
+    if (!*word || word[strspn(word, "0123456789+-")])
+        return 0;
+    errno = 0;
+    number = strtol(word, &end, 10);
+    if (*end || errno || number < INT_MIN || number > INT_MAX)
+        return 0;
+    *value = (int)number;
+    return 1;
+}
+
+/* X,Y,Z */
+static inline int case_scan_vector(char *word, sb_vec3 *value)
+{
+    double parts[3];
+    for (int i = 0; i < 3; i++) {
+        char *comma = strchr(word, ',');
+        if ((comma != NULL) != (i < 2))
+            return 0;
+        if (comma)
+            *comma = 0;
+        if (!case_scan_number(word, parts + i))
+            return 0;
+        word = comma ? comma + 1 : word;
+    }
+    *value = sb_v3((sb_real)parts[0], (sb_real)parts[1], (sb_real)parts[2]);
+    return 1;
+}
+
+/* Letters among x y z, each once, as bits; 0 when it is anything else. */
+static inline int case_scan_axes(const char *word)
+{
+    static const char letters[] = "xyz";
+    int axes = 0;
+    for (; *word; word++) {
+        const char *letter = strchr(letters, *word);
+        int bit = letter ? 1 << (letter - letters) : 0;
+        if (!bit || (axes & bit))
+            return 0;
+        axes |= bit;
+    }
+    return axes;
+}
+
+/* ---- parsing: words and options ------------------------------------------------------------------------ */
+
+static inline const char *case_word_name(char word)
+{
+    switch (word) {
+    case 'f': return "FILE";
+    case 'e': return "NAME";
+    case 'a': return "AXES";
+    case 'i': return "NODE";
+    default: return "NUMBER";
+    }
+}
+
+/* How a statement is written, e.g. `fix AXES nodes=`, appended to c->message. */
+static inline void case_append_usage(case_file *c, const case_form *form)
+{
+    char *at = c->message + strlen(c->message);
+    size_t room = sizeof c->message - strlen(c->message);
+    int used = snprintf(at, room, "%s%s%s", form->keyword, form->variant ? " " : "",
+                        form->variant ? form->variant : "");
+    for (const char *word = form->words; *word && used >= 0 && (size_t)used < room; word++)
+        used += snprintf(at + used, room - (size_t)used, " %s", case_word_name(*word));
+    for (int k = 0; k < CASE_KEY_COUNT && used >= 0 && (size_t)used < room; k++)
+        if ((form->required | form->optional) & CASE_BIT(k))
+            used += snprintf(at + used, room - (size_t)used, form->required & CASE_BIT(k) ? " %s=" : " [%s=]",
+                             case_keys[k].name);
+}
+
+static inline int case_same_text(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+/* 1 when the forms differ in their options only. */
+static inline int case_are_alternatives(const case_form *a, const case_form *b)
+{
+    return case_same_text(a->keyword, b->keyword) && case_same_text(a->variant, b->variant);
+}
+
+/* Refuses a statement, naming every way to write it. */
+static inline int case_fail_usage(case_file *c, const case_statement *s, const char *what, const char *name)
+{
+    const char *separator = "; expected: ";
+    case_fail(c, s->line, "%s%s", what, name);
+    for (int i = 0; i < CASE_FORM_COUNT; i++)
+        if (case_are_alternatives(case_forms + i, s->form)) {
+            size_t length = strlen(c->message);
+            snprintf(c->message + length, sizeof c->message - length, "%s", separator);
+            case_append_usage(c, case_forms + i);
+            separator = "  or  ";
+        }
+    return 0;
+}
+
+/* Refuses a second word, naming those there are. */
+static inline int case_fail_variant(case_file *c, int line, const char *keyword, const char *word)
+{
+    const char *last = NULL;
+    if (word)
+        case_fail(c, line, "unknown %s '%.80s'; known:", keyword, word);
+    else
+        case_fail(c, line, "%s what? known:", keyword);
+    for (int i = 0; i < CASE_FORM_COUNT; i++) {
+        const case_form *form = case_forms + i;
+        size_t length = strlen(c->message);
+        if (strcmp(form->keyword, keyword) != 0 || form->kind == CASE_LATER ||
+            case_same_text(form->variant, last))
+            continue;
+        last = form->variant;
+        snprintf(c->message + length, sizeof c->message - length, " %s", last);
+    }
+    return 0;
+}
+
+/* Finds the first form of a statement from its first words. */
+static inline int case_parse_form(case_file *c, case_statement *s, const char *keyword, char **cursor)
+{
+    const char *variant = NULL;
+    for (int i = 0; i < CASE_FORM_COUNT; i++) {
+        const case_form *form = case_forms + i;
+        if (strcmp(form->keyword, keyword) != 0)
+            continue;
+        if (form->variant && !variant) {
+            variant = case_next_word(cursor);
+            if (!variant)
+                return case_fail_variant(c, s->line, keyword, NULL);
+        }
+        if (form->variant && strcmp(form->variant, variant) != 0)
+            continue;
+        s->form = form;
+        if (form->kind == CASE_LATER)
+            return case_fail(c, s->line, "%s%s%s is not supported by this version", keyword,
+                             variant ? " " : "", variant ? variant : "");
+        return 1;
+    }
+    if (variant)
+        return case_fail_variant(c, s->line, keyword, variant);
+    return case_fail(c, s->line, "unknown statement '%.80s'", keyword);
+}
+
+static inline int case_parse_treatment(case_file *c, case_statement *s, const char *word)
+{
+    for (int i = 0; i < CASE_TREATMENT_COUNT; i++)
+        if (strcmp(case_treatments[i].name, word) == 0)
+            s->treatment = case_treatments + i;
+    if (!s->treatment)
+        return case_fail(c, s->line, "unknown element '%.80s'", word);
+    if (s->treatment->type == SB_NO_ELEMENT)
+        return case_fail(c, s->line, "element %s is not supported by this version", word);
+    return 1;
+}
+
+static inline int case_parse_word(case_file *c, case_statement *s, int kind, const char *word)
+{
+    switch (kind) {
+    case 'f': s->path = word; return 1;
+    case 'e': return case_parse_treatment(c, s, word);
+    case 'a':
+        s->axes = case_scan_axes(word);
+        return s->axes ||
+               case_fail(c, s->line, "'%.80s' is not axes: write x, y, z or some of them, like xyz", word);
+    case 'i':
+        return case_scan_integer(word, &s->node) || case_fail(c, s->line, "'%.80s' is no node index", word);
+    default:
+        return case_scan_number(word, s->numbers + s->number_count++) ||
+               case_fail(c, s->line, "'%.80s' is no finite number", word);
+    }
+}
+
+static inline int case_parse_words(case_file *c, case_statement *s, char **cursor)
+{
+    for (const char *kind = s->form->words; *kind; kind++) {
+        char *word = case_next_word(cursor);
+        if (!word)
+            return case_fail_usage(c, s, "a word is missing", "");
+        if (!case_parse_word(c, s, *kind, word))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when the number suits the type; else what it should be stands in *expected. */
+static inline int case_is_in_range(case_type type, double x, const char **expected)
+{
+    switch (type) {
+    case CASE_TYPE_POSITIVE: *expected = "a number > 0"; return (sb_real)x > 0;
+    case CASE_TYPE_NOT_NEGATIVE: *expected = "a number >= 0"; return x >= 0;
+    case CASE_TYPE_FRACTION: *expected = "a number between 0 and 1"; return (sb_real)x > 0 && (sb_real)x < 1;
+    case CASE_TYPE_POISSON:
+        *expected = "a number between -1 and 0.5";
+        return x > -1 && (sb_real)x < (sb_real)0.5;
+    case CASE_TYPE_COUNT: *expected = "an integer >= 1"; return x >= 1;
+    default: return 1;
+    }
+}
+
+/* Stores the value of one option. */
+static inline int case_parse_value(case_file *c, case_statement *s, int key, char *value)
+{
+    const char *name = case_keys[key].name, *expected = "";
+    case_type type = case_keys[key].type;
+    int integer = 0;
+    s->text[key] = value;
+    if (type == CASE_TYPE_PATH)
+        return 1;
+    if (type == CASE_TYPE_VECTOR)
+        return case_scan_vector(value, &s->vector) ||
+               case_fail(c, s->line, "%s= must be three finite numbers X,Y,Z", name);
+    if (type == CASE_TYPE_COUNT || type == CASE_TYPE_INTEGER) {
+        if (!case_scan_integer(value, &integer))
+            return case_fail(c, s->line, "%s=%.80s is no integer", name, value);
+        s->number[key] = integer;
+    } else if (!case_scan_number(value, s->number + key)) {
+        return case_fail(c, s->line, "%s=%.80s is no finite number", name, value);
+    }
+    return case_is_in_range(type, s->number[key], &expected) ||
+           case_fail(c, s->line, "%s=%.80s must be %s", name, value, expected);
+}
+
+/* g1 tau1 g2 tau2 ...: relaxation terms of a material */
+static inline int case_is_prony(const char *key)
+{
+    const char *digits = key + (strncmp(key, "tau", 3) == 0 ? 3 : key[0] == 'g' ? 1 : 0);
+    return digits > key && *digits && !digits[strspn(digits, "0123456789")];
+}
+
+static inline int case_parse_option(case_file *c, case_statement *s, char *word)
+{
+    char *value = strchr(word, '=');
+    int key = 0;
+    if (!value)
+        return case_fail_usage(c, s, "unexpected word ", word);
+    *value++ = 0;
+    while (key < CASE_KEY_COUNT && strcmp(case_keys[key].name, word) != 0)
+        key++;
+    if (key == CASE_KEY_COUNT && s->form->kind == CASE_MATERIAL && case_is_prony(word))
+        return case_fail(c, s->line, "relaxation (%s=) is not supported by this version", word);
+    if (key == CASE_KEY_COUNT)
+        return case_fail_usage(c, s, "unknown option ", word);
+    if (s->given & CASE_BIT(key))
+        return case_fail(c, s->line, "option %s= is given twice", word);
+    if (!*value)
+        return case_fail(c, s->line, "option %s= has no value", word);
+    s->given |= CASE_BIT(key);
+    return case_parse_value(c, s, key, value);
+}
+
+/* Picks the form that the given options fit. */
+static inline int case_choose_form(case_file *c, case_statement *s)
+{
+    unsigned known = 0, missing = 0;
+    int fitting = 0;
+    for (int i = 0; i < CASE_FORM_COUNT; i++) {
+        const case_form *form = case_forms + i;
+        if (!case_are_alternatives(form, s->form))
+            continue;
+        known |= form->required | form->optional;
+        if (s->given & ~(form->required | form->optional))
+            continue;
+        if ((form->required & ~s->given) == 0) {
+            s->form = form;
+            return 1;
+        }
+        missing = fitting++ ? 0 : form->required & ~s->given;
+    }
+    for (int k = 0; k < CASE_KEY_COUNT; k++) {
+        if (s->given & ~known & CASE_BIT(k))
+            return case_fail_usage(c, s, "no place here for option ", case_keys[k].name);
+        if (fitting == 1 && (missing & CASE_BIT(k)))
+            return case_fail_usage(c, s, "missing option ", case_keys[k].name);
+    }
+    return case_fail_usage(c, s, fitting ? "missing options" : "options that do not go together", "");
+}
+
+/* ---- parsing: statements ------------------------------------------------------------------------------- */
+
+static inline int case_parse_statement(case_file *c, case_statement *s, const char *keyword, char *rest)
+{
+    char *word;
+    if (!case_parse_form(c, s, keyword, &rest))
+        return 0;
+    for (int i = 0; i + 1 < c->statement_count && s->form->once; i++)
+        if (strcmp(c->statements[i].form->keyword, keyword) == 0)
+            return case_fail(c, s->line, "a second %s statement; the first is in line %d", keyword,
+                             c->statements[i].line);
+    if (!case_parse_words(c, s, &rest))
+        return 0;
+    while ((word = case_next_word(&rest)) != NULL)
+        if (!case_parse_option(c, s, word))
+            return 0;
+    return case_choose_form(c, s);
+}
+
+/* Notes where the statements are that there is one of at most. */
+static inline int case_find_singles(case_file *c)
+{
+    int has_material = 0;
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        switch (s->form->kind) {
+        case CASE_MESH: c->mesh_statement = s; break;
+        case CASE_ELEMENT: c->element = s; break;
+        case CASE_GRAVITY: c->gravity = s; break;
+        case CASE_SOLVE: c->solve = s; break;
+        case CASE_MATERIAL: has_material = 1; break;
+        default: break;
+        }
+    }
+    if (!c->mesh_statement)
+        return case_fail(c, c->line_count, "there is no mesh statement");
+    if (!has_material)
+        return case_fail(c, c->line_count, "there is no material statement");
+    if (!c->solve)
+        return case_fail(c, c->line_count, "there is no solve statement");
+    return 1;
+}
+
+/* Statements from c->text. */
+static inline int case_parse(case_file *c)
+{
+    char *cursor = c->text, *line;
+    while ((line = case_next_line(&cursor)) != NULL) {
+        void *items = c->statements;
+        char *keyword = case_next_word(&line);
+        c->line_count++;
+        if (!keyword)
+            continue;
+        if (!case_reserve(&items, c->statement_count, &c->statement_capacity, sizeof *c->statements))
+            return case_fail_memory(c, c->line_count);
+        c->statements = (case_statement *)items;
+        memset(c->statements + c->statement_count, 0, sizeof *c->statements);
+        c->statements[c->statement_count].line = c->line_count;
+        c->statement_count++;
+        if (!case_parse_statement(c, c->statements + c->statement_count - 1, keyword, line))
+            return 0;
+    }
+    return case_find_singles(c);
+}
+
+/* ---- loading: lists of nodes and faces ----------------------------------------------------------------- */
+
+/* The path of an input file, which is relative to the case file; NULL when memory is short. The caller frees
+ * it. */
+static inline char *case_input_path(const case_file *c, const char *name)
+{
+    const char *slash = strrchr(c->path, '/');
+    size_t folder = slash ? (size_t)(slash - c->path) + 1 : 0, length = strlen(name);
+    char *path = (char *)malloc(folder + length + 1);
+    if (!path)
+        return NULL;
+    if (name[0] == '/')
+        folder = 0;
+    memcpy(path, c->path, folder);
+    memcpy(path + folder, name, length + 1);
+    return path;
+}
+
+/* A node index of the mesh from a word, which may be NULL. */
+static inline int case_take_node(case_file *c, const char *word, int *node)
+{
+    if (!word || !case_scan_integer(word, node))
+        return case_fail(c, 0, "'%.80s' is no node index", word ? word : "");
+    if (*node < 0 || *node >= c->mesh.node_count)
+        return case_fail(c, 0, "node %d is not in the mesh, which has nodes 0 to %d", *node,
+                         c->mesh.node_count - 1);
+    return 1;
+}
+
+static inline int case_reserve_nodes(case_statement *s)
+{
+    void *nodes = s->nodes, *vectors = s->vectors;
+    int capacity = s->capacity, ok = case_reserve(&nodes, s->count, &capacity, sizeof *s->nodes);
+    s->nodes = (int *)nodes;
+    capacity = s->capacity;
+    ok = ok && case_reserve(&vectors, s->count, &capacity, sizeof *s->vectors);
+    s->vectors = (sb_vec3 *)vectors;
+    if (ok)
+        s->capacity = capacity;
+    return ok;
+}
+
+/* One line of a node list: NODE, or NODE X Y Z for file=. `seen` has a byte per node. */
+static inline int case_take_node_line(case_file *c, case_statement *s, char *line, unsigned char *seen)
+{
+    char *word = case_next_word(&line);
+    sb_vec3 vector = s->vector;
+    double parts[3];
+    int node = -1;
+    if (!case_take_node(c, word, &node))
+        return 0;
+    if (s->given & CASE_BIT(CASE_FILE)) {
+        for (int i = 0; i < 3; i++) {
+            word = case_next_word(&line);
+            if (!word || !case_scan_number(word, parts + i))
+                return case_fail(c, 0, "the line must hold a node and three finite numbers");
+        }
+        vector = sb_v3((sb_real)parts[0], (sb_real)parts[1], (sb_real)parts[2]);
+    }
+    if (case_next_word(&line))
+        return case_fail(c, 0, "the line holds more than it should");
+    if (seen[node])
+        return case_fail(c, 0, "node %d is listed twice", node);
+    seen[node] = 1;
+    if (!case_reserve_nodes(s))
+        return case_fail_memory(c, 0);
+    s->nodes[s->count] = node;
+    s->vectors[s->count] = vector;
+    s->count++;
+    return 1;
+}
+
+/* How many of the listed nodes are among the first `local_count` of a face. */
+static inline int case_count_common(const int *nodes, int count, const int *cell, const int *local,
+                                    int local_count)
+{
+    int common = 0;
+    for (int i = 0; i < local_count; i++)
+        for (int k = 0; k < count; k++)
+            if (nodes[k] == cell[local[i]]) {
+                common++;
+                break;
+            }
+    return common;
+}
+
+/* Finds the element face that has exactly these nodes, or these corners: its element and local number. */
+static inline int case_find_face(const case_file *c, const int *nodes, int count, int *element, int *face)
+{
+    sb_element_type type = c->mesh.element_type, face_type;
+    int first = c->node_elements.offsets[nodes[0]], end = c->node_elements.offsets[nodes[0] + 1];
+    for (int k = first; k < end; k++) {
+        *element = c->node_elements.items[k];
+        const int *cell = c->mesh.elements + (size_t)*element * (size_t)sb_element_node_count(type);
+        for (*face = 0; *face < sb_element_face_count(type); ++*face) {
+            int local[SB_MAX_FACE_NODES], all = sb_element_face(type, *face, local, &face_type);
+            int corners = sb_element_corner_count(face_type);
+            if ((count == corners || count == all) &&
+                case_count_common(nodes, count, cell, local, count) == count)
+                return 1;
+        }
+    }
+    return 0;
+}
+
+/* Corners of a face of the mesh's elements. */
+static inline int case_face_corners(const case_file *c) { return c->mesh.element_type == SB_HEX8 ? 4 : 3; }
+
+static inline int case_add_face(case_file *c, case_statement *s, int element, int face)
+{
+    sb_element_type type = c->mesh.element_type;
+    const int *cell = c->mesh.elements + (size_t)element * (size_t)sb_element_node_count(type);
+    int local[SB_MAX_FACE_NODES], corners = case_face_corners(c);
+    void *faces = s->faces;
+    if (!case_reserve(&faces, s->count, &s->capacity, (size_t)corners * sizeof(int)))
+        return case_fail_memory(c, 0);
+    s->faces = (int *)faces;
+    sb_element_face(type, face, local, NULL);
+    for (int i = 0; i < corners; i++)
+        s->faces[(size_t)s->count * (size_t)corners + (size_t)i] = cell[local[i]];
+    s->count++;
+    return 1;
+}
+
+/* One line of a face list: the corners of a face or all its nodes, any order; `seen` has a bit per face. */
+static inline int case_take_face_line(case_file *c, case_statement *s, char *line, unsigned char *seen)
+{
+    int nodes[SB_MAX_FACE_NODES], count = 0, element, face;
+    char *word;
+    while ((word = case_next_word(&line)) != NULL) {
+        if (count == SB_MAX_FACE_NODES)
+            return case_fail(c, 0, "the line holds more nodes than a face has");
+        if (!case_take_node(c, word, nodes + count))
+            return 0;
+        count++;
+    }
+    if (!case_find_face(c, nodes, count, &element, &face))
+        return case_fail(c, 0, "these %d nodes are no face of an element", count);
+    if (seen[element] >> face & 1)
+        return case_fail(c, 0, "the face is listed twice");
+    seen[element] |= (unsigned char)(1 << face);
+    return case_add_face(c, s, element, face);
+}
+
+/* Reads a list line by line; a complaint about a line gets the list's name and line number. */
+static inline int case_take_lines(case_file *c, case_statement *s, const char *path, char *text,
+                                  unsigned char *seen)
+{
+    char *line, message[sizeof c->message];
+    for (int number = 1; (line = case_next_line(&text)) != NULL; number++) {
+        int ok;
+        if (!line[strspn(line, " \t\r")])
+            continue;
+        ok = s->form->kind == CASE_TRACTION ? case_take_face_line(c, s, line, seen)
+                                            : case_take_node_line(c, s, line, seen);
+        if (!ok) {
+            memcpy(message, c->message, sizeof message);
+            return case_fail(c, s->line, "%.500s:%d: %.400s", path, number, message);
+        }
+    }
+    return s->count > 0 || case_fail(c, s->line, "%.500s: the list is empty", path);
+}
+
+static inline int case_load_list(case_file *c, case_statement *s, const char *name)
+{
+    int faces = s->form->kind == CASE_TRACTION, ok;
+    int marks = faces ? c->mesh.element_count : c->mesh.node_count;
+    unsigned char *seen = (unsigned char *)calloc((size_t)marks, 1);
+    const char *reason = "out of memory";
+    char *path = case_input_path(c, name), *text = path && seen ? case_read_text(path, &reason) : NULL;
+    sb_error error;
+    if (!text)
+        ok = case_fail(c, s->line, "%.500s: %s", path ? path : name, reason);
+    else if (faces && !c->node_elements.offsets &&
+             sb_mesh_node_elements(&c->mesh, NULL, &c->node_elements, &error) != SB_OK)
+        ok = case_fail_library(c, s->line, &error);
+    else
+        ok = case_take_lines(c, s, path, text, seen);
+    free(text);
+    free(path);
+    free(seen);
+    return ok;
+}
+
+static inline int case_load_lists(case_file *c)
+{
+    static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE};
+    for (int i = 0; i < c->statement_count; i++)
+        for (int k = 0; k < 3; k++) {
+            case_statement *s = c->statements + i;
+            if ((s->given & CASE_BIT(lists[k])) && !case_load_list(c, s, s->text[lists[k]]))
+                return 0;
+        }
+    return 1;
+}
+
+/* ---- loading: mesh and materials ----------------------------------------------------------------------- */
+
+static inline int case_load_mesh(case_file *c)
+{
+    const case_statement *s = c->mesh_statement, *element = c->element;
+    char *path = case_input_path(c, s->path);
+    sb_error error;
+    sb_result result;
+    if (!path)
+        return case_fail_memory(c, s->line);
+    result = sb_mesh_load(&c->mesh, path, NULL, &error);
+    free(path);
+    if (result != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (sb_element_dimension(c->mesh.element_type) != 3)
+        return case_fail(c, s->line, "the mesh is a surface of %s; a volume mesh is needed",
+                         sb_element_name(c->mesh.element_type));
+    if (element && element->treatment->type != c->mesh.element_type)
+        return case_fail(c, element->line, "element %s does not fit the mesh, which has %s",
+                         element->treatment->name, sb_element_name(c->mesh.element_type));
+    return 1;
+}
+
+static inline sb_material case_material(const case_statement *s)
+{
+    sb_real young = (sb_real)s->number[CASE_E], poisson = (sb_real)s->number[CASE_NU];
+    sb_real density = (sb_real)s->number[CASE_DENSITY];
+    switch (s->form->code) {
+    case SB_LINEAR: return sb_material_linear(young, poisson, density);
+    case SB_COROTATED: return sb_material_corotated(young, poisson, density);
+    case SB_COROTATED_INVERTIBLE: return sb_material_corotated_invertible(young, poisson, density);
+    case SB_SVK: return sb_material_svk(young, poisson, density);
+    case SB_NEO_HOOKEAN: return sb_material_neo_hookean(young, poisson, density);
+    case SB_STABLE_NEO_HOOKEAN: return sb_material_stable_neo_hookean(young, poisson, density);
+    default:
+        return sb_material_neo_hookean_isochoric((sb_real)s->number[CASE_C10], (sb_real)s->number[CASE_D1],
+                                                 density);
+    }
+}
+
+/* Index of a region's material, or -1. */
+static inline int case_find_region(const case_file *c, int region)
+{
+    for (int i = 0; i < c->region_material_count; i++)
+        if (c->region_materials[i].region == region)
+            return i;
+    return -1;
+}
+
+/* Takes one material statement; `others` material statements came before it. */
+static inline int case_add_material(case_file *c, const case_statement *s, int others)
+{
+    sb_material material = case_material(s);
+    int has_region = (s->given & CASE_BIT(CASE_REGION)) != 0, region = (int)s->number[CASE_REGION];
+    sb_error error;
+    if (sb_material_check(&material, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (c->element && c->element->treatment->single_rotation && material.model != SB_COROTATED)
+        return case_fail(c, s->line, "element %s needs the material corotated", c->element->treatment->name);
+    if (others > 0 && (!has_region || c->region_material_count == 0))
+        return case_fail(c, s->line, "several materials need region= each");
+    if (has_region && case_find_region(c, region) >= 0)
+        return case_fail(c, s->line, "region %d has a material already", region);
+    c->material = material;
+    if (has_region) {
+        c->region_materials[c->region_material_count].region = region;
+        c->region_materials[c->region_material_count].material = material;
+        c->region_material_count++;
+    }
+    return 1;
+}
+
+/* Every region of the mesh must have a material and every region= must be in the mesh. */
+static inline int case_check_regions(case_file *c)
+{
+    int at = -1, region = 0;
+    unsigned char *used = (unsigned char *)calloc((size_t)c->region_material_count + 1, 1);
+    if (!used)
+        return case_fail_memory(c, c->mesh_statement->line);
+    for (int e = 0; e < c->mesh.element_count && c->region_material_count > 0; e++) {
+        int own = c->mesh.regions ? c->mesh.regions[e] : 0;
+        if (e == 0 || own != region)
+            at = case_find_region(c, own);
+        region = own;
+        if (at < 0) {
+            free(used);
+            return case_fail(c, c->mesh_statement->line, "region %d of the mesh (element %d) has no material",
+                             own, e);
+        }
+        used[at] = 1;
+    }
+    for (int i = 0, k = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        if (s->form->kind != CASE_MATERIAL || !(s->given & CASE_BIT(CASE_REGION)) || used[k++])
+            continue;
+        free(used);
+        return case_fail(c, s->line, "the mesh has no region %s", s->text[CASE_REGION]);
+    }
+    free(used);
+    return 1;
+}
+
+static inline int case_load_materials(case_file *c)
+{
+    int others = 0;
+    c->region_materials =
+        (sb_region_material *)calloc((size_t)c->statement_count, sizeof *c->region_materials);
+    if (!c->region_materials)
+        return case_fail_memory(c, c->mesh_statement->line);
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_MATERIAL &&
+            !case_add_material(c, c->statements + i, others++))
+            return 0;
+    return case_check_regions(c);
+}
+
+/* ---- loading: supports and the rest -------------------------------------------------------------------- */
+
+static inline sb_real case_component(sb_vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
+
+/* Takes the supports of one statement into the table. An axis of a node that two statements support must be
+ * told the same by both; `owner` holds the statement of each axis, [node_count][3], `entry` the place in its
+ * list. */
+static inline int case_add_supports(case_file *c, int index, int *owner, int *entry)
+{
+    const case_statement *s = c->statements + index;
+    for (int k = 0; k < s->count; k++)
+        for (int axis = 0; axis < 3; axis++) {
+            size_t at = 3 * (size_t)s->nodes[k] + (size_t)axis;
+            const case_statement *other = c->statements + owner[at];
+            if (!(s->axes >> axis & 1))
+                continue;
+            if ((c->supports[s->nodes[k]] >> axis & 1) &&
+                (case_component(other->vectors[entry[at]], axis) != case_component(s->vectors[k], axis) ||
+                 other->number[CASE_RAMP] != s->number[CASE_RAMP]))
+                return case_fail(c, s->line, "axis %c of node %d is already held otherwise by line %d",
+                                 'x' + axis, s->nodes[k], other->line);
+            c->supports[s->nodes[k]] |= (unsigned char)(1 << axis);
+            owner[at] = index;
+            entry[at] = k;
+        }
+    return 1;
+}
+
+static inline int case_load_supports(case_file *c)
+{
+    size_t n = (size_t)c->mesh.node_count;
+    int *owner = (int *)calloc(n, 3 * sizeof *owner), *entry = (int *)calloc(n, 3 * sizeof *entry), ok = 1;
+    c->supports = (unsigned char *)calloc(n, 1);
+    if (!owner || !entry || !c->supports)
+        ok = case_fail_memory(c, c->mesh_statement->line);
+    for (int i = 0; i < c->statement_count && ok; i++) {
+        case_kind kind = c->statements[i].form->kind;
+        if (kind == CASE_FIX || kind == CASE_PRESCRIBE)
+            ok = case_add_supports(c, i, owner, entry);
+    }
+    free(owner);
+    free(entry);
+    return ok;
+}
+
+static inline int case_check_statement(case_file *c, case_statement *s)
+{
+    if (s->form->kind == CASE_PRESCRIBE) {
+        if (c->solve->form->code == CASE_STATIC && (s->given & CASE_BIT(CASE_RAMP)))
+            return case_fail(c, s->line,
+                             "ramp= is for dynamic solves; a static solve ramps over its load steps");
+        s->scaled = (sb_vec3 *)calloc((size_t)s->count, sizeof *s->scaled);
+        if (!s->scaled)
+            return case_fail_memory(c, s->line);
+    }
+    if (s->form->kind != CASE_OUTPUT)
+        return 1;
+    if (s->form->code == CASE_OUTPUT_PROBE && (s->node < 0 || s->node >= c->mesh.node_count))
+        return case_fail(c, s->line, "node %d is not in the mesh, which has nodes 0 to %d", s->node,
+                         c->mesh.node_count - 1);
+    for (const case_statement *other = c->statements; other < s; other++)
+        if (other->form->kind == CASE_OUTPUT && strcmp(other->path, s->path) == 0)
+            return case_fail(c, s->line, "line %d already writes %s", other->line, s->path);
+    return 1;
+}
+
+static inline int case_load(case_file *c)
+{
+    int ok = case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c);
+    for (int i = 0; i < c->statement_count && ok; i++)
+        ok = case_check_statement(c, c->statements + i);
+    if (ok && c->solve->form->code != CASE_STATIC &&
+        !(c->solve->number[CASE_END] / c->solve->number[CASE_DT] < 1e9))
+        ok = case_fail(c, c->solve->line, "end= is more than 1e9 steps of dt= away");
+    return ok;
+}
+
+/* Reads the case file at `path` and the files it names. Returns 1, or 0 with c->error_line and c->message
+ * telling what is wrong. *c is overwritten; release it with case_free in either case. */
+static inline int case_read(case_file *c, const char *path)
+{
+    const char *reason = "out of memory";
+    size_t size = strlen(path) + 1;
+    memset(c, 0, sizeof *c);
+    c->mass = SB_MASS_REDUCED; /* what industrial solvers integrate: cases compare with theirs */
+    c->path = (char *)malloc(size);
+    if (!c->path)
+        return case_fail_memory(c, 0);
+    memcpy(c->path, path, size);
+    c->text = case_read_text(path, &reason);
+    if (!c->text)
+        return case_fail(c, 0, "%s", reason);
+    return case_parse(c) && case_load(c);
+}
+
+/* ---- the body ------------------------------------------------------------------------------------------ */
+
+/* Settings of a dynamic solve; tol= and newton= have defaults. */
+static inline void case_set_dynamics(const case_file *c, sb_body_def *def)
+{
+    const case_statement *s = c->solve;
+    def->integrator = (sb_integrator)s->form->code;
+    def->mass = c->mass;
+    def->damping_mass = (sb_real)s->number[CASE_ALPHA];
+    def->damping_stiffness = (sb_real)s->number[CASE_BETA];
+    def->max_newton = s->given & CASE_BIT(CASE_NEWTON) ? (int)s->number[CASE_NEWTON] : 20;
+    def->max_iterations = 20000;
+    if (s->given & CASE_BIT(CASE_TOL)) {
+        def->newton_tolerance = (sb_real)s->number[CASE_TOL];
+        def->tolerance = (sb_real)s->number[CASE_TOL]; /* what a linearised step (newton=1) goes by */
+    }
+}
+
+static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < c->statement_count && result == SB_OK; i++) {
+        const case_statement *s = c->statements + i;
+        error->message[0] = 0;
+        if (s->form->kind == CASE_FORCE)
+            result = sb_body_add_forces(body, s->nodes, s->count, s->vectors, 0);
+        else if (s->form->kind == CASE_TRACTION)
+            result = sb_body_add_traction(body, s->faces, s->count, case_face_corners(c), s->vector, error);
+    }
+    return result;
+}
+
+/* Puts the supports where the case wants them at time t (s); a static solve or a ramp of 0 wants the whole
+ * way. */
+static inline sb_result case_move_supports(const case_file *c, sb_body *body, double t)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < c->statement_count && result == SB_OK; i++) {
+        const case_statement *s = c->statements + i;
+        double ramp = s->number[CASE_RAMP], share = ramp > 0 && t < ramp ? t / ramp : 1;
+        if (s->form->kind == CASE_FIX)
+            result = sb_body_fix_nodes(body, s->nodes, s->count, s->axes);
+        if (s->form->kind != CASE_PRESCRIBE)
+            continue;
+        for (int k = 0; k < s->count; k++)
+            s->scaled[k] = sb_v3_scale((sb_real)share, s->vectors[k]);
+        result = sb_body_prescribe(body, s->nodes, s->count, s->axes, s->scaled, 0);
+    }
+    return result;
+}
+
+/* Loads, supports at time 0, and whether they are enough for a static solve. */
+static inline int case_prepare_body(case_file *c, sb_body *body)
+{
+    sb_check_report report;
+    sb_error error;
+    sb_result result;
+    memset(&error, 0, sizeof error);
+    result = case_add_loads(c, body, &error);
+    if (result == SB_OK)
+        result = case_move_supports(c, body, 0);
+    if (result == SB_OK)
+        result = sb_body_check(body, &report);
+    if (result != SB_OK)
+        return case_fail(c, c->solve->line, "%s",
+                         error.message[0] ? error.message : sb_result_string(result));
+    if (c->solve->form->code == CASE_STATIC && report.unsupported_component_node >= 0)
+        return case_fail(c, c->solve->line, "the part of the mesh with node %d can move freely: support it",
+                         report.unsupported_component_node);
+    return 1;
+}
+
+/* Makes the body of a case with all its loads and its supports at time 0. Returns 1, or 0 with error_line and
+ * message. A case without the supports that its static solve needs is refused here. */
+static inline int case_create_body(case_file *c, sb_body **out)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_body *body = NULL;
+    sb_error error;
+    def.mesh = &c->mesh;
+    def.material = c->material;
+    def.region_materials = c->region_materials;
+    def.region_material_count = c->region_material_count;
+    def.single_rotation = c->element ? c->element->treatment->single_rotation : 0;
+    if (c->gravity)
+        def.gravity = sb_v3((sb_real)c->gravity->numbers[0], (sb_real)c->gravity->numbers[1],
+                            (sb_real)c->gravity->numbers[2]);
+    if (c->solve->form->code != CASE_STATIC)
+        case_set_dynamics(c, &def);
+    if (sb_body_create(&def, &body, &error) != SB_OK)
+        return case_fail_library(c, c->mesh_statement->line, &error);
+    if (!case_prepare_body(c, body)) {
+        sb_body_destroy(body);
+        return 0;
+    }
+    *out = body;
+    return 1;
+}
+
+/* Options of the static solve. */
+static inline sb_static_options case_static_options(const case_file *c)
+{
+    sb_static_options options = sb_default_static_options();
+    options.load_steps = (int)c->solve->number[CASE_STEPS];
+    options.tolerance = (sb_real)c->solve->number[CASE_TOL];
+    if (c->solve->given & CASE_BIT(CASE_ITERATIONS))
+        options.max_newton = (int)c->solve->number[CASE_ITERATIONS];
+    options.keep_progress = 1;
+    return options;
+}
+
+/* Number of time steps of a dynamic solve; the last one is shorter when dt does not divide the time. */
+static inline int case_step_count(const case_file *c)
+{
+    double steps = c->solve->number[CASE_END] / c->solve->number[CASE_DT];
+    int count = (int)steps;
+    return count + (count < 1 || steps - count > 1e-6 * steps);
+}
+
+/* Time (s) at the end of step `step` of `count`, from 1. */
+static inline double case_step_time(const case_file *c, int step, int count)
+{
+    return step == count ? c->solve->number[CASE_END] : step * c->solve->number[CASE_DT];
+}
+
+#endif /* CASE_READER_H */

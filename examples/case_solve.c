@@ -1,0 +1,463 @@
+/* case_solve: solves what a case file describes and writes what it asks for.
+ *
+ *     cc -O3 case_solve.c -lm -o case_solve
+ *     ./case_solve CASE.case [-o OUT.vtk] [-p PREFIX] [--mass KIND]
+ *
+ * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
+#define SB_IMPLEMENTATION
+#include "softbody.h"
+
+#include "case_reader.h"
+
+#include <time.h>
+
+#if defined(_WIN32)
+#include <io.h>
+#define stderr_is_terminal() _isatty(2)
+#else
+#include <unistd.h>
+#define stderr_is_terminal() isatty(2)
+#endif
+
+static const char help[] =
+    "case_solve CASE.case [-o OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
+    "\n"
+    "Solves the case and writes its outputs to the current directory, with PREFIX before their names.\n"
+    "-o writes the deformed mesh with displacement and von Mises stress for ParaView.\n"
+    "\n"
+    "A case is plain text: one statement per line, # starts a comment, units are SI, indices count from 0,\n"
+    "input files are relative to the case file.\n"
+    "\n"
+    "  mesh      FILE                        VTK legacy or gmsh: tet4, tet10 or hex8\n"
+    "  element   tet10sr                     one rotation per element (corotated); default: as in the file\n"
+    "  material  MODEL E=.. nu=.. density=.. [region=ID]\n"
+    "                                        linear corotated corotated_invertible svk neo_hookean\n"
+    "                                        stable_neo_hookean\n"
+    "  material  neo_hookean C10=.. D1=.. density=.. [region=ID]\n"
+    "  gravity   GX GY GZ                    m/s^2\n"
+    "  fix       AXES nodes=FILE             AXES: xyz, x, yz ...\n"
+    "  prescribe AXES nodes=FILE value=UX,UY,UZ [ramp=SECONDS]\n"
+    "  prescribe AXES file=FILE [ramp=SECONDS]          lines: NODE UX UY UZ\n"
+    "  force     nodes=FILE value=FX,FY,FZ   N per node\n"
+    "  force     file=FILE                   lines: NODE FX FY FZ\n"
+    "  traction  faces=FILE value=TX,TY,TZ   Pa on the undeformed area; lines: the nodes of a face\n"
+    "  solve     static  steps=N tol=T [iterations=N]\n"
+    "  solve     euler   dt=S end=S [tol=T] [alpha=A] [beta=B]\n"
+    "  solve     newmark dt=S end=S [tol=T] [alpha=A] [beta=B] [newton=N]\n"
+    "  output    displacement|reaction|stress FILE\n"
+    "  output    probe NODE FILE             one line per step: time (static: share of the load) and "
+    "displacement\n"
+    "\n"
+    "Static: load steps grow and shrink with Newton's success, beginning with N equal ones; iterations (30) "
+    "is the\n"
+    "most per load step; tol is the out-of-balance force relative to the largest of load and reaction.\n"
+    "Dynamic: every step is iterated to tol (1e-6) in at most newton (20) iterations. --mass: consistent "
+    "(default)\n"
+    "is integrated exactly; reduced uses the points of the stiffness, as CalculiX does; lumped is diagonal.\n"
+    "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8.\n"
+    "\n"
+    "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
+    "written.\n"
+    "A solve that fails: 3, and the outputs hold the last converged state.\n";
+
+enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3 };
+
+/* In the order of sb_mass_kind. */
+static const char *const mass_names[] = {"lumped", "consistent", "reduced"};
+
+/* One line of a probe's history. */
+typedef struct probe_row {
+    double time;
+    sb_vec3 displacement;
+} probe_row;
+
+typedef struct probe {
+    const case_statement *statement;
+    probe_row *rows;
+    int count, capacity;
+} probe;
+
+typedef struct run {
+    case_file file;
+    sb_body *body;
+    const char *case_path, *vtk_path, *prefix, *mass;
+    probe *probes;
+    int probe_count;
+    sb_vec3 *displacement, *reaction; /* [node_count] of the last converged state */
+    int steps, newton, pcg;
+    int mass_kind; /* place in mass_names */
+    int show_progress;
+    char failure[600]; /* what failed and where; empty: nothing */
+} run;
+
+/* ---- messages ------------------------------------------------------------------------------------------ */
+
+static int complain(const run *r)
+{
+    if (r->file.error_line > 0)
+        fprintf(stderr, "%s:%d: %s\n", r->case_path, r->file.error_line, r->file.message);
+    else
+        fprintf(stderr, "%s: %s\n", r->case_path, r->file.message);
+    return EXIT_WRONG_CASE;
+}
+
+static void show_progress(const run *r, const char *what, double done)
+{
+    if (r->show_progress)
+        fprintf(stderr, "\r%s %5.1f %%, %d Newton iterations", what, 100 * done, r->newton);
+}
+
+static void end_progress(const run *r)
+{
+    if (r->show_progress)
+        fprintf(stderr, "\r%60s\r", "");
+}
+
+/* ---- history ------------------------------------------------------------------------------------------- */
+
+static int take_probes(run *r, double time)
+{
+    for (int i = 0; i < r->probe_count; i++) {
+        probe *p = r->probes + i;
+        void *rows = p->rows;
+        if (!case_reserve(&rows, p->count, &p->capacity, sizeof *p->rows))
+            return 0;
+        p->rows = (probe_row *)rows;
+        p->rows[p->count].time = time;
+        p->rows[p->count].displacement = sb_body_displacements(r->body)[p->statement->node];
+        p->count++;
+    }
+    return 1;
+}
+
+/* Keeps the state that has just converged. */
+static void take_state(run *r)
+{
+    size_t bytes = (size_t)r->file.mesh.node_count * sizeof(sb_vec3);
+    memcpy(r->displacement, sb_body_displacements(r->body), bytes);
+    memcpy(r->reaction, sb_body_reactions(r->body), bytes);
+}
+
+static int prepare(run *r)
+{
+    case_file *c = &r->file;
+    r->displacement = (sb_vec3 *)calloc((size_t)c->mesh.node_count, sizeof(sb_vec3));
+    r->reaction = (sb_vec3 *)calloc((size_t)c->mesh.node_count, sizeof(sb_vec3));
+    r->probes = (probe *)calloc((size_t)c->statement_count, sizeof(probe));
+    if (!r->displacement || !r->reaction || !r->probes)
+        return case_fail_memory(c, 0);
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_OUTPUT && c->statements[i].form->code == CASE_OUTPUT_PROBE)
+            r->probes[r->probe_count++].statement = c->statements + i;
+    return take_probes(r, 0) || case_fail_memory(c, 0);
+}
+
+/* ---- solving ------------------------------------------------------------------------------------------- */
+
+static void after_load_step(void *user, const sb_step_info *info)
+{
+    run *r = (run *)user;
+    r->newton = info->newton_iterations;
+    show_progress(r, "load", (double)info->load_factor);
+    if (!take_probes(r, (double)info->load_factor))
+        snprintf(r->failure, sizeof r->failure, "out of memory for a probe");
+}
+
+static void solve_static(run *r)
+{
+    sb_static_options options = case_static_options(&r->file);
+    sb_step_info info;
+    sb_result result;
+    options.progress = after_load_step;
+    options.progress_user = r;
+    result = sb_body_solve_static(r->body, &options, &info);
+    r->steps = info.load_steps;
+    r->newton = info.newton_iterations;
+    r->pcg = info.pcg_iterations;
+    take_state(r);
+    if (result != SB_OK)
+        snprintf(r->failure, sizeof r->failure, "the static solve stopped at load factor %g: %s",
+                 (double)info.load_factor, info.error.message);
+}
+
+/* One time step; 0 when it fails or does not reach its tolerance. */
+static int solve_step(run *r, double time, double dt)
+{
+    sb_step_info info;
+    sb_result result = case_move_supports(&r->file, r->body, time);
+    if (result != SB_OK) {
+        snprintf(r->failure, sizeof r->failure, "t = %g s: %s", time, sb_result_string(result));
+        return 0;
+    }
+    result = sb_body_step(r->body, (sb_real)dt, &info);
+    r->newton += info.newton_iterations;
+    r->pcg += info.pcg_iterations;
+    if (result == SB_OK && !info.capped)
+        return 1;
+    snprintf(r->failure, sizeof r->failure, "time step %d, to t = %g s: %s", r->steps + 1, time,
+             result != SB_OK ? info.error.message : "the residual does not get down to tol");
+    if (result == SB_OK)
+        snprintf(r->failure + strlen(r->failure), sizeof r->failure - strlen(r->failure),
+                 ": it is %.3g after %d iterations", (double)info.residual, info.newton_iterations);
+    return 0;
+}
+
+static void solve_dynamic(run *r)
+{
+    int count = case_step_count(&r->file);
+    double last = 0;
+    for (int step = 1; step <= count; step++) {
+        double time = case_step_time(&r->file, step, count);
+        if (!solve_step(r, time, time - last)) {
+            sb_body_set_displacements(r->body, r->displacement); /* a capped step has moved it */
+            return;
+        }
+        r->steps++;
+        last = time;
+        take_state(r);
+        show_progress(r, "time", (double)step / (double)count);
+        if (!take_probes(r, time)) {
+            snprintf(r->failure, sizeof r->failure, "out of memory for a probe");
+            return;
+        }
+    }
+}
+
+/* ---- writing ------------------------------------------------------------------------------------------- */
+
+static void write_vector(FILE *file, sb_vec3 v)
+{
+    fprintf(file, " %.17g %.17g %.17g\n", (double)v.x, (double)v.y, (double)v.z);
+}
+
+static void write_displacement(const run *r, const case_statement *s, FILE *file)
+{
+    (void)s;
+    for (int i = 0; i < r->file.mesh.node_count; i++) {
+        fprintf(file, "%d", i);
+        write_vector(file, r->displacement[i]);
+    }
+}
+
+static void write_reaction(const run *r, const case_statement *s, FILE *file)
+{
+    (void)s;
+    for (int i = 0; i < r->file.mesh.node_count; i++)
+        if (r->file.supports[i]) {
+            fprintf(file, "%d", i);
+            write_vector(file, r->reaction[i]);
+        }
+}
+
+static void write_stress(const run *r, const case_statement *s, FILE *file)
+{
+    (void)s;
+    for (int e = 0; e < sb_body_element_count(r->body); e++)
+        for (int p = 0; p < sb_body_point_count(r->body); p++) {
+            sb_mat3 t;
+            if (sb_body_stress(r->body, e, p, &t) == SB_OK)
+                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", e, p, (double)t.m[0][0],
+                        (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2],
+                        (double)t.m[0][2]);
+        }
+}
+
+static void write_probe(const run *r, const case_statement *s, FILE *file)
+{
+    for (int i = 0; i < r->probe_count; i++)
+        for (int k = 0; k < r->probes[i].count && r->probes[i].statement == s; k++) {
+            fprintf(file, "%.17g", r->probes[i].rows[k].time);
+            write_vector(file, r->probes[i].rows[k].displacement);
+        }
+}
+
+/* In the order of CASE_OUTPUT_... */
+static void (*const writers[])(const run *, const case_statement *,
+                               FILE *) = {write_displacement, write_reaction, write_stress, write_probe};
+
+/* PREFIX and the name; NULL when memory is short. The caller frees it. */
+static char *output_path(const run *r, const char *name)
+{
+    size_t prefix = strlen(r->prefix), length = strlen(name);
+    char *path = (char *)malloc(prefix + length + 1);
+    if (path) {
+        memcpy(path, r->prefix, prefix);
+        memcpy(path + prefix, name, length + 1);
+    }
+    return path;
+}
+
+/* Finds out before a long solve that a file cannot be written; leaves no file where there was none. */
+static int can_write(const char *path)
+{
+    FILE *file = fopen(path, "rb");
+    int existed = file != NULL;
+    if (file)
+        fclose(file);
+    file = fopen(path, "ab");
+    if (!file)
+        return 0;
+    fclose(file);
+    if (!existed)
+        remove(path);
+    return 1;
+}
+
+static int check_outputs(run *r)
+{
+    case_file *c = &r->file;
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        char *path;
+        int ok;
+        if (s->form->kind != CASE_OUTPUT)
+            continue;
+        path = output_path(r, s->path);
+        ok = path && can_write(path);
+        if (!ok)
+            case_fail(c, s->line, "cannot write %.500s", path ? path : s->path);
+        free(path);
+        if (!ok)
+            return 0;
+    }
+    return !r->vtk_path || can_write(r->vtk_path) || case_fail(c, 0, "cannot write %.500s", r->vtk_path);
+}
+
+static int write_output(run *r, const case_statement *s)
+{
+    char *path = output_path(r, s->path);
+    FILE *file = path ? fopen(path, "wb") : NULL;
+    int ok = file != NULL;
+    if (file) {
+        writers[s->form->code](r, s, file);
+        ok = !ferror(file);
+        ok = fclose(file) == 0 && ok;
+    }
+    if (!ok)
+        case_fail(&r->file, s->line, "cannot write %.500s", path ? path : s->path);
+    free(path);
+    return ok;
+}
+
+/* The deformed mesh with displacement and von Mises stress. */
+static int write_vtk(run *r)
+{
+    sb_mesh mesh = r->file.mesh;
+    sb_real *von_mises = (sb_real *)calloc((size_t)mesh.element_count, sizeof(sb_real));
+    sb_vec3 *positions = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3));
+    sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL},
+                          {"von_mises", SB_FIELD_ELEMENTS, 1, NULL}};
+    sb_result result = SB_ERROR_MEMORY;
+    sb_error error;
+    if (von_mises && positions) {
+        memcpy(positions, sb_body_positions(r->body), (size_t)mesh.node_count * sizeof *positions);
+        sb_body_von_mises(r->body, von_mises);
+        mesh.nodes = positions;
+        fields[0].values = &r->displacement[0].x;
+        fields[1].values = von_mises;
+        result = sb_mesh_save_vtk(r->vtk_path, &mesh, fields, 2, &error);
+    }
+    free(von_mises);
+    free(positions);
+    if (result == SB_ERROR_MEMORY)
+        return case_fail_memory(&r->file, 0);
+    return result == SB_OK || case_fail_library(&r->file, 0, &error);
+}
+
+static int write_all(run *r)
+{
+    for (int i = 0; i < r->file.statement_count; i++)
+        if (r->file.statements[i].form->kind == CASE_OUTPUT && !write_output(r, r->file.statements + i))
+            return 0;
+    return !r->vtk_path || write_vtk(r);
+}
+
+/* ---- the program --------------------------------------------------------------------------------------- */
+
+static int solve_and_write(run *r)
+{
+    clock_t begin = clock();
+    double seconds;
+    if (!case_read(&r->file, r->case_path))
+        return complain(r);
+    r->file.mass = (sb_mass_kind)r->mass_kind;
+    if (!case_create_body(&r->file, &r->body) || !prepare(r) || !check_outputs(r))
+        return complain(r);
+    if (r->file.solve->form->code == CASE_STATIC)
+        solve_static(r);
+    else
+        solve_dynamic(r);
+    end_progress(r);
+    seconds = (double)(clock() - begin) / (double)CLOCKS_PER_SEC;
+    if (!write_all(r))
+        return complain(r);
+    if (r->failure[0]) {
+        fprintf(stderr, "%s:%d: %s\n", r->case_path, r->file.solve->line, r->failure);
+        return EXIT_NOT_SOLVED;
+    }
+    printf("converged steps=%d newton=%d pcg=%d seconds=%.3f\n", r->steps, r->newton, r->pcg, seconds);
+    return EXIT_CONVERGED;
+}
+
+static void release(run *r)
+{
+    for (int i = 0; i < r->probe_count; i++)
+        free(r->probes[i].rows);
+    free(r->probes);
+    free(r->displacement);
+    free(r->reaction);
+    sb_body_destroy(r->body);
+    case_free(&r->file);
+}
+
+/* Where the value of an option goes; NULL: no such option. */
+static const char **find_option(run *r, const char *name)
+{
+    if (strcmp(name, "-o") == 0)
+        return &r->vtk_path;
+    if (strcmp(name, "-p") == 0)
+        return &r->prefix;
+    return strcmp(name, "--mass") == 0 ? &r->mass : NULL;
+}
+
+/* 1 when the arguments make sense. */
+static int take_arguments(run *r, int argc, char **argv)
+{
+    for (int i = 1; i < argc; i++) {
+        const char **option = find_option(r, argv[i]);
+        if (option && (i + 1 == argc || *option))
+            return 0;
+        if (option)
+            *option = argv[++i];
+        else if (argv[i][0] == '-' || r->case_path)
+            return 0;
+        else
+            r->case_path = argv[i];
+    }
+    if (!r->prefix)
+        r->prefix = "";
+    if (!r->mass)
+        r->mass = mass_names[SB_MASS_CONSISTENT];
+    for (r->mass_kind = 0; r->mass_kind < 3 && strcmp(mass_names[r->mass_kind], r->mass) != 0;)
+        r->mass_kind++;
+    return r->case_path && r->mass_kind < 3;
+}
+
+int main(int argc, char **argv)
+{
+    run r;
+    int status;
+    memset(&r, 0, sizeof r);
+    if (argc == 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0)) {
+        fputs(help, stdout);
+        return EXIT_CONVERGED;
+    }
+    if (!take_arguments(&r, argc, argv)) {
+        fputs("usage: case_solve CASE.case [-o OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
+        return EXIT_WRONG_CASE;
+    }
+    r.show_progress = stderr_is_terminal();
+    status = solve_and_write(&r);
+    release(&r);
+    return status;
+}

@@ -1,0 +1,831 @@
+/* demo: an organ lies under gravity, a ball on a rod presses into it and lets go.
+ *
+ *     demo [ORGAN.vtk|ORGAN.msh|...] [OPTIONS]      demo --help lists the options
+ *
+ * Without a file the organ is made here. Part of it is held, the ball presses on it from above: surface
+ * nodes that it meets stick to it until they would be pulled. Written are frames for ParaView, a picture
+ * coloured by stress, and how long a step took. Exit status: 0, 2 wrong usage or a file that cannot be
+ * read or written, 3 a step failed. */
+#if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
+#define _POSIX_C_SOURCE 200809L /* clock_gettime, mkdir, isatty */
+#endif
+#if defined(_OPENMP)
+#define SB_USE_OPENMP
+#include <omp.h>
+#endif
+#include <errno.h>
+#include <sys/stat.h>
+#include <time.h>
+#if defined(_WIN32)
+#include <direct.h>
+#include <io.h>
+#else
+#include <unistd.h>
+#endif
+
+#define SB_IMPLEMENTATION
+#include "softbody.h"
+
+#include "picture.h"
+
+enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024 };
+#define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
+
+/* ---- what the operating system lends ------------------------------------------------------------ */
+
+static double seconds_now(void)
+{
+#if defined(_WIN32)
+    return (double)clock() / CLOCKS_PER_SEC; /* wall time there */
+#else
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+#endif
+}
+
+static int is_terminal(void)
+{
+#if defined(_WIN32)
+    return _isatty(2);
+#else
+    return isatty(2);
+#endif
+}
+
+/* 1 when the folder is there afterwards. */
+static int make_folder(const char *path)
+{
+#if defined(_WIN32)
+    return _mkdir(path) == 0 || errno == EEXIST;
+#else
+    return mkdir(path, 0777) == 0 || errno == EEXIST;
+#endif
+}
+
+/* ---- settings ----------------------------------------------------------------------------------- */
+
+typedef struct settings {
+    const char *organ;   /* file, or NULL: made here */
+    const char *folder;  /* for all that is written */
+    const char *picture; /* file, or NULL: demo.png in the folder */
+    const char *material;
+    double scale, dt, young, poisson, density;
+    int frames, every, no_vtk, threads, help;
+} settings;
+
+static sb_material make_isochoric(sb_real young, sb_real poisson, sb_real density)
+{
+    sb_real mu = young / (2 * (1 + poisson)), bulk = young / (3 * (1 - 2 * poisson));
+    return sb_material_neo_hookean_isochoric(mu / 2, 2 / bulk, density);
+}
+
+typedef struct material_name {
+    const char *name;
+    sb_material (*make)(sb_real young, sb_real poisson, sb_real density);
+} material_name;
+
+static const material_name materials[] = {
+    {"corotated", sb_material_corotated},
+    {"corotated_invertible", sb_material_corotated_invertible},
+    {"linear", sb_material_linear},
+    {"svk", sb_material_svk},
+    {"neo_hookean", sb_material_neo_hookean},
+    {"neo_hookean_isochoric", make_isochoric},
+    {"stable_neo_hookean", sb_material_stable_neo_hookean},
+};
+enum { MATERIAL_COUNT = sizeof materials / sizeof *materials };
+
+static const material_name *find_material(const char *name)
+{
+    for (int i = 0; i < MATERIAL_COUNT; i++)
+        if (strcmp(name, materials[i].name) == 0)
+            return &materials[i];
+    return NULL;
+}
+
+typedef enum option_kind { FLAG = 0, INTEGER = 1, NUMBER = 2, TEXT = 3 } option_kind;
+typedef struct option {
+    const char *name, *value_name;
+    option_kind kind;
+    int *flag_or_integer;
+    double *number;
+    const char **text;
+    double low, high; /* range of an integer or number */
+    const char *help;
+} option;
+
+enum { OPTION_COUNT = 14 };
+static void list_options(settings *s, option options[OPTION_COUNT])
+{
+    const option all[OPTION_COUNT] = {
+        {"-o", "DIR", TEXT, NULL, NULL, &s->folder, 0, 0, "folder for what is written; made when missing"},
+        {"--frames", "N", INTEGER, &s->frames, NULL, NULL, 10, 1e6, "number of steps"},
+        {"--dt", "S", NUMBER, NULL, &s->dt, NULL, 1e-6, 1, "time of a step (s)"},
+        {"--young", "PA", NUMBER, NULL, &s->young, NULL, 1e-3, 1e12, "Young's modulus (Pa)"},
+        {"--poisson", "NU", NUMBER, NULL, &s->poisson, NULL, -0.99, 0.4999, "Poisson's ratio"},
+        {"--density", "RHO", NUMBER, NULL, &s->density, NULL, 1e-3, 1e6, "density (kg/m^3)"},
+        {"--material", "NAME", TEXT, NULL, NULL, &s->material, 0, 0, "see below"},
+        {"--scale", "X", NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
+         "multiplies the file's lengths; 0.001 for millimetres"},
+        {"--every", "K", INTEGER, &s->every, NULL, NULL, 0, 1e6, "write every K-th frame, 0 none"},
+        {"--no-vtk", NULL, FLAG, &s->no_vtk, NULL, NULL, 0, 0, "write no frames, as --every 0"},
+        {"--picture", "FILE", TEXT, NULL, NULL, &s->picture, 0, 0,
+         "where the picture goes; default demo.png in the folder"},
+        {"--threads", "N", INTEGER, &s->threads, NULL, NULL, 1, 1024, "threads, when built with OpenMP"},
+        {"--help", NULL, FLAG, &s->help, NULL, NULL, 0, 0, "this text"},
+        {"-h", NULL, FLAG, &s->help, NULL, NULL, 0, 0, NULL},
+    };
+    memcpy(options, all, sizeof all);
+}
+
+static void print_help(const settings *defaults)
+{
+    settings s = *defaults;
+    option options[OPTION_COUNT];
+    list_options(&s, options);
+    printf("usage: demo [ORGAN] [OPTIONS]\n\n"
+           "Presses a ball into an organ that lies under gravity. ORGAN: a volume mesh in metres (VTK, gmsh\n"
+           "or TetGen); without it a liver-like one is made.\n\n");
+    for (int i = 0; i < OPTION_COUNT; i++) {
+        const option *o = &options[i];
+        if (!o->help)
+            continue;
+        printf("  %-10s %-5s %s", o->name, o->value_name ? o->value_name : "", o->help);
+        if (o->kind == INTEGER && *o->flag_or_integer > 0)
+            printf("; default %d", *o->flag_or_integer);
+        if (o->kind == NUMBER)
+            printf("; default %.4g", *o->number);
+        if (o->kind == TEXT && *o->text)
+            printf("; default %s", *o->text);
+        printf("\n");
+    }
+    printf("\nmaterials:");
+    for (int i = 0; i < MATERIAL_COUNT; i++)
+        printf(" %s", materials[i].name);
+    printf("\nexit status: 0 done, 2 wrong usage or a file that cannot be read or written, 3 a step failed\n"
+           "or memory is short\n");
+}
+
+static int complain_usage(const char *about, const char *what)
+{
+    fprintf(stderr, "demo: %s %s; demo --help lists the options\n", about, what);
+    return EXIT_USAGE;
+}
+
+/* Stores the value of an option; returns 0 or an exit status. */
+static int store_option(const option *o, const char *text)
+{
+    char range[96], *end;
+    double value;
+    if (o->kind == FLAG) {
+        *o->flag_or_integer = 1;
+        return 0;
+    }
+    if (!text)
+        return complain_usage(o->name, "needs a value");
+    if (o->kind == TEXT) {
+        *o->text = text;
+        return 0;
+    }
+    value = strtod(text, &end);
+    if (end == text || *end || !(value >= o->low && value <= o->high) ||
+        (o->kind == INTEGER && value != floor(value))) {
+        snprintf(range, sizeof range, "needs %s from %g to %g",
+                 o->kind == INTEGER ? "a whole number" : "a number", o->low, o->high);
+        return complain_usage(o->name, range);
+    }
+    if (o->kind == INTEGER)
+        *o->flag_or_integer = (int)value;
+    else
+        *o->number = value;
+    return 0;
+}
+
+static int check_settings(const settings *s)
+{
+    if (!find_material(s->material))
+        return complain_usage(s->material, "is no material");
+#if !defined(_OPENMP)
+    if (s->threads > 1)
+        return complain_usage("--threads", "needs a program built with OpenMP (-fopenmp)");
+#endif
+    return 0;
+}
+
+/* Reads the command line; returns 0 or an exit status. */
+static int parse_arguments(settings *s, int count, char **arguments)
+{
+    option options[OPTION_COUNT];
+    list_options(s, options);
+    for (int i = 1; i < count; i++) {
+        int k = 0, status;
+        while (k < OPTION_COUNT && strcmp(arguments[i], options[k].name) != 0)
+            k++;
+        if (k == OPTION_COUNT && arguments[i][0] == '-' && arguments[i][1])
+            return complain_usage(arguments[i], "is no option");
+        if (k == OPTION_COUNT && s->organ)
+            return complain_usage(arguments[i], "is a second file");
+        if (k == OPTION_COUNT) {
+            s->organ = arguments[i];
+            continue;
+        }
+        status = store_option(&options[k], i + 1 < count ? arguments[i + 1] : NULL);
+        if (status)
+            return status;
+        i += options[k].kind != FLAG;
+    }
+    return check_settings(s);
+}
+
+/* demo_out beside the program: build/demo writes to build/demo_out. */
+static void default_folder(const char *program, char path[PATH_SIZE])
+{
+    size_t length = strlen(program);
+    while (length > 0 && program[length - 1] != '/' && program[length - 1] != '\\')
+        length--;
+    if (length > PATH_SIZE - 16)
+        length = 0;
+    memcpy(path, program, length);
+    strcpy(path + length, "demo_out");
+}
+
+static settings default_settings(const char *folder)
+{
+    settings s;
+    memset(&s, 0, sizeof s);
+    s.folder = folder;
+    s.material = "corotated";
+    s.scale = 1;
+    s.dt = 1.0 / 60;
+    s.young = 8000; /* a liver, somewhat stiff */
+    s.poisson = 0.45;
+    s.density = 1060;
+    s.frames = 300;
+    s.every = 5;
+    s.threads = 1;
+    return s;
+}
+
+/* ---- the scene ---------------------------------------------------------------------------------- */
+
+/* A ball on a straight path along `direction`. */
+typedef struct tool {
+    double radius, gap, depth; /* m: of the ball; from the organ before; into it at most */
+    sb_vec3 touch, direction;  /* where it meets the organ, unit vector into it */
+    sb_vec3 centre;
+    sb_vec3 force;     /* on the organ (N) */
+    double peak_force; /* largest magnitude so far (N) */
+    int contacts;
+} tool;
+
+typedef struct scene {
+    sb_mesh mesh;     /* as loaded: the undeformed shape */
+    sb_boundary skin; /* its surface; skin.nodes are nodes of the mesh */
+    sb_body *body;
+    sb_vec3 low, high; /* box of the undeformed shape */
+    int fixed_count;
+    sb_vec3 *shape;       /* [mesh.node_count] deformed nodes for files */
+    sb_real *stress;      /* [mesh.node_count] von Mises stress (Pa) */
+    unsigned char *stuck; /* [skin nodes] 1: moves with the ball */
+    sb_vec3 *offsets;     /* [skin nodes] place relative to the ball's centre */
+    sb_vec3 *normals;     /* [skin nodes] */
+    tool ball;
+} scene;
+
+static void free_scene(scene *s)
+{
+    sb_body_destroy(s->body);
+    sb_boundary_free(&s->skin);
+    sb_mesh_free(&s->mesh);
+    free(s->shape);
+    free(s->stress);
+    free(s->stuck);
+    free(s->offsets);
+    free(s->normals);
+    memset(s, 0, sizeof *s);
+}
+
+/* Says what is wrong in one line. */
+static int complain(const sb_error *error, int status)
+{
+    fprintf(stderr, "demo: ");
+    if (error->file[0])
+        fprintf(stderr, "%s:", error->file);
+    if (error->line > 0)
+        fprintf(stderr, "%d:", error->line);
+    fprintf(stderr, "%s%s", error->file[0] ? " " : "", error->message);
+    if (error->element >= 0 && !strstr(error->message, "element"))
+        fprintf(stderr, ", element %d", error->element);
+    if (error->node >= 0 && !strstr(error->message, "node"))
+        fprintf(stderr, ", node %d", error->node);
+    fprintf(stderr, " (%s)\n", sb_result_string(error->result));
+    return status;
+}
+
+static int complain_memory(void)
+{
+    fprintf(stderr, "demo: out of memory\n");
+    return EXIT_SOLVE;
+}
+
+static sb_result get_organ(const settings *set, sb_mesh *mesh, sb_error *error)
+{
+    sb_load_options options = sb_default_load_options();
+    options.scale = REAL(set->scale);
+    if (set->organ)
+        return sb_mesh_load(mesh, set->organ, &options, error);
+    return sb_mesh_organ(SB_TET4, 16, NULL, mesh, error);
+}
+
+/* Loads or makes the mesh, its surface and the arrays that go with them. */
+static int make_mesh(const settings *set, scene *s)
+{
+    sb_error error;
+    size_t nodes, skin_nodes;
+    if (get_organ(set, &s->mesh, &error) != SB_OK)
+        return complain(&error, EXIT_USAGE);
+    if (sb_element_dimension(s->mesh.element_type) != 3) {
+        fprintf(stderr, "demo: %s is a surface (%s); a body needs a volume mesh\n", set->organ,
+                sb_element_name(s->mesh.element_type));
+        return EXIT_USAGE;
+    }
+    /* neighbours in memory: fewer cache misses; errors and files then count in the new order */
+    if (sb_mesh_reorder(&s->mesh, NULL, NULL, &error) != SB_OK ||
+        sb_mesh_boundary(&s->mesh, 1, NULL, &s->skin, &error) != SB_OK)
+        return complain(&error, EXIT_USAGE);
+    sb_mesh_bounds(&s->mesh, &s->low, &s->high);
+    nodes = (size_t)s->mesh.node_count, skin_nodes = (size_t)s->skin.surface.node_count;
+    s->shape = (sb_vec3 *)calloc(nodes, sizeof *s->shape);
+    s->stress = (sb_real *)calloc(nodes, sizeof *s->stress);
+    s->stuck = (unsigned char *)calloc(skin_nodes, 1);
+    s->offsets = (sb_vec3 *)calloc(skin_nodes, sizeof *s->offsets);
+    s->normals = (sb_vec3 *)calloc(skin_nodes, sizeof *s->normals);
+    return s->shape && s->stress && s->stuck && s->offsets && s->normals ? 0 : complain_memory();
+}
+
+static int compare_reals(const void *a, const void *b)
+{
+    sb_real x = *(const sb_real *)a, y = *(const sb_real *)b;
+    return (x > y) - (x < y);
+}
+
+/* How far back (+y) and down (-z) a node of the undeformed shape lies, from 0 to 1. */
+static sb_real place_in_box(const scene *s, sb_vec3 x)
+{
+    sb_real back = (x.y - s->low.y) / (s->high.y - s->low.y);
+    sb_real down = (s->high.z - x.z) / (s->high.z - s->low.z);
+    return REAL(0.6) * back + REAL(0.4) * down;
+}
+
+/* Holds the rear lower third of the organ, as if it lay there and had grown on. */
+static sb_result hold_organ(scene *s)
+{
+    sb_real *places = s->stress, limit; /* borrowed */
+    for (int i = 0; i < s->mesh.node_count; i++)
+        places[i] = place_in_box(s, s->mesh.nodes[i]);
+    qsort(places, (size_t)s->mesh.node_count, sizeof *places, compare_reals);
+    limit = places[(size_t)s->mesh.node_count * 2 / 3];
+    for (int i = 0; i < s->mesh.node_count; i++)
+        if (place_in_box(s, s->mesh.nodes[i]) >= limit) {
+            sb_result result = sb_body_fix_nodes(s->body, &i, 1, SB_XYZ);
+            if (result != SB_OK)
+                return result;
+            s->fixed_count++;
+        }
+    return SB_OK;
+}
+
+static void print_warnings(const scene *s)
+{
+    sb_check_report report;
+    if (sb_body_check(s->body, &report) != SB_OK)
+        return;
+    for (unsigned bit = 1; bit && bit <= report.warnings; bit <<= 1)
+        if (report.warnings & bit)
+            fprintf(stderr, "demo: warning: %s\n", sb_check_string(bit));
+    if (report.warnings & SB_CHECK_SIZE)
+        fprintf(stderr,
+                "demo: warning: the organ measures %.3g m; is it in millimetres? then add --scale 0.001\n",
+                (double)report.size);
+}
+
+static int make_body(const settings *set, scene *s)
+{
+    sb_error error;
+    sb_body_def def = sb_default_body_def();
+    def.mesh = &s->mesh;
+    def.material =
+        find_material(set->material)->make(REAL(set->young), REAL(set->poisson), REAL(set->density));
+    def.single_rotation = s->mesh.element_type == SB_TET10 && def.material.model == SB_COROTATED; /* faster */
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.damping_stiffness = REAL(0.02); /* tissue rings for a few tenths of a second, not longer */
+    def.tolerance = REAL(1e-2);         /* below what an eye sees, and half the time of 1e-3 */
+#if defined(_OPENMP)
+    omp_set_num_threads(set->threads);
+    if (set->threads > 1)
+        def.jobs = sb_jobs_openmp();
+#endif
+    if (sb_body_create(&def, &s->body, &error) != SB_OK)
+        return complain(&error, EXIT_USAGE);
+    if (hold_organ(s) != SB_OK)
+        return complain_memory();
+    print_warnings(s);
+    return 0;
+}
+
+/* ---- the ball ----------------------------------------------------------------------------------- */
+
+static sb_vec3 unit(sb_vec3 v)
+{
+    sb_real length = sb_v3_norm(v);
+    return length > 0 ? sb_v3_scale(1 / length, v) : sb_v3(0, 0, 1);
+}
+
+/* Area-weighted normals of the deformed skin (not of unit length). */
+static void update_normals(scene *s)
+{
+    const sb_mesh *surface = &s->skin.surface;
+    const sb_vec3 *x = sb_body_positions(s->body);
+    int nodes = sb_element_node_count(surface->element_type);
+    memset(s->normals, 0, (size_t)surface->node_count * sizeof *s->normals);
+    for (int i = 0; i < surface->element_count; i++) {
+        const int *face = surface->elements + (size_t)i * (size_t)nodes;
+        sb_vec3 a = x[s->skin.nodes[face[0]]], b = x[s->skin.nodes[face[1]]], c = x[s->skin.nodes[face[2]]];
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a));
+        for (int k = 0; k < nodes; k++)
+            s->normals[face[k]] = sb_v3_add(s->normals[face[k]], normal);
+    }
+}
+
+/* Aims at the upper side of the organ as it lies now, in front of where it is held. */
+static void aim_ball(scene *s)
+{
+    const sb_vec3 *x = sb_body_positions(s->body);
+    sb_vec3 size = sb_v3_sub(s->high, s->low), normal = sb_v3(0, 0, 1);
+    double spot_x = (double)s->low.x + 0.40 * (double)size.x;
+    double spot_y = (double)s->low.y + 0.37 * (double)size.y;
+    double diagonal = (double)sb_v3_norm(size), best = 1e300;
+    update_normals(s);
+    s->ball.touch = s->high;
+    for (int i = 0; i < s->skin.surface.node_count; i++) {
+        int node = s->skin.nodes[i];
+        double away = hypot((double)x[node].x - spot_x, (double)x[node].y - spot_y);
+        sb_vec3 n = unit(s->normals[i]);
+        if (n.z < REAL(0.3) || sb_body_supports(s->body)[node] || away >= best)
+            continue;
+        best = away;
+        s->ball.touch = x[node];
+        normal = n;
+    }
+    s->ball.direction = unit(sb_v3_sub(sb_v3(0, 0, -1), normal));
+    s->ball.radius = 0.075 * diagonal;
+    s->ball.gap = 0.2 * s->ball.radius;
+    s->ball.depth = 0.065 * diagonal;
+}
+
+/* 0 to 1 with velocity and acceleration 0 at both ends. */
+static double smooth_step(double t)
+{
+    t = t < 0 ? 0 : (t > 1 ? 1 : t);
+    return t * t * t * (10 + t * (6 * t - 15));
+}
+
+/* The story, as shares of its length: settle, press, stay, go back, settle. */
+static const double press_begins = 0.24, press_ends = 0.60, return_begins = 0.68, return_ends = 0.92;
+
+/* How far the ball has moved along its direction at a moment from 0 to 1; its surface then is at -gap +
+ * travel. */
+static double ball_travel(const tool *ball, double moment)
+{
+    double in = smooth_step((moment - press_begins) / (press_ends - press_begins));
+    double out = smooth_step((moment - return_begins) / (return_ends - return_begins));
+    return (in - out) * (ball->gap + ball->depth);
+}
+
+/* Decides for one skin node whether it moves with the ball: it sticks when the ball reaches it, and lets
+ * go when the ball would have to pull it. */
+static sb_result touch_node(scene *s, int i)
+{
+    int node = s->skin.nodes[i];
+    sb_vec3 x = sb_body_positions(s->body)[node], target;
+    if (s->stuck[i] && sb_v3_dot(sb_body_reactions(s->body)[node], s->offsets[i]) < 0) {
+        s->stuck[i] = 0;
+        return sb_body_release_nodes(s->body, &node, 1, SB_XYZ);
+    }
+    if (!s->stuck[i]) {
+        sb_vec3 from_centre = sb_v3_sub(x, s->ball.centre);
+        if ((double)sb_v3_norm(from_centre) >= s->ball.radius || sb_body_supports(s->body)[node])
+            return SB_OK;
+        s->stuck[i] = 1;
+        s->offsets[i] = sb_v3_scale(REAL(s->ball.radius), unit(from_centre));
+    }
+    target = sb_v3_sub(sb_v3_add(s->ball.centre, s->offsets[i]), s->mesh.nodes[node]);
+    return sb_body_prescribe(s->body, &node, 1, SB_XYZ, &target, 1);
+}
+
+static sb_result move_ball(scene *s, double moment)
+{
+    double travel = ball_travel(&s->ball, moment) - s->ball.gap - s->ball.radius;
+    s->ball.centre = sb_v3_madd(s->ball.touch, REAL(travel), s->ball.direction);
+    for (int i = 0; i < s->skin.surface.node_count; i++) {
+        sb_result result = touch_node(s, i);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+/* Sums what the ball exerts on the organ. */
+static void read_force(scene *s)
+{
+    s->ball.force = sb_v3(0, 0, 0);
+    s->ball.contacts = 0;
+    for (int i = 0; i < s->skin.surface.node_count; i++)
+        if (s->stuck[i]) {
+            s->ball.force = sb_v3_add(s->ball.force, sb_body_reactions(s->body)[s->skin.nodes[i]]);
+            s->ball.contacts++;
+        }
+    s->ball.peak_force = fmax(s->ball.peak_force, (double)sb_v3_norm(s->ball.force));
+}
+
+/* ---- what is written ---------------------------------------------------------------------------- */
+
+/* FOLDER/NAME; 0 when it is too long. */
+static int join_path(char path[PATH_SIZE], const char *folder, const char *name)
+{
+    size_t length = strlen(folder);
+    const char *slash = length && folder[length - 1] == '/' ? "" : "/";
+    int written = snprintf(path, PATH_SIZE, "%s%s%s", folder, slash, name);
+    return written > 0 && written < PATH_SIZE;
+}
+
+/* One file of the series: the deformed organ with displacement, velocity and von Mises stress. */
+static int write_frame(scene *s, const char *folder, int index)
+{
+    char name[32], path[PATH_SIZE];
+    sb_error error;
+    sb_mesh deformed = s->mesh;
+    const sb_field fields[3] = {
+        {"displacement", SB_FIELD_NODES, 3, &sb_body_displacements(s->body)[0].x},
+        {"velocity", SB_FIELD_NODES, 3, &sb_body_velocities(s->body)[0].x},
+        {"von_mises", SB_FIELD_NODES, 1, s->stress},
+    };
+    memcpy(s->shape, sb_body_positions(s->body), (size_t)s->mesh.node_count * sizeof *s->shape);
+    deformed.nodes = s->shape;
+    sb_body_nodal_von_mises(s->body, s->stress);
+    snprintf(name, sizeof name, "demo_%04d.vtk", index);
+    if (!join_path(path, folder, name))
+        return complain_usage(folder, "is too long a path");
+    if (sb_mesh_save_vtk_binary(path, &deformed, fields, 3, &error) != SB_OK)
+        return complain(&error, EXIT_USAGE);
+    return 0;
+}
+
+/* ParaView's list of the files with their times. */
+static int write_series(const char *folder, int count, double interval)
+{
+    char path[PATH_SIZE];
+    FILE *file = join_path(path, folder, "demo.vtk.series") ? fopen(path, "w") : NULL;
+    int good = file != NULL;
+    if (file) {
+        fprintf(file, "{\"file-series-version\": \"1.0\", \"files\": [\n");
+        for (int i = 0; i < count; i++)
+            fprintf(file, "  {\"name\": \"demo_%04d.vtk\", \"time\": %.6g}%s\n", i, i * interval,
+                    i + 1 < count ? "," : "");
+        fprintf(file, "]}\n");
+        good = !ferror(file);
+        good = fclose(file) == 0 && good;
+    }
+    if (!good)
+        fprintf(stderr, "demo: %s cannot be written\n", path);
+    return good ? 0 : EXIT_USAGE;
+}
+
+/* Upper end of the colour map: 98 % of the skin lie below, rounded up to two digits that divide well. */
+static double colour_limit(sb_real *sorted, int count)
+{
+    static const double nice[] = {1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10};
+    double limit, power;
+    int i = 0;
+    qsort(sorted, (size_t)count, sizeof *sorted, compare_reals);
+    limit = (double)sorted[(size_t)count * 98 / 100];
+    if (!(limit > 0))
+        return 1;
+    power = pow(10, floor(log10(limit)));
+    while (nice[i] * power < limit)
+        i++;
+    return nice[i] * power;
+}
+
+static void describe(const settings *set, const scene *s, char title[128], char details[256])
+{
+    const char *name = set->organ ? set->organ : "Liver-like organ";
+    for (const char *c = name; *c; c++)
+        if ((*c == '/' || *c == '\\') && c[1])
+            name = c + 1;
+    snprintf(title, 128, "%.60s under gravity and a %.0f mm ball", name, 2e3 * s->ball.radius);
+    snprintf(details, 256, "%d %s, %s, E %.4g kPa, nu %.3g; ball %.1f mm deep, %.2f N", s->mesh.element_count,
+             sb_element_name(s->mesh.element_type), set->material, 1e-3 * set->young, set->poisson,
+             1e3 * s->ball.depth, (double)sb_v3_norm(s->ball.force));
+}
+
+static void draw_ball(picture *p, const tool *ball)
+{
+    picture_colour steel = picture_web(0x9aa5b1);
+    sb_vec3 end = sb_v3_madd(ball->centre, REAL(-3.2 * ball->radius), ball->direction);
+    picture_add_capsule(p, ball->centre, ball->centre, 0.985 * ball->radius, steel);
+    picture_add_capsule(p, ball->centre, end, 0.22 * ball->radius, steel);
+}
+
+static int draw_picture(const settings *set, scene *s, const char *path)
+{
+    const int width = 1280, height = 960;
+    sb_mesh surface = s->skin.surface;
+    char title[128], details[256];
+    int count = surface.node_count, result;
+    sb_real *values = (sb_real *)malloc((size_t)count * sizeof *values);
+    sb_real *sorted = (sb_real *)malloc((size_t)count * sizeof *sorted);
+    picture p;
+    picture_begin(&p, width, height);
+    if (values && sorted) {
+        double limit, unit_value;
+        sb_body_nodal_von_mises(s->body, s->stress);
+        surface.nodes = s->shape;
+        for (int i = 0; i < count; i++) {
+            s->shape[i] = sb_body_positions(s->body)[s->skin.nodes[i]];
+            values[i] = sorted[i] = s->stress[s->skin.nodes[i]];
+        }
+        limit = colour_limit(sorted, count);
+        unit_value = limit >= 1000 ? 1000 : 1;
+        describe(set, s, title, details);
+        picture_add_surface(&p, &surface, values, 0, limit);
+        draw_ball(&p, &s->ball);
+        picture_render(&p, 22, 30);
+        picture_colour_bar(&p, "von Mises stress", limit >= 1000 ? "kPa" : "Pa", 0, limit / unit_value,
+                           (double)sorted[count - 1] / unit_value);
+        picture_length_bar(&p);
+        picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
+        picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
+    }
+    result = values && sorted ? picture_save_png(&p, path) : PICTURE_NO_MEMORY;
+    picture_end(&p);
+    free(values);
+    free(sorted);
+    if (result == PICTURE_NO_FILE)
+        fprintf(stderr, "demo: %s cannot be written\n", path);
+    return result == PICTURE_OK ? 0 : (result == PICTURE_NO_FILE ? EXIT_USAGE : complain_memory());
+}
+
+/* ---- the run ------------------------------------------------------------------------------------ */
+
+/* A bar that stays on its line in a terminal, a line now and then elsewhere. */
+static void show_progress(int frame, int frames, double seconds)
+{
+    enum { LENGTH = 32 };
+    static const char full[] = "################################";
+    static const char empty[] = "................................";
+    int done = LENGTH * (frame + 1) / frames;
+    if (is_terminal())
+        fprintf(stderr, "\r[%.*s%.*s] frame %d of %d, %6.2f ms ", done, full, LENGTH - done, empty, frame + 1,
+                frames, 1e3 * seconds);
+    else if ((frame + 1) * 10 / frames > frame * 10 / frames)
+        fprintf(stderr, "frame %d of %d, %.2f ms\n", frame + 1, frames, 1e3 * seconds);
+    if (frame + 1 == frames && is_terminal())
+        fprintf(stderr, "\n");
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Median, 95th percentile and worst of the time per frame: ball and step, no files. */
+static void print_times(double *seconds, int count, double dt, long iterations)
+{
+    qsort(seconds, (size_t)count, sizeof *seconds, compare_doubles);
+    double median = seconds[count / 2], late = seconds[count * 95 / 100], worst = seconds[count - 1];
+    printf("simulation   median %.2f ms, 95%% within %.2f ms, worst %.2f ms: %.0f Hz (%.1f x real time),\n"
+           "             %.1f PCG iterations per step\n",
+           1e3 * median, 1e3 * late, 1e3 * worst, 1 / median, dt / median, (double)iterations / count);
+}
+
+/* One frame: the ball moves, the body follows. Returns 0 or an exit status. */
+static int run_frame(const settings *set, scene *s, int frame, double *seconds, long *iterations)
+{
+    sb_step_info info;
+    double start = seconds_now(), moment = (frame + 1.0) / set->frames;
+    if (frame == (int)(press_begins * set->frames))
+        aim_ball(s);
+    if (frame >= (int)(press_begins * set->frames) && move_ball(s, moment) != SB_OK)
+        return complain_memory();
+    if (sb_body_step(s->body, REAL(set->dt), &info) != SB_OK) {
+        fprintf(stderr, "%sdemo: frame %d: the step failed\n", is_terminal() ? "\n" : "", frame);
+        return complain(&info.error, EXIT_SOLVE);
+    }
+    read_force(s);
+    *seconds = seconds_now() - start;
+    *iterations += info.pcg_iterations;
+    return 0;
+}
+
+typedef struct outputs {
+    char picture[PATH_SIZE];
+    int files; /* of the series */
+} outputs;
+
+static int run(const settings *set, scene *s, double *seconds, long *iterations, outputs *out)
+{
+    int picture_frame = (int)(return_begins * set->frames) - 1;
+    int every = set->no_vtk ? 0 : set->every, status = every ? write_frame(s, set->folder, out->files++) : 0;
+    for (int frame = 0; frame < set->frames && !status; frame++) {
+        status = run_frame(set, s, frame, &seconds[frame], iterations);
+        if (!status && every && (frame + 1) % every == 0)
+            status = write_frame(s, set->folder, out->files++);
+        if (!status && frame == picture_frame)
+            status = draw_picture(set, s, out->picture);
+        if (!status)
+            show_progress(frame, set->frames, seconds[frame]);
+    }
+    if (!status && every)
+        status = write_series(set->folder, out->files, every * set->dt);
+    return status;
+}
+
+static void print_scene(const settings *set, const scene *s)
+{
+    sb_vec3 size = sb_v3_sub(s->high, s->low);
+    printf("organ        %s: %d nodes, %d %s, %.0f x %.0f x %.0f mm, %.3g kg\n",
+           set->organ ? set->organ : "made here", s->mesh.node_count, s->mesh.element_count,
+           sb_element_name(s->mesh.element_type), 1e3 * (double)size.x, 1e3 * (double)size.y,
+           1e3 * (double)size.z, (double)sb_body_mass(s->body));
+    printf("material     %s, E %.4g Pa, nu %.4g, density %.4g kg/m^3; %d nodes held\n", set->material,
+           set->young, set->poisson, set->density, s->fixed_count);
+}
+
+static void print_summary(const settings *set, const scene *s, const outputs *out)
+{
+    double way = s->ball.gap + s->ball.depth, time = (press_ends - press_begins) * set->frames * set->dt;
+    printf("ball         radius %.1f mm, %.1f mm deep at up to %.1f cm/s, peak force %.2f N\n",
+           1e3 * s->ball.radius, 1e3 * s->ball.depth, 100 * 1.875 * way / time, s->ball.peak_force);
+    if (out->files)
+        printf("frames       %s/demo_0000.vtk to demo_%04d.vtk; ParaView opens %s/demo.vtk.series\n",
+               set->folder, out->files - 1, set->folder);
+    printf("picture      %s\n", out->picture);
+}
+
+/* Path of the picture; 0 when it is too long. */
+static int name_picture(const settings *set, char path[PATH_SIZE])
+{
+    if (!set->picture)
+        return join_path(path, set->folder, "demo.png");
+    return snprintf(path, PATH_SIZE, "%s", set->picture) < PATH_SIZE;
+}
+
+static int demo(const settings *set)
+{
+    outputs out;
+    scene s;
+    long iterations = 0;
+    double *seconds = (double *)calloc((size_t)set->frames, sizeof *seconds);
+    int status = seconds ? 0 : complain_memory();
+    memset(&s, 0, sizeof s);
+    memset(&out, 0, sizeof out);
+    if (!status && !name_picture(set, out.picture))
+        status = complain_usage(set->picture ? set->picture : set->folder, "is too long a path");
+    if (!status)
+        status = make_mesh(set, &s);
+    if (!status)
+        status = make_body(set, &s);
+    if (!status && !make_folder(set->folder)) {
+        fprintf(stderr, "demo: folder %s cannot be made: %s\n", set->folder, strerror(errno));
+        status = EXIT_USAGE;
+    }
+    if (!status) {
+        print_scene(set, &s);
+        status = run(set, &s, seconds, &iterations, &out);
+    }
+    if (!status) {
+        print_times(seconds, set->frames, set->dt, iterations);
+        print_summary(set, &s, &out);
+    }
+    free_scene(&s);
+    free(seconds);
+    return status;
+}
+
+int main(int argc, char **argv)
+{
+    char folder[PATH_SIZE];
+    default_folder(argc > 0 ? argv[0] : "", folder);
+    settings set = default_settings(folder), defaults = set;
+    int status = parse_arguments(&set, argc, argv);
+    if (status)
+        return status;
+    if (set.help) {
+        print_help(&defaults);
+        return 0;
+    }
+    return demo(&set);
+}

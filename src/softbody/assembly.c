@@ -1,0 +1,818 @@
+/* assembly: loops over integration points. */
+#include "assembly.h"
+
+#include <string.h>
+
+/* ---- set-up ---- */
+
+static int sbi_assembly_chunk_size(int cell_count)
+{
+    int size = cell_count / 64; /* enough chunks for many threads, each long enough to be worth a task */
+    size = size < 16 ? 16 : size > 256 ? 256 : size;
+    return (size + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
+}
+
+static size_t sbi_assembly_batch_count(const sb_domain *domain)
+{
+    return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+}
+
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
+{
+    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
+    size_t chunks;
+    assembly->domain = domain;
+    assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
+    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
+    chunks = (size_t)assembly->chunk_count;
+    assembly->rotations =
+        (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
+    assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
+    assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
+    assembly->chunk_energy = (sb_real *)sbi_arena_take(arena, chunks, sizeof(sb_real));
+    assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
+    if (domain->element_type == SB_TET4) {
+        size_t batches = sbi_assembly_batch_count(domain);
+        assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches, 9 * SB_POLAR_LANES * sizeof(sb_real));
+        assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
+        assembly->rotated = (sb_real *)sbi_arena_take(arena, batches * SB_POLAR_LANES, 16 * sizeof(sb_real));
+        assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
+        assembly->pairs = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
+    }
+}
+
+static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
+
+/* Colour of a chunk: the first that none of its nodes has; nodes remember theirs as bits. Beyond 63 colours (one
+ * node shared by very many cells) each chunk gets a colour of its own. */
+static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, uint64_t *node_colours, int *next)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell;
+    const int *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
+    const int *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+    uint64_t taken = 0;
+    int colour = 0;
+    for (const int *node = first; node < end; node++)
+        taken |= node_colours[*node];
+    while (colour < 63 && (taken >> colour & 1))
+        colour++;
+    if (colour == 63) {
+        *next = *next < 63 ? 63 : *next;
+        return (*next)++;
+    }
+    for (const int *node = first; node < end; node++)
+        node_colours[*node] |= (uint64_t)1 << colour;
+    if (colour + 1 > *next)
+        *next = colour + 1;
+    return colour;
+}
+
+static void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
+{
+    int *colour_of = assembly->chunk_bad_cell; /* free until the first loop runs */
+    int position = 0;
+    assembly->colour_count = 0;
+    memset(node_colours, 0, (size_t)assembly->domain->node_count * sizeof *node_colours);
+    for (int c = 0; c < assembly->chunk_count; c++)
+        colour_of[c] = sbi_assembly_colour_chunk(assembly, c, node_colours, &assembly->colour_count);
+    for (int colour = 0, used = 0; used < assembly->colour_count; colour++) {
+        assembly->colour_start[used] = position;
+        for (int c = 0; c < assembly->chunk_count; c++)
+            if (colour_of[c] == colour)
+                assembly->colour_chunks[position++] = c;
+        used++;
+    }
+    assembly->colour_start[assembly->colour_count] = position;
+}
+
+static void sbi_assembly_map_blocks(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    int n = domain->nodes_per_cell, *out = assembly->scatter;
+    for (int e = 0; e < domain->cell_count; e++) {
+        const int *cell = domain->cells + (size_t)e * (size_t)n;
+        for (int a = 0; a < n; a++)
+            for (int b = a; b < n; b++)
+                *out++ = sb_matrix_find(matrix, cell[a], cell[b]);
+    }
+}
+
+/* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
+static void sbi_assembly_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    int *start = assembly->pair_start;
+    memset(start, 0, ((size_t)matrix->block_count + 1) * sizeof *start);
+    for (int pass = 0; pass < 2; pass++) {
+        for (int e = 0; e < domain->cell_count; e++) {
+            const int *cell = domain->cells + 4 * (size_t)e, *block = assembly->scatter + 10 * (size_t)e;
+            for (int a = 0; a < 4; a++)
+                for (int b = a; b < 4; b++, block++) {
+                    int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
+                    if (a == b)
+                        continue;
+                    if (pass == 0)
+                        start[at]++;
+                    else
+                        assembly->pairs[start[at]++] = 16 * e + (flip ? 4 * b + a : 4 * a + b);
+                }
+        }
+        for (int i = 0, sum = 0; pass == 0 && i <= matrix->block_count; i++) {
+            int count = start[i];
+            start[i] = sum;
+            sum += count;
+        }
+    }
+    memmove(start + 1, start, (size_t)matrix->block_count * sizeof *start);
+    start[0] = 0;
+}
+
+static void sbi_assembly_fill_batches(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t batches = sbi_assembly_batch_count(domain);
+    memset(assembly->batch_gradients, 0, batches * 9 * SB_POLAR_LANES * sizeof(sb_real));
+    memset(assembly->rotated, 0, batches * SB_POLAR_LANES * 16 * sizeof(sb_real));
+    for (int e = 0; e < domain->cell_count; e++) {
+        sb_real *batch = assembly->batch_gradients + (size_t)(e / SB_POLAR_LANES) * 9 * SB_POLAR_LANES + e % SB_POLAR_LANES;
+        for (int k = 0; k < 9; k++)
+            batch[k * SB_POLAR_LANES] = domain->gradients[12 * (size_t)e + 3 + (size_t)k];
+    }
+}
+
+SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t count = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
+    for (size_t i = 0; i < count; i++)
+        assembly->rotations[i] = sb_quat_identity();
+    if (domain->element_type == SB_TET4)
+        for (size_t i = 0; i < sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES; i++)
+            assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+}
+
+SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
+{
+    sbi_assembly_colour(assembly, node_colours);
+    sbi_assembly_map_blocks(assembly, matrix);
+    if (assembly->domain->element_type == SB_TET4) {
+        sbi_assembly_list_pairs(assembly, matrix);
+        sbi_assembly_fill_batches(assembly);
+    }
+    sbi_assembly_reset_rotations(assembly);
+}
+
+/* ---- chunks on threads ---- */
+
+typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY } sbi_assembly_work;
+
+typedef struct sbi_assembly_job {
+    sbi_assembly *assembly;
+    sbi_assembly_work work;
+    const int *chunks;          /* of the running colour */
+    const sb_vec3 *u;
+    sb_vec3 *force;
+    sb_matrix *matrix;
+    sb_tangent_kind kind;
+    sb_real factor;
+} sbi_assembly_job;
+
+static void sbi_assembly_chunk(void *user, int index);
+
+/* Runs all chunks, colour by colour; the first bad cell or -1. */
+static int sbi_assembly_run(sbi_assembly_job *job)
+{
+    sbi_assembly *assembly = job->assembly;
+    for (int colour = 0; colour < assembly->colour_count; colour++) {
+        int first = assembly->colour_start[colour];
+        job->chunks = assembly->colour_chunks + first;
+        sbi_run(assembly->jobs, sbi_assembly_chunk, job, assembly->colour_start[colour + 1] - first);
+    }
+    for (int c = 0; c < assembly->chunk_count; c++)
+        if (assembly->chunk_bad_cell[c] >= 0)
+            return assembly->chunk_bad_cell[c];
+    return -1;
+}
+
+/* ---- one cell: gather, deformation gradient ---- */
+
+SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
+{
+    for (int a = 0; a < n; a++) {
+        local[a][0] = u[cell[a]].x;
+        local[a][1] = u[cell[a]].y;
+        local[a][2] = u[cell[a]].z;
+    }
+}
+
+/* F = I + sum_a u_a g_a^T: displacements, not positions, so that rest is exact wherever the mesh lies. */
+SBI_FORCE_INLINE sb_mat3 sbi_cell_deformation(const sb_real (*u)[3], const sb_real *gradients, const int n)
+{
+    sb_mat3 f = sb_m3_identity();
+    for (int a = 0; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                f.m[i][j] += u[a][i] * gradients[3 * a + j];
+    return f;
+}
+
+/* Deformation gradients of all points of a cell. */
+SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, const sb_vec3 *u, const int n, const int q,
+                                            sb_mat3 *f)
+{
+    const sb_real *gradients = domain->gradients + (size_t)e * (size_t)q * 3 * (size_t)n;
+    sb_real local[SB_MAX_ELEMENT_NODES][3];
+    sbi_cell_gather(domain->cells + (size_t)e * (size_t)n, u, n, local);
+    for (int p = 0; p < q; p++)
+        f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
+}
+
+/* Rotation of a single-rotation cell from its four corners, which are its first four nodes. */
+static sb_quat sbi_cell_corner_rotation(const sb_domain *domain, int e, const sb_vec3 *u, sb_quat start)
+{
+    sb_real local[4][3];
+    sbi_cell_gather(domain->cells + (size_t)e * (size_t)domain->nodes_per_cell, u, 4, local);
+    return sb_m3_polar(sbi_cell_deformation((const sb_real(*)[3])local, domain->corner_gradients + 12 * (size_t)e, 4),
+                       start);
+}
+
+/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. No sensible deformation does
+ * that within one element: it is knotted, a state into which violence drives quadratic elements and where forces
+ * that each follow their own rotation can balance. */
+static int sbi_cell_is_knotted(const sb_quat *rotation, int q)
+{
+    const sb_real cos_half_angle = (sb_real)0.5;
+    for (int i = 1; i < q; i++)
+        for (int j = 0; j < i; j++)
+            if (sb_abs(sb_quat_dot(rotation[i], rotation[j])) < cos_half_angle)
+                return 1;
+    return 0;
+}
+
+/* Polar rotation of the mean deformation gradient of a cell. */
+static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, int q, sb_quat start)
+{
+    sb_mat3 sum = sb_m3_zero();
+    for (int p = 0; p < q; p++)
+        sum = sb_m3_add(sum, sb_m3_scale(weights[p], f[p]));
+    return sb_m3_polar(sum, start);
+}
+
+/* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single),
+ * or because the cell is knotted; one rotation has one rest shape, so the cell comes undone. */
+static int sbi_cell_rotate(const sb_domain *domain, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
+                           sb_quat *rotation)
+{
+    sb_quat shared;
+    if (single) {
+        shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
+    } else {
+        for (int p = 0; p < q; p++)
+            rotation[p] = sb_m3_polar(f[p], rotation[p]);
+        if (!sbi_cell_is_knotted(rotation, q))
+            return 0;
+        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, q, rotation[0]);
+    }
+    for (int p = 0; p < q; p++)
+        rotation[p] = shared;
+    return 1;
+}
+
+static int sbi_cell_is_corotated(const sb_material *material)
+{
+    return material->model == SB_COROTATED || material->model == SB_COROTATED_INVERTIBLE;
+}
+
+/* Corotated stress about a given rotation: P = R (lambda tr(e) I + 2 mu e), e = sym(R^T F) - I; *energy too. */
+static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, sb_mat3 r, sb_real *energy)
+{
+    sb_mat3 b = sb_m3_tmul(r, f);
+    sb_mat3 strain = sb_m3_sub(sb_m3_scale((sb_real)0.5, sb_m3_add(b, sb_m3_transpose(b))), sb_m3_identity());
+    sb_real trace = sb_m3_trace(strain);
+    sb_mat3 stress = sb_m3_scale(2 * material->mu, strain);
+    for (int i = 0; i < 3; i++)
+        stress.m[i][i] += material->lambda * trace;
+    *energy = (sb_real)0.5 * sb_m3_ddot(stress, strain);
+    return sb_m3_mul(r, stress);
+}
+
+/* ---- force ---- */
+
+/* Stresses of all points of a cell; 0 when one has an inadmissible F (its stress is then 0). */
+SBI_FORCE_INLINE int sbi_cell_stresses(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
+                                       const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
+                                       sb_mat3 *stress)
+{
+    int corotated = sbi_cell_is_corotated(material), admissible = 1;
+    int shared = corotated && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
+    for (int p = 0; p < q; p++) {
+        sb_real energy;
+        stress[p] = sb_m3_zero();
+        if (shared || material->model == SB_COROTATED)
+            stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
+        else
+            admissible &= sb_material_stress(material, &f[p], &rotation[p], &stress[p]);
+    }
+    return admissible;
+}
+
+SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
+                                     const int single)
+{
+    const sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    int bad = -1;
+    for (int e = begin; e < end; e++) {
+        const int *cell = domain->cells + (size_t)e * (size_t)n;
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
+        sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
+        sb_real force[SB_MAX_ELEMENT_NODES][3];
+        sbi_cell_deformations(domain, e, job->u, n, q, f);
+        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress) && bad < 0)
+            bad = e;
+        for (int a = 0; a < n; a++)
+            force[a][0] = force[a][1] = force[a][2] = 0;
+        for (int p = 0; p < q; p++) {
+            size_t at = (size_t)e * (size_t)q + (size_t)p;
+            const sb_real *g = domain->gradients + at * 3 * (size_t)n;
+            sb_mat3 s = sb_m3_scale(domain->weights[at], stress[p]);
+            for (int a = 0; a < n; a++)
+                for (int i = 0; i < 3; i++)
+                    force[a][i] += s.m[i][0] * g[3 * a] + s.m[i][1] * g[3 * a + 1] + s.m[i][2] * g[3 * a + 2];
+        }
+        for (int a = 0; a < n; a++) {
+            job->force[cell[a]].x += force[a][0];
+            job->force[cell[a]].y += force[a][1];
+            job->force[cell[a]].z += force[a][2];
+        }
+    }
+    return bad;
+}
+
+/* ---- energy ---- */
+
+/* Elastic energy of a cell; 0 when one of its points has an inadmissible F. */
+SBI_FORCE_INLINE int sbi_cell_energy(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
+                                     const sb_mat3 *f, const int q, const int single, const sb_quat *start,
+                                     sb_real *sum)
+{
+    sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
+    int shared;
+    for (int p = 0; p < q; p++)
+        rotation[p] = start[p];
+    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
+    for (int p = 0; p < q; p++) {
+        sb_real density = 0;
+        if (shared || material->model == SB_COROTATED)
+            sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
+        else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
+            return 0;
+        *sum += domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
+    }
+    return 1;
+}
+
+SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
+                                      const int single, sb_real *sum)
+{
+    const sbi_assembly *assembly = job->assembly;
+    *sum = 0;
+    for (int e = begin; e < end; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+        sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
+        if (!sbi_cell_energy(assembly->domain, material, e, job->u, f, q, single,
+                             assembly->rotations + (size_t)e * (size_t)q, sum))
+            return e;
+    }
+    return -1;
+}
+
+/* ---- tangent ---- */
+
+/* Adds factor * block to block (a, b) of the matrix and its transpose to (b, a). */
+SBI_FORCE_INLINE void sbi_scatter_block(sb_matrix *matrix, int at, const sb_real *block, int diagonal)
+{
+    sb_real *out = matrix->blocks[at];
+    for (int k = 0; k < 9; k++)
+        out[k] += block[k];
+    if (!diagonal) {
+        out = matrix->blocks[matrix->transpose[at]];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                out[3 * j + i] += block[3 * i + j];
+    }
+}
+
+/* blocks += w (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I) with h = R g (rotated-gradient identity). */
+SBI_FORCE_INLINE void sbi_cell_add_rotated(sb_mat3 r, const sb_real *g, sb_real lambda, sb_real mu, const int n,
+                                           sb_real (*blocks)[9])
+{
+    sb_real h[SB_MAX_ELEMENT_NODES][3];
+    int pair = 0;
+    for (int a = 0; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            h[a][i] = r.m[i][0] * g[3 * a] + r.m[i][1] * g[3 * a + 1] + r.m[i][2] * g[3 * a + 2];
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, pair++) {
+            sb_real dot = mu * (h[a][0] * h[b][0] + h[a][1] * h[b][1] + h[a][2] * h[b][2]);
+            for (int i = 0; i < 3; i++) {
+                for (int j = 0; j < 3; j++)
+                    blocks[pair][3 * i + j] += lambda * h[a][i] * h[b][j] + mu * h[b][i] * h[a][j];
+                blocks[pair][3 * i + i] += dot;
+            }
+        }
+}
+
+/* blocks += w g_a . A . g_b with A = dP/dF, A[9 (3 i + j) + 3 k + l] = dP_ij / dF_kl. */
+SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real *g, sb_real w, const int n,
+                                           sb_real (*blocks)[9])
+{
+    int pair = 0;
+    for (int a = 0; a < n; a++) {
+        sb_real t[3][9]; /* t[i][kl] = w sum_j g_a,j A_ijkl */
+        for (int i = 0; i < 3; i++)
+            for (int kl = 0; kl < 9; kl++)
+                t[i][kl] = w * (g[3 * a] * tangent[27 * i + kl] + g[3 * a + 1] * tangent[27 * i + 9 + kl] +
+                                g[3 * a + 2] * tangent[27 * i + 18 + kl]);
+        for (int b = a; b < n; b++, pair++)
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 3; k++)
+                    blocks[pair][3 * i + k] += t[i][3 * k] * g[3 * b] + t[i][3 * k + 1] * g[3 * b + 1] +
+                                               t[i][3 * k + 2] * g[3 * b + 2];
+    }
+}
+
+/* 1 when R C R^T is the tangent asked for, so that rotated gradients do. */
+static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind kind)
+{
+    return material->model == SB_LINEAR || (sbi_cell_is_corotated(material) && kind == SB_TANGENT_QUASI);
+}
+
+/* Tangent blocks of the pairs (a, b >= a) of a cell; 0 when a point has an inadmissible F. */
+SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int single,
+                                      sb_real (*blocks)[9])
+{
+    const sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    const sb_material *material = assembly->materials + assembly->cell_material[e];
+    const int rotated = single || sbi_assembly_is_rotated(material, job->kind);
+    const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    if (!rotated)
+        sbi_cell_deformations(domain, e, job->u, n, q, f);
+    for (int p = 0; p < q; p++) {
+        size_t point = (size_t)e * (size_t)q + (size_t)p;
+        const sb_real *g = domain->gradients + point * 3 * (size_t)n;
+        sb_real w = domain->weights[point] * job->factor, tangent[81];
+        sb_quat start = rotation[p];
+        if (rotated) {
+            sb_mat3 r = material->model == SB_LINEAR ? sb_m3_identity() : sb_quat_to_mat3(start);
+            sbi_cell_add_rotated(r, g, w * material->lambda, w * material->mu, n, blocks);
+        } else {
+            if (!sb_material_tangent(material, &f[p], &start, job->kind, tangent))
+                return 0;
+            sbi_cell_add_tangent(tangent, g, w, n, blocks);
+        }
+    }
+    return 1;
+}
+
+SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
+                                       const int single)
+{
+    const int pair_count = n * (n + 1) / 2;
+    int bad = -1;
+    for (int e = begin; e < end; e++) {
+        const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
+        sb_real blocks[SB_MAX_ELEMENT_NODES * (SB_MAX_ELEMENT_NODES + 1) / 2][9];
+        int pair = 0;
+        memset(blocks, 0, (size_t)pair_count * sizeof blocks[0]);
+        if (!sbi_cell_tangent(job, e, n, q, single, blocks) && bad < 0)
+            bad = e;
+        for (int a = 0; a < n; a++)
+            for (int b = a; b < n; b++, pair++)
+                sbi_scatter_block(job->matrix, at[pair], blocks[pair], a == b);
+    }
+    return bad;
+}
+
+/* ---- tet4 with corotated material: eight cells at a time, blocks gathered edge by edge ---- */
+
+/* Differences u_a - u_0 of nodes a = 1..3 of the cells of a batch, component by component. */
+static void sbi_batch_gather(const sb_domain *domain, int batch, const sb_vec3 *u, sb_real (*d)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        int e = sbi_min_int(batch * SB_POLAR_LANES + l, domain->cell_count - 1);
+        const int *cell = domain->cells + 4 * (size_t)e;
+        sb_vec3 origin = u[cell[0]];
+        for (int a = 0; a < 3; a++) {
+            sb_vec3 v = u[cell[a + 1]];
+            d[3 * a][l] = v.x - origin.x;
+            d[3 * a + 1][l] = v.y - origin.y;
+            d[3 * a + 2][l] = v.z - origin.z;
+        }
+    }
+}
+
+/* out[3 a + i] = sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to three gradients, lane by lane. */
+SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*m)[SB_POLAR_LANES], const sb_real (*g)[SB_POLAR_LANES],
+                                      sb_real (*out)[SB_POLAR_LANES])
+{
+    for (int a = 0; a < 3; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                out[3 * a + i][l] = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
+                                    m[3 * i + 2][l] * g[3 * a + 2][l];
+}
+
+/* w lambda and w mu of the cells of a batch. */
+static void sbi_batch_moduli(const sbi_assembly *assembly, int batch, sb_real *lambda, sb_real *mu)
+{
+    const sb_domain *domain = assembly->domain;
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        int e = sbi_min_int(batch * SB_POLAR_LANES + l, domain->cell_count - 1);
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        lambda[l] = domain->weights[e] * material->lambda;
+        mu[l] = domain->weights[e] * material->mu;
+    }
+}
+
+/* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
+SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*r)[SB_POLAR_LANES], const sb_real *lambda, const sb_real *mu,
+                                       sb_real (*f)[SB_POLAR_LANES])
+{
+    sb_real trace[SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        trace[l] = -3;
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            trace[l] += r[k][l] * f[k][l];
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
+}
+
+/* Adds the forces of a batch to its nodes and stores the rotated gradients for the tangent. */
+static void sbi_batch_scatter(sbi_assembly_job *job, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                              const sb_real (*h)[SB_POLAR_LANES], const sb_real *lambda, const sb_real *mu)
+{
+    const sb_domain *domain = job->assembly->domain;
+    int count = sbi_min_int(SB_POLAR_LANES, domain->cell_count - batch * SB_POLAR_LANES);
+    for (int l = 0; l < count; l++) {
+        size_t e = (size_t)(batch * SB_POLAR_LANES + l);
+        const int *cell = domain->cells + 4 * e;
+        sb_real *out = job->assembly->rotated + 16 * e;
+        sb_vec3 *origin = job->force + cell[0];
+        for (int i = 0; i < 3; i++)
+            out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
+        for (int k = 0; k < 9; k++)
+            out[3 + k] = h[k][l];
+        out[12] = lambda[l];
+        out[13] = mu[l];
+        origin->x -= f[0][l] + f[3][l] + f[6][l];
+        origin->y -= f[1][l] + f[4][l] + f[7][l];
+        origin->z -= f[2][l] + f[5][l] + f[8][l];
+        for (int a = 0; a < 3; a++) {
+            sb_vec3 *node = job->force + cell[a + 1];
+            node->x += f[3 * a][l];
+            node->y += f[3 * a + 1][l];
+            node->z += f[3 * a + 2][l];
+        }
+    }
+}
+
+static void sbi_batch_force(sbi_assembly_job *job, int begin, int end)
+{
+    sbi_assembly *assembly = job->assembly;
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++) {
+        const sb_real(*g)[SB_POLAR_LANES] = (const sb_real(*)[SB_POLAR_LANES])(assembly->batch_gradients +
+                                                                     (size_t)batch * 9 * SB_POLAR_LANES);
+        sb_real(*quats)[SB_POLAR_LANES] = (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES);
+        sb_real d[9][SB_POLAR_LANES], f[9][SB_POLAR_LANES], r[9][SB_POLAR_LANES], h[9][SB_POLAR_LANES];
+        sb_real lambda[SB_POLAR_LANES], mu[SB_POLAR_LANES];
+        sbi_batch_gather(assembly->domain, batch, job->u, d);
+        sbi_batch_moduli(assembly, batch, lambda, mu);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                for (int l = 0; l < SB_POLAR_LANES; l++)
+                    f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] +
+                                      d[3 + i][l] * g[3 + j][l] + d[6 + i][l] * g[6 + j][l];
+        sb_polar_batch(f, quats, r);
+        sbi_batch_stress((const sb_real(*)[SB_POLAR_LANES])r, lambda, mu, f);
+        sbi_batch_apply((const sb_real(*)[SB_POLAR_LANES])r, g, h);
+        sbi_batch_apply((const sb_real(*)[SB_POLAR_LANES])f, g, d);
+        sbi_batch_scatter(job, batch, (const sb_real(*)[SB_POLAR_LANES])d, (const sb_real(*)[SB_POLAR_LANES])h, lambda, mu);
+    }
+}
+
+enum { SBI_ROWS_PER_TASK = 128 };
+
+/* Blocks above the diagonal in some rows, and their transposes below it:
+ * K_ij = sum over the cells of edge ij of w (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I). */
+static void sbi_edge_rows(void *user, int index)
+{
+    const sbi_assembly_job *job = (const sbi_assembly_job *)user;
+    const sbi_assembly *assembly = job->assembly;
+    sb_matrix *matrix = job->matrix;
+    int begin = index * SBI_ROWS_PER_TASK;
+    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    for (int row = begin; row < end; row++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++) {
+            sb_real l[9] = {0}, m[9] = {0}; /* sums of w lambda h_a h_b^T and w mu h_a h_b^T */
+            sb_real *upper = matrix->blocks[k], *lower = matrix->blocks[matrix->transpose[k]];
+            for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
+                int pair = assembly->pairs[p];
+                const sb_real *h = assembly->rotated + 16 * (size_t)(pair >> 4);
+                const sb_real *a = h + 3 * (pair >> 2 & 3), *b = h + 3 * (pair & 3);
+                for (int i = 0; i < 3; i++)
+                    for (int j = 0; j < 3; j++) {
+                        sb_real product = a[i] * b[j];
+                        l[3 * i + j] += h[12] * product;
+                        m[3 * i + j] += h[13] * product;
+                    }
+            }
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    sb_real dot = i == j ? m[0] + m[4] + m[8] : (sb_real)0;
+                    upper[3 * i + j] = lower[3 * j + i] = job->factor * (l[3 * i + j] + m[3 * j + i] + dot);
+                }
+        }
+}
+
+/* Diagonal blocks: a rigid translation costs nothing, so K_ii = - sum over j != i of K_ij. */
+static void sbi_edge_diagonals(void *user, int index)
+{
+    const sbi_assembly_job *job = (const sbi_assembly_job *)user;
+    sb_matrix *matrix = job->matrix;
+    int begin = index * SBI_ROWS_PER_TASK;
+    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    for (int row = begin; row < end; row++) {
+        sb_real sum[9] = {0}, *out = matrix->blocks[matrix->diagonal[row]];
+        for (int k = matrix->row_start[row]; k < matrix->row_start[row + 1]; k++)
+            if (k != matrix->diagonal[row])
+                for (int c = 0; c < 9; c++)
+                    sum[c] -= matrix->blocks[k][c];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                out[3 * i + j] = (sb_real)0.5 * (sum[3 * i + j] + sum[3 * j + i]);
+    }
+}
+
+/* ---- instances per element type ---- */
+
+#define SBI_EACH_ELEMENT(CALL)                                                                                  \
+    switch (domain->element_type) {                                                                             \
+    case SB_TET4: CALL(4, 1, 0); break;                                                                         \
+    case SB_TET10:                                                                                              \
+        if (domain->points_per_cell != 4) {                                                                     \
+            CALL(10, domain->points_per_cell, domain->single_rotation);                                         \
+        } else if (domain->single_rotation) {                                                                   \
+            CALL(10, 4, 1);                                                                                     \
+        } else {                                                                                                \
+            CALL(10, 4, 0);                                                                                     \
+        }                                                                                                       \
+        break;                                                                                                  \
+    case SB_HEX8: CALL(8, 8, 0); break;                                                                         \
+    default: CALL(domain->nodes_per_cell, domain->points_per_cell, 0); break;                                   \
+    }
+
+static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
+{
+    const sb_domain *domain = job->assembly->domain;
+    if (job->assembly->batched) {
+        sbi_batch_force(job, begin, end);
+        return -1;
+    }
+#define SBI_CALL(n, q, single) return sbi_chunk_force(job, begin, end, n, q, single)
+    SBI_EACH_ELEMENT(SBI_CALL)
+#undef SBI_CALL
+    return -1;
+}
+
+static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end)
+{
+    const sb_domain *domain = job->assembly->domain;
+#define SBI_CALL(n, q, single) return sbi_chunk_tangent(job, begin, end, n, q, single)
+    SBI_EACH_ELEMENT(SBI_CALL)
+#undef SBI_CALL
+    return -1;
+}
+
+static int sbi_chunk_energy_any(const sbi_assembly_job *job, int begin, int end, sb_real *sum)
+{
+    const sb_domain *domain = job->assembly->domain;
+#define SBI_CALL(n, q, single) return sbi_chunk_energy(job, begin, end, n, q, single, sum)
+    SBI_EACH_ELEMENT(SBI_CALL)
+#undef SBI_CALL
+    return -1;
+}
+#undef SBI_EACH_ELEMENT
+
+static void sbi_assembly_chunk(void *user, int index)
+{
+    sbi_assembly_job *job = (sbi_assembly_job *)user;
+    sbi_assembly *assembly = job->assembly;
+    int chunk = job->chunks[index], begin = chunk * assembly->chunk_size;
+    int end = sbi_assembly_chunk_end(assembly, chunk), bad = -1;
+    switch (job->work) {
+    case SBI_WORK_FORCE: bad = sbi_chunk_force_any(job, begin, end); break;
+    case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
+    case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
+    }
+    assembly->chunk_bad_cell[chunk] = bad;
+}
+
+/* ---- entry points ---- */
+
+SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
+                                        const int *cell_material)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
+    assembly->materials = materials;
+    assembly->cell_material = cell_material;
+    assembly->batched = domain->element_type == SB_TET4;
+    assembly->energy_unit = 0;
+    for (size_t p = 0; p < points; p++) {
+        const sb_material *material = materials + cell_material[p / (size_t)domain->points_per_cell];
+        assembly->energy_unit += domain->weights[p] * (material->lambda + 2 * material->mu);
+    }
+    for (int i = 0; i < material_count; i++)
+        if (materials[i].model != SB_COROTATED)
+            assembly->batched = 0;
+}
+
+static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assembly_work work, const sb_vec3 *u)
+{
+    sbi_assembly_job job;
+    memset(&job, 0, sizeof job);
+    job.assembly = assembly;
+    job.work = work;
+    job.u = u;
+    job.factor = 1;
+    job.kind = SB_TANGENT_EXACT;
+    return job;
+}
+
+SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_FORCE, u);
+    job.force = force;
+    memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
+    return sbi_assembly_run(&job);
+}
+
+SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                 sb_matrix *matrix)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
+    job.kind = kind;
+    job.factor = factor;
+    job.matrix = matrix;
+    if (assembly->batched && kind == SB_TANGENT_QUASI) {
+        int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
+        sbi_run(assembly->jobs, sbi_edge_rows, &job, tasks);
+        sbi_run(assembly->jobs, sbi_edge_diagonals, &job, tasks);
+        return -1;
+    }
+    memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
+    return sbi_assembly_run(&job);
+}
+
+SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_ENERGY, u);
+    int bad = sbi_assembly_run(&job);
+    sb_real sum = 0;
+    for (int c = 0; c < assembly->chunk_count; c++)
+        sum += assembly->chunk_energy[c];
+    *energy = sum;
+    return bad;
+}
+
+SBI_API int sbi_assembly_point(const sbi_assembly *assembly, const sb_vec3 *u, int cell, int point, sb_mat3 *f,
+                               sb_mat3 *p)
+{
+    const sb_domain *domain = assembly->domain;
+    const sb_material *material = assembly->materials + assembly->cell_material[cell];
+    int q = domain->points_per_cell;
+    const sb_quat *start = assembly->rotations + (size_t)cell * (size_t)q;
+    sb_mat3 all[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
+    sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
+    for (int i = 0; i < q; i++)
+        rotation[i] = start[i];
+    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, all);
+    if (!sbi_cell_stresses(domain, material, cell, u, all, q, domain->single_rotation, rotation, stress))
+        return 0;
+    *f = all[point];
+    *p = stress[point];
+    return 1;
+}

@@ -1,0 +1,60 @@
+/* assembly: loops over integration points (energy, internal force, tangent). Floor 2, internal.
+ *
+ * Work is cut into chunks of neighbouring cells. Chunks that share a node get different colours; colours run one
+ * after the other and the chunks of a colour in any order on any threads, so sums form in the same order whatever
+ * the number of threads. Chunk size depends on the number of cells only. */
+#ifndef SB_ASSEMBLY_H
+#define SB_ASSEMBLY_H
+
+#include "domain.h"
+#include "material.h"
+#include "sparse.h"
+
+typedef struct sbi_assembly {
+    const sb_domain *domain;
+    const sb_material *materials;  /* [material_count] */
+    const int *cell_material;      /* [cell_count] index into materials */
+    const sb_jobs *jobs;
+    sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                                    * size of the moduli, so this times epsilon is their rounding error */
+    int batched;                   /* tet4 with every material corotated: the batched loops hold */
+    sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    int chunk_size, chunk_count;
+    int colour_count;
+    int *colour_start;             /* [colour_count + 1] into colour_chunks */
+    int *colour_chunks;            /* [chunk_count] */
+    sb_real *chunk_energy;         /* [chunk_count] (J) */
+    int *chunk_bad_cell;           /* [chunk_count] first cell with an inadmissible F, or -1 */
+
+    /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
+    sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
+    sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
+    sb_real *rotated;              /* [cell_count][16]: R g_a of 4 nodes, w lambda, w mu, 0, 0 */
+    int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
+    int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
+} sbi_assembly;
+
+/* Takes the arrays that the domain and the matrix pattern ask for from the arena (measuring or for real). */
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
+/* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
+SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
+/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. */
+SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
+                                        const int *cell_material);
+/* Forgets the warm starts: rotations become the identity. */
+SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly);
+
+/* force[node_count] (N) = internal force at displacements u (m); updates the rotations. Returns -1, or the first
+ * cell whose F the material does not admit (then `force` is unusable). */
+SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force);
+/* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
+SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                 sb_matrix *matrix);
+/* *energy (J) = elastic energy at u; returns -1 or the first inadmissible cell. Rotations stay as they are. */
+SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
+/* F and P of one point at u. Returns 0 when the material does not admit F (P untouched), else 1. */
+SBI_API int sbi_assembly_point(const sbi_assembly *assembly, const sb_vec3 *u, int cell, int point, sb_mat3 *f,
+                               sb_mat3 *p);
+
+#endif /* SB_ASSEMBLY_H */

@@ -1,0 +1,157 @@
+/* body: a mesh with material, supports, loads and state. Floor 3. */
+#ifndef SB_BODY_H
+#define SB_BODY_H
+
+#include "domain.h"
+#include "material.h"
+#include "pcg.h"
+#include "precond.h"
+
+typedef struct sb_body sb_body;
+
+/* Means "let the library choose" where a def or an option says so. */
+enum { SB_AUTO = -1 };
+
+typedef enum sb_integrator {
+    SB_EULER = 1,  /* implicit Euler: first order, damps, never gains energy; for trainers */
+    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps energy; for studies */
+} sb_integrator;
+
+/* The material of one region of the mesh. */
+typedef struct sb_region_material {
+    int region;           /* value in mesh.regions */
+    sb_material material;
+} sb_region_material;
+
+/* What a body is made from. Start from sb_default_body_def(), set mesh and material, change what you like. */
+typedef struct sb_body_def {
+    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only */
+    sb_material material;             /* of every region that region_materials does not name */
+    const sb_region_material *region_materials; /* [region_material_count] or NULL */
+    int region_material_count;
+    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO */
+    int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
+    sb_mass_kind mass;                /* default SB_MASS_LUMPED */
+    sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
+    sb_vec3 gravity;                  /* m/s^2; default 0 */
+    sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
+    sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
+    sb_precond_kind preconditioner;   /* default SB_PRECOND_AUTO */
+    sb_real tolerance;                /* of a step's linear solve, |r| / |b|, in (0, 1); default 1e-3 */
+    int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
+    int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
+                                       * SB_AUTO (default): 1 for linear and corotated, 20 for other materials */
+    sb_real newton_tolerance;         /* relative residual of a step with several iterations; default 1e-6 */
+    sb_allocator allocator;           /* default malloc */
+    sb_jobs jobs;                     /* default inline */
+    sb_clock clock;                   /* for sb_step_info's times; default NULL */
+    unsigned cookie;                  /* set by sb_default_body_def; a def made without it is refused */
+} sb_body_def;
+
+SB_API sb_body_def sb_default_body_def(void);
+
+/* Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is
+ * untouched and the error says what is wrong: SB_ERROR_ARGUMENT (field named), SB_ERROR_MESH (element named),
+ * SB_ERROR_MATERIAL, SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
+SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error);
+SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
+
+/* ---- sizes ---- */
+SB_API int sb_body_node_count(const sb_body *body);
+SB_API int sb_body_element_count(const sb_body *body);
+SB_API int sb_body_point_count(const sb_body *body); /* integration points per element */
+SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
+
+/* ---- properties: may change between steps ----
+ * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
+ * steps take several iterations (SB_ERROR_MEMORY). */
+SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error); /* all regions */
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
+                                             sb_error *error);
+SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
+SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
+/* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
+SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
+
+/* ---- supports ----
+ * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
+ * exactly. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
+ * remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. */
+/* Holds the given axes where the nodes are now. */
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
+/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
+/* Supported axes of every node as bits, [node_count]. */
+SB_API const unsigned char *sb_body_supports(const sb_body *body);
+
+/* ---- loads: dead loads that stay until cleared ---- */
+/* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
+/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
+ * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
+                                      sb_vec3 traction, sb_error *error);
+SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity stays */
+
+/* ---- state ---- */
+SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
+SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
+SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
+/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. */
+SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
+SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
+/* Back to the reference shape at rest; supports, loads and materials stay. */
+SB_API void sb_body_reset(sb_body *body);
+
+/* ---- readings: no allocation ---- */
+/* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
+ * loads it balances the rate of momentum. [node_count], valid until the next solve. */
+SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
+/* All loads of the last solve (gravity, forces, tractions) as nodal forces (N), [node_count]. */
+SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
+typedef struct sb_energy {
+    sb_real elastic;    /* J */
+    sb_real kinetic;    /* J */
+} sb_energy;
+SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
+/* Total mass (kg) and momentum (kg m/s). */
+SB_API sb_real sb_body_mass(const sb_body *body);
+SB_API sb_vec3 sb_body_momentum(const sb_body *body);
+/* Cauchy stress (Pa) at an integration point of an element, from the current state. SB_ERROR_INDEX,
+ * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
+SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
+/* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
+SB_API void sb_body_von_mises(const sb_body *body, sb_real *values);
+/* The same as nodal averages weighted by volume, for colouring; values[node_count]. */
+SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
+
+/* ---- set-up check ---- */
+/* What looks wrong, as bits of sb_check_report.warnings. */
+enum {
+    SB_CHECK_SIZE = 1,           /* bounding box over 10 m or under 1 mm: units? */
+    SB_CHECK_DENSITY = 2,        /* a density outside 100 .. 10,000 kg/m^3: units? */
+    SB_CHECK_STIFFNESS = 4,      /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
+    SB_CHECK_SLIVERS = 8,        /* elements of quality under 0.1 */
+    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 */
+    SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
+    SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
+    SB_CHECK_COMPONENTS = 128    /* more than one connected part */
+};
+typedef struct sb_check_report {
+    unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
+    sb_real size;                /* diagonal of the bounding box (m) */
+    sb_real worst_quality;       /* of any element, 1 is regular */
+    int worst_element;
+    int sliver_count;
+    int unreferenced_count;
+    int component_count;
+    int unsupported_component_node; /* a node of the first unsupported part, or -1 */
+} sb_check_report;
+SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);
+/* One sentence about one SB_CHECK_ bit; never NULL. */
+SB_API const char *sb_check_string(unsigned warning);
+
+#endif /* SB_BODY_H */

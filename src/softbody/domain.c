@@ -1,0 +1,215 @@
+/* domain: integration points from elements. */
+#include "domain.h"
+
+#include <string.h>
+
+SB_API void sb_domain_free(sb_domain *domain)
+{
+    sb_allocator allocator = domain->allocator;
+    sbi_free(&allocator, domain->cells);
+    sbi_free(&allocator, domain->gradients);
+    sbi_free(&allocator, domain->weights);
+    sbi_free(&allocator, domain->corner_gradients);
+    memset(domain, 0, sizeof *domain);
+}
+
+/* Je_ij = sum_a X_a,i dN_a/dxi_j */
+static sb_mat3 sbi_domain_jacobian(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3])
+{
+    sb_mat3 jacobian = sb_m3_zero();
+    for (int a = 0; a < node_count; a++)
+        for (int j = 0; j < 3; j++) {
+            sb_real d = local_gradient[a][j];
+            jacobian.m[0][j] += x[a].x * d;
+            jacobian.m[1][j] += x[a].y * d;
+            jacobian.m[2][j] += x[a].z * d;
+        }
+    return jacobian;
+}
+
+/* Gradients g_a = Je^-T dN_a/dxi at one point; returns det Je. */
+static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3],
+                                sb_real *gradient)
+{
+    sb_mat3 jacobian = sbi_domain_jacobian(node_count, x, local_gradient);
+    sb_real det = sb_m3_det(jacobian);
+    if (det > 0) {
+        sb_mat3 inverse_transpose = sb_m3_scale((sb_real)1 / det, sb_m3_cofactor(jacobian));
+        for (int a = 0; a < node_count; a++) {
+            const sb_real *d = local_gradient[a];
+            sb_vec3 g = sb_m3_apply(inverse_transpose, sb_v3(d[0], d[1], d[2]));
+            gradient[3 * a] = g.x;
+            gradient[3 * a + 1] = g.y;
+            gradient[3 * a + 2] = g.z;
+        }
+    }
+    return det;
+}
+
+/* 1 when a mid-edge node of a tet10 stands off the middle of its edge by more than rounding. */
+static int sbi_domain_tet10_is_curved(const sb_vec3 *x)
+{
+    for (int e = 0; e < 6; e++) {
+        int ends[3];
+        sb_element_edge(SB_TET10, e, ends);
+        sb_vec3 a = x[ends[0]], b = x[ends[1]], mid = x[ends[2]];
+        sb_vec3 offset = sb_v3_sub(mid, sb_v3_scale((sb_real)0.5, sb_v3_add(a, b)));
+        sb_real reach = sb_max(sb_v3_norm(sb_v3_sub(b, a)), SB_EPSILON * (sb_v3_norm(a) + sb_v3_norm(b)));
+        if (sb_v3_norm(offset) > (sb_real)1e-5 * reach)
+            return 1;
+    }
+    return 0;
+}
+
+static void sbi_domain_gather(const sb_mesh *mesh, int element, int node_count, sb_vec3 *x)
+{
+    const int *nodes = mesh->elements + (size_t)element * (size_t)node_count;
+    for (int a = 0; a < node_count; a++)
+        x[a] = mesh->nodes[nodes[a]];
+}
+
+static int sbi_domain_has_curved_side(const sb_mesh *mesh)
+{
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    if (mesh->element_type != SB_TET10)
+        return 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        sbi_domain_gather(mesh, e, 10, x);
+        if (sbi_domain_tet10_is_curved(x))
+            return 1;
+    }
+    return 0;
+}
+
+/* Fills weights and gradients of every cell; the arrays are there. */
+static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
+    int n = domain->nodes_per_cell, q = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    for (int p = 0; p < q; p++)
+        sb_element_shape(mesh->element_type, points[p], NULL, local[p]);
+    for (int e = 0; e < mesh->element_count; e++) {
+        sb_vec3 x[SB_MAX_ELEMENT_NODES];
+        sbi_domain_gather(mesh, e, n, x);
+        for (int p = 0; p < q; p++) {
+            size_t at = (size_t)e * (size_t)q + (size_t)p;
+            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
+            if (!(det > 0))
+                return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                        "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
+                                        (double)det);
+            domain->weights[at] = det * weights[p];
+        }
+        if (domain->single_rotation) {
+            sb_real tet4_gradient[4][3], centre[3] = {(sb_real)0.25, (sb_real)0.25, (sb_real)0.25};
+            sb_element_shape(SB_TET4, centre, NULL, tet4_gradient);
+            if (!(sbi_domain_point(4, x, (const sb_real(*)[3])tet4_gradient,
+                                   domain->corner_gradients + (size_t)e * 12) > 0))
+                return sbi_fail_element(error, SB_ERROR_MESH, e, "the corners of element %d span no volume", e);
+        }
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_domain_allocate(const sb_mesh *mesh, const sb_allocator *allocator, sb_domain *domain,
+                                     sb_error *error)
+{
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t cells = (size_t)mesh->element_count;
+    if (allocator)
+        domain->allocator = *allocator;
+    domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    if (domain->single_rotation)
+        domain->corner_gradients = (sb_real *)sbi_alloc(allocator, cells, 12 * sizeof(sb_real));
+    if (!domain->cells || !domain->gradients || !domain->weights ||
+        (domain->single_rotation && !domain->corner_gradients))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d elements",
+                        mesh->element_count);
+    memcpy(domain->cells, mesh->elements, cells * n * sizeof(int));
+    return SB_OK;
+}
+
+SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
+                                  const sb_allocator *allocator, sb_domain *domain, sb_error *error)
+{
+    sb_domain made;
+    sb_quadrature_kind kind = SB_QUADRATURE_STIFFNESS;
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_result result;
+    memset(&made, 0, sizeof made);
+    if (!mesh || !domain)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_domain_create needs a mesh and a domain");
+    result = sb_mesh_validate(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) != 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (single_rotation && mesh->element_type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (integration == SB_INTEGRATION_CURVED ||
+        (integration == SB_INTEGRATION_AUTO && sbi_domain_has_curved_side(mesh)))
+        kind = SB_QUADRATURE_STIFFNESS_CURVED;
+    made.element_type = mesh->element_type;
+    made.single_rotation = single_rotation != 0;
+    made.node_count = mesh->node_count;
+    made.cell_count = mesh->element_count;
+    made.nodes_per_cell = sb_element_node_count(mesh->element_type);
+    made.points_per_cell = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    result = sbi_domain_allocate(mesh, allocator, &made, error);
+    if (result == SB_OK)
+        result = sbi_domain_fill(mesh, kind, &made, error);
+    if (result != SB_OK) {
+        sb_domain_free(&made);
+        return result;
+    }
+    *domain = made;
+    return SB_OK;
+}
+
+/* ---- mass ---- */
+
+/* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
+static sb_real sbi_domain_integrate_mass(sb_element_type type, sb_quadrature_kind kind, const sb_vec3 *x,
+                                         sb_real *mass, sb_real *load)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    int n = sb_element_node_count(type), q = sb_element_quadrature(type, kind, points, weights);
+    sb_real volume = 0;
+    memset(mass, 0, (size_t)(n * n) * sizeof *mass);
+    memset(load, 0, (size_t)n * sizeof *load);
+    for (int p = 0; p < q; p++) {
+        sb_element_shape(type, points[p], shape, local);
+        sb_real w = weights[p] * sb_m3_det(sbi_domain_jacobian(n, x, (const sb_real(*)[3])local));
+        volume += w;
+        for (int a = 0; a < n; a++) {
+            load[a] += w * shape[a];
+            for (int b = 0; b < n; b++)
+                mass[a * n + b] += w * shape[a] * shape[b];
+        }
+    }
+    return volume;
+}
+
+SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                              sb_real *volume_load)
+{
+    sb_real load[SB_MAX_ELEMENT_NODES];
+    int n = sb_element_node_count(type);
+    sb_real volume = sbi_domain_integrate_mass(type, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
+    if (kind == SB_MASS_REDUCED)
+        sbi_domain_integrate_mass(type, SB_QUADRATURE_STIFFNESS, x, mass, load);
+    if (kind == SB_MASS_LUMPED) {
+        sb_real trace = 0;
+        for (int a = 0; a < n; a++)
+            trace += mass[a * n + a];
+        for (int a = 0; a < n; a++)
+            for (int b = 0; b < n; b++)
+                mass[a * n + b] = a == b ? mass[a * n + a] * volume / trace : 0;
+    }
+}

@@ -1,0 +1,57 @@
+/* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
+#ifndef SB_DOMAIN_H
+#define SB_DOMAIN_H
+
+#include "element.h"
+#include "mesh.h"
+
+/* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
+ * and the reference gradients (1/m) of the cell's shape functions. With these
+ *     F = I + sum_a u_a (x) grad N_a,   f_a += w P grad N_a,   K_ab += w grad N_a . dP/dF . grad N_b
+ * serve every element, and whatever else can name its nodes, weights and gradients. */
+typedef struct sb_domain {
+    sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
+    int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
+    int node_count;
+    int cell_count;
+    int nodes_per_cell;
+    int points_per_cell;
+    int *cells;                   /* [cell_count][nodes_per_cell] */
+    sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
+    sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
+    sb_real *corner_gradients;    /* [cell_count][4][3] of the straight corner tet (1/m), or NULL */
+    sb_allocator allocator;
+} sb_domain;
+
+/* How a domain integrates its elements. */
+typedef enum sb_integration {
+    SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
+    SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2 points */
+    SB_INTEGRATION_CURVED = 2  /* tet10 8 points (degree 3); other elements as standard */
+} sb_integration;
+
+/* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
+ * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
+ * SB_ERROR_ARGUMENT for a surface mesh or single_rotation on another element, SB_ERROR_MEMORY; *domain is then
+ * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
+SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
+                                  const sb_allocator *allocator, sb_domain *domain, sb_error *error);
+
+/* Releases the arrays and leaves zeros; {0} is fine. */
+SB_API void sb_domain_free(sb_domain *domain);
+
+/* Mass matrices of an element at unit density. */
+typedef enum sb_mass_kind {
+    SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976) */
+    SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
+    SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do */
+} sb_mass_kind;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
+ * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
+SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                              sb_real *volume_load);
+#endif
+
+#endif /* SB_DOMAIN_H */

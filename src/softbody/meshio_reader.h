@@ -1,0 +1,192 @@
+/* meshio_reader: what all mesh formats share, internal. A bounded reader that counts lines, exact number
+ * parsing, and the loader that gathers nodes and cells of any kind. Part of the room meshio. */
+#ifndef SB_MESHIO_READER_H
+#define SB_MESHIO_READER_H
+
+#include "meshio.h"
+
+/* ---- numbers ---------------------------------------------------------------------------------------
+ * strtod obeys the locale: where the decimal point is a comma it reads "0.5" as 0 and stops. These do not;
+ * and all `length` characters must belong to the number. Both return 1, 0 (not a number) or -1. */
+
+/* [+-]digits; -1: does not fit. */
+SBI_API int sbi_parse_integer(const char *text, size_t length, int64_t *value);
+/* [+-]digits[.digits][e[+-]digits], rounded correctly; -1: nan or infinite, as a word or by overflow. */
+SBI_API int sbi_parse_real(const char *text, size_t length, double *value);
+
+/* ---- reader ------------------------------------------------------------------------------------------- */
+
+typedef struct sbi_reader {
+    const char *data;
+    size_t size;
+    size_t at;         /* next byte, <= size */
+    int line;          /* line of data[at], from 1 */
+    int binary;        /* errors give the byte offset instead of the line */
+    int big_endian;    /* byte order of the binary numbers */
+    char comment;      /* character that starts a comment to the end of the line, or 0 */
+    int continuation;  /* 1: a backslash at the end of a line joins the next one */
+    int node, element; /* what is being read, for errors; -1: nothing */
+    const char *name;  /* of the file */
+    sb_error *error;
+} sbi_reader;
+
+/* A word of the file: characters up to the next blank. */
+typedef struct sbi_word {
+    const char *text;
+    size_t length;
+} sbi_word;
+
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
+                             sb_error *error);
+/* Fills the reader's error with file, line or byte offset, node and element; returns result. */
+SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 3, 4)))
+#endif
+    ;
+/* Copies a path into the error, cut at the front when it is too long. */
+SBI_API void sbi_error_set_file(sb_error *error, const char *name);
+
+SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
+/* Steps over blanks; 1 when the line or the file ends here. */
+SBI_API int sbi_reader_at_line_end(sbi_reader *reader);
+/* Steps over the rest of the line. */
+SBI_API void sbi_reader_next_line(sbi_reader *reader);
+/* The next word, on this line or on a later one; 0 at the end of the file. */
+SBI_API int sbi_reader_word(sbi_reader *reader, sbi_word *word);
+/* The next word on this line; 0 at its end. */
+SBI_API int sbi_reader_line_word(sbi_reader *reader, sbi_word *word);
+/* sbi_reader_word without moving. */
+SBI_API int sbi_reader_peek(const sbi_reader *reader, sbi_word *word);
+/* 1 when the word is `text`, whatever the case of its letters. */
+SBI_API int sbi_word_is(sbi_word word, const char *text);
+/* The word as a string for messages, cut to the buffer, strange characters replaced; returns buffer. */
+SBI_API const char *sbi_word_print(sbi_word word, char buffer[32]);
+
+/* The next word as a number; `what` names it in errors. */
+SBI_API sb_result sbi_reader_integer(sbi_reader *reader, const char *what, int64_t *value);
+SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *value);
+/* A number of things that take at least `bytes` bytes each of what is left of the file: more than fit is
+ * an error, so that memory may be taken for them. bytes 0: unchecked. At most INT_MAX. */
+SBI_API sb_result sbi_reader_count(sbi_reader *reader, const char *what, size_t bytes, int *count);
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
+                                         size_t bytes, int *count);
+/* Steps over `count` words. */
+SBI_API sb_result sbi_reader_skip_words(sbi_reader *reader, size_t count, const char *what);
+
+/* The next `count` * `size` bytes, or NULL with an error when there are fewer. */
+SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size,
+                                              const char *what);
+/* Binary numbers in the reader's byte order. */
+SBI_API uint64_t sbi_decode_bits(const sbi_reader *reader, const unsigned char *bytes, int size);
+SBI_API int64_t sbi_decode_signed(const sbi_reader *reader, const unsigned char *bytes, int size);
+SBI_API double sbi_decode_float(const sbi_reader *reader, const unsigned char *bytes, int size);
+
+/* Sorts `order` [count], stably, by before(context, a, b); scratch [count]. Merging, so that no input is
+ * slow. */
+typedef int (*sbi_before)(const void *context, int a, int b);
+SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context);
+
+/* ---- cells ---------------------------------------------------------------------------------------- */
+
+/* Rows of the table of cell kinds that the code names; the others are found by a format's own number. */
+enum { SBI_CELL_TRI3 = 0, SBI_CELL_QUAD4 = 1, SBI_CELL_TET4 = 2, SBI_CELL_TET10 = 3, SBI_CELL_KINDS = 55 };
+
+/* How a format lists the nodes of a cell, against ours (VTK's). */
+typedef enum sbi_node_order {
+    SBI_ORDER_SAME = 0,
+    SBI_ORDER_PIXEL = 1, /* VTK's pixel: rows instead of round */
+    SBI_ORDER_VOXEL = 2,
+    SBI_ORDER_GMSH_TET10 = 3 /* the last two mid-edge nodes exchanged */
+} sbi_node_order;
+
+/* A kind of cell that some format knows. New element types: fill in `type` (and the order, if it is not
+ * VTK's). */
+typedef struct sbi_cell_kind {
+    char name[24];
+    sb_element_type type; /* SB_NO_ELEMENT: this library has no such element */
+    int dimension;
+    int nodes;     /* 0: any number */
+    int vtk, gmsh; /* number of the kind in these formats; -1: none */
+    sbi_node_order vtk_order, gmsh_order;
+} sbi_cell_kind;
+SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind);
+/* Row of a format's number, or -1. */
+SBI_API int sbi_cell_kind_of_vtk(int64_t number);
+SBI_API int sbi_cell_kind_of_gmsh(int64_t number);
+
+/* ---- loader --------------------------------------------------------------------------------------- */
+
+/* A cell that may become an element; its nodes lie in `indices`, one cell after the other. */
+typedef struct sbi_cell {
+    int kind;
+    int source; /* its number in the file; several triangles may come from one polygon */
+    int region;
+} sbi_cell;
+
+/* Everything gathered from a file. */
+typedef struct sbi_loader {
+    sbi_reader reader;
+    sb_allocator allocator;
+    double scale;
+    sb_vec3 *nodes;
+    size_t node_count, node_capacity;
+    int *indices;
+    size_t index_count, index_capacity;
+    sbi_cell *cells; /* surface and volume cells of supported types */
+    size_t cell_count, cell_capacity;
+    int *scratch; /* nodes of the cell being read */
+    size_t scratch_count, scratch_capacity;
+    int *source_regions; /* [source_count] regions by number in the file, or NULL: see sbi_cell */
+    int source_count;    /* cells met in the file */
+    int kind_count[SBI_CELL_KINDS];
+    int kind_line[SBI_CELL_KINDS]; /* where the kind was met first */
+    int kind_first[SBI_CELL_KINDS];
+    int split_polygons, merged_vertices, skipped_cells;
+} sbi_loader;
+
+SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options, sb_error *error);
+SBI_API void sbi_loader_free(sbi_loader *loader);
+
+/* An array for at least `needed` items with the `used` first ones of `old`, which is freed; NULL without
+ * memory (old stays). Grows geometrically. */
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
+                              size_t needed, size_t item);
+SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader);
+
+/* Takes memory for `count` more nodes, of which the caller knows that the file can hold them. */
+SBI_API sb_result sbi_loader_reserve_nodes(sbi_loader *loader, int count);
+/* Appends a node, scaled; a coordinate that is not finite or does not fit is an error. */
+SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3]);
+/* Reads three words as a node. */
+SBI_API sb_result sbi_loader_read_node(sbi_loader *loader);
+
+/* A cell: begin, then its nodes as numbered in the file (`base` is the first node's number), then end. */
+SBI_API void sbi_loader_begin_cell(sbi_loader *loader);
+SBI_API sb_result sbi_loader_cell_node(sbi_loader *loader, int64_t number, int64_t base);
+SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_order order, int region);
+/* Ends a cell that is a polygon: one tri3 or a fan of them. */
+SBI_API sb_result sbi_loader_end_polygon(sbi_loader *loader, int region);
+/* Ends a cell that is a strip of triangles, each with the last two nodes of the one before. */
+SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region);
+
+/* Makes the mesh of the cells with the highest dimension; its nodes are the loader's. Does not check
+ * geometry. */
+SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh);
+
+/* ---- formats ---------------------------------------------------------------------------------------
+ * Each reads the whole file that the loader's reader holds into the loader. */
+SBI_API sb_result sbi_vtk_read(sbi_loader *loader);
+SBI_API sb_result sbi_gmsh_read(sbi_loader *loader);
+SBI_API sb_result sbi_obj_read(sbi_loader *loader);
+SBI_API sb_result sbi_stl_read(sbi_loader *loader);
+SBI_API sb_result sbi_ply_read(sbi_loader *loader);
+SBI_API sb_result sbi_off_read(sbi_loader *loader);
+/* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
+ * the first node. */
+SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base);
+SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base);
+/* 1 when the size is that of a binary STL file with the count it claims. */
+SBI_API int sbi_stl_is_binary(const char *data, size_t size);
+
+#endif /* SB_MESHIO_READER_H */

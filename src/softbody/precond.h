@@ -1,0 +1,85 @@
+/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, each with a coarse
+ * space of rigid motions. Floor 2. */
+#ifndef SB_PRECOND_H
+#define SB_PRECOND_H
+
+#include "dense.h"
+#include "sparse.h"
+
+/* What smooths: z = M^-1 r of one application. */
+typedef enum sb_precond_kind {
+    SB_PRECOND_NONE = 0,         /* z = r */
+    SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
+    SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
+    SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
+    SB_PRECOND_AUTO = 4          /* the library's choice: SB_PRECOND_IC0 */
+} sb_precond_kind;
+
+enum { SB_PRECOND_PIECES_AUTO = -1 };
+
+typedef struct sb_preconditioner_def {
+    sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
+    const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+} sb_preconditioner_def;
+
+/* What a preconditioner resolved to and how its last update went. */
+typedef struct sb_preconditioner_info {
+    sb_precond_kind kind; /* never SB_PRECOND_AUTO */
+    int piece_count;      /* rigid pieces in use, 0: no coarse space */
+    int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
+    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive */
+    size_t bytes;         /* memory held */
+} sb_preconditioner_info;
+
+/* The preconditioner of one matrix pattern. The smoother works in single precision: it only has to point the
+ * right way, and it is memory that limits its speed.
+ *
+ * The coarse space. Smoothers are blind to motions that vary slowly over the mesh, and those are what gravity
+ * and a tool cause. So the nodes are cut into compact pieces, each free to move rigidly (6 unknowns), and the
+ * piece motions Q = Z (Z^T A Z)^-1 Z^T are solved exactly around every smoothing:
+ *     z = S r + Q (r - A S r)          [A-DEF2 of Tang, Nabben, Vuik, Erlangga 2009]
+ * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first
+ * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
+typedef struct sb_preconditioner sb_preconditioner;
+
+/* The defaults named at the fields. */
+SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
+
+/* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
+ * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *out stays. */
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error);
+SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
+
+/* Takes over the values of a symmetric matrix of the pattern; allocates nothing.
+ * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
+ * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
+ * block is not positive definite or no diagonal shift up to 1 makes the incomplete factor exist. After an
+ * error the preconditioner must be updated again before use.
+ * An IC0 that breaks down starts again with a larger diagonal (at most 11 times), keeps that shift for the
+ * following updates, and after a run of successful ones tries half of it. */
+SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
+                                          const sb_vec3 *positions, sb_error *error);
+
+/* z = M^-1 r; both [row_count][3], not overlapping. Uses the preconditioner's scratch: one call at a time. */
+SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z);
+
+SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner);
+
+/* ---- internal ------------------------------------------------------------------------------------------ */
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
+ * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
+SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+/* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
+                                     double size);
+/* Rows of the pattern it was made for. */
+SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
+#endif
+
+#endif /* SB_PRECOND_H */

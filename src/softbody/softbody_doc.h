@@ -1,0 +1,180 @@
+/*
+ * softbody.h - soft-tissue physics for surgical trainers and image-guided surgery, in one header.
+ *
+ * Loads a volume mesh of an organ (or makes one), gives it a material, moves it in real time or finds its
+ * equilibrium, and lets you read forces and stresses. C99 or C++11, libc and libm, nothing else.
+ *
+ * HOW TO INCLUDE
+ *
+ * In one C or C++ file:
+ *
+ *     #define SB_IMPLEMENTATION
+ *     #include "softbody.h"
+ *
+ * and in all others only the second line. Link with -lm. Optimise (-O2 or -O3, and -march=native or your target's
+ * vector flags if you can): the loops are written to be vectorised.
+ *
+ * OPTIONS (define before including, the same in every file)
+ *
+ *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
+ *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
+ *                        file that includes the header then.
+ *     SB_ELEMENT         SB_TET4, SB_TET10 or SB_HEX8: compile the loops of this element only. Other elements are
+ *                        refused with SB_ERROR_UNSUPPORTED. Default: all.
+ *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
+ *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
+ *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
+ *
+ * WHAT IT DOES NOT DO
+ *
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra. A
+ * linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
+ *
+ * A FIRST PROGRAM
+ *
+ * A beam, clamped at one end, sags under its weight; then the same as a static solve:
+ *
+ *     ```c
+ *     #define SB_IMPLEMENTATION
+ *     #include "softbody.h"
+ *     #include <stdio.h>
+ *
+ *     static int fail(const sb_error *error)
+ *     {
+ *         fprintf(stderr, "%s: %s\n", sb_result_string(error->result), error->message);
+ *         return 1;
+ *     }
+ *
+ *     int main(void)
+ *     {
+ *         sb_mesh mesh = {0};
+ *         sb_error error;
+ *         if (sb_mesh_beam(SB_TET10, 10, 3, 3, sb_v3(0.2, 0.06, 0.06), NULL, &mesh, &error) != SB_OK)
+ *             return fail(&error);
+ *
+ *         sb_body_def def = sb_default_body_def();
+ *         def.mesh = &mesh;
+ *         def.material = sb_material_corotated(50e3, 0.45, 1000);   // E (Pa), Poisson's ratio, density (kg/m^3)
+ *         def.gravity = sb_v3(0, 0, -9.81);
+ *         def.damping_stiffness = 0.02;                             // Rayleigh beta (s)
+ *         sb_body *body = NULL;
+ *         if (sb_body_create(&def, &body, &error) != SB_OK)
+ *             return fail(&error);
+ *
+ *         for (int i = 0; i < mesh.node_count; i++)                 // clamp the end at x = 0
+ *             if (mesh.nodes[i].x < 1e-9 && sb_body_fix_nodes(body, &i, 1, SB_XYZ) != SB_OK)
+ *                 return 1;
+ *
+ *         sb_step_info info;
+ *         for (int frame = 0; frame < 60; frame++)
+ *             if (sb_body_step(body, 1.0 / 60, &info) != SB_OK)
+ *                 return fail(&info.error);
+ *         int tip = mesh.node_count - 1;
+ *         printf("after a second: %.2f mm\n", 1e3 * sb_body_displacements(body)[tip].z);
+ *
+ *         if (sb_body_solve_static(body, NULL, &info) != SB_OK)
+ *             return fail(&info.error);
+ *         printf("at rest: %.2f mm after %d Newton iterations\n", 1e3 * sb_body_displacements(body)[tip].z,
+ *                info.newton_iterations);
+ *         sb_body_destroy(body);
+ *         sb_mesh_free(&mesh);
+ *         return 0;
+ *     }
+ *     ```
+ *
+ * CONCEPTS
+ *
+ * Units are SI: metre, kilogram, second, newton, pascal. Files in millimetres: sb_load_options.scale = 0.001.
+ *
+ * sb_mesh      nodes and elements of one type: tet4, tet10, hex8 (volumes), tri3, tri6, quad4 (surfaces), with
+ *              VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them (sb_mesh_beam, _cylinder,
+ *              _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ * sb_material  a model and its parameters; made by sb_material_corotated() and others.
+ * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
+ * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
+ *
+ * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
+ * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
+ * sb_material_neo_hookean, _neo_hookean_isochoric and _svk to agree with textbooks and industrial solvers.
+ *
+ * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
+ * incompressibility (nu above 0.49); hex8 for structured blocks. def.single_rotation makes tet10 cheaper.
+ *
+ * An organ from a file, held at its top, pulled by a tool, its force read:
+ *
+ *     ```c fragment
+ *     sb_mesh organ = {0};
+ *     sb_error error;
+ *     if (sb_mesh_load(&organ, "liver.vtk", NULL, &error) != SB_OK) {
+ *         fprintf(stderr, "%s:%d: %s\n", error.file, error.line, error.message);
+ *         return 1;
+ *     }
+ *     sb_mesh_reorder(&organ, NULL, NULL, NULL);          // better cache use, fewer iterations
+ *
+ *     sb_body_def def = sb_default_body_def();
+ *     def.mesh = &organ;
+ *     def.material = sb_material_stable_neo_hookean(5e3, 0.45, 1060);
+ *     sb_body *body = NULL;
+ *     if (sb_body_create(&def, &body, &error) != SB_OK)
+ *         return 1;
+ *
+ *     sb_check_report report;                             // units, slivers, missing supports?
+ *     sb_body_check(body, &report);
+ *     for (unsigned bit = 1; bit <= SB_CHECK_COMPONENTS; bit <<= 1)
+ *         if (report.warnings & bit)
+ *             fprintf(stderr, "warning: %s\n", sb_check_string(bit));
+ *
+ *     sb_vec3 low, high;
+ *     sb_mesh_bounds(&organ, &low, &high);
+ *     int tool = 0;                                       // the lowest node is what the tool grips
+ *     for (int i = 0; i < organ.node_count; i++) {
+ *         if (organ.nodes[i].z > low.z + (sb_real)0.9 * (high.z - low.z))
+ *             sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+ *         if (organ.nodes[i].z < organ.nodes[tool].z)
+ *             tool = i;
+ *     }
+ *     for (int frame = 0; frame < 30; frame++) {
+ *         sb_vec3 pull = sb_v3(0, 0, (sb_real)(-0.0003 * frame));
+ *         sb_step_info info;
+ *         sb_body_prescribe(body, &tool, 1, SB_XYZ, &pull, 1);
+ *         if (sb_body_step(body, (sb_real)(1.0 / 60), &info) != SB_OK)
+ *             fprintf(stderr, "frame %d: %s\n", frame, info.error.message);   // the step was undone; go on
+ *     }
+ *     sb_vec3 force = sb_body_reactions(body)[tool];      // what the tool exerts on the organ (N)
+ *     printf("pulling with %.3f N\n", -(double)force.z);
+ *
+ *     sb_field field = {"displacement", SB_FIELD_NODES, 3, &sb_body_displacements(body)[0].x};
+ *     sb_mesh_save_vtk("pulled.vtk", &organ, &field, 1, NULL);
+ *     sb_body_destroy(body);
+ *     sb_mesh_free(&organ);
+ *     ```
+ *
+ * ERRORS
+ *
+ * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
+ * then, and fill an optional sb_error: a sentence with file and line, element or node. Nothing prints, exits or
+ * aborts. A step that fails is undone: the body is as before the call and can go on.
+ *
+ * MEMORY
+ *
+ * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
+ * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
+ * nothing leaks.
+ *
+ * THREADS
+ *
+ * No globals. Different objects may be used from different threads; one object by one thread at a time. A body's own
+ * loops spread over the threads behind def.jobs: give it your job system's run function, or sb_jobs_openmp().
+ *
+ * DETERMINISM
+ *
+ * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
+ * IEEE arithmetic without contraction: clang is told so here; with gcc compile as -std=c99 or -ffp-contract=off where
+ * fused multiply-add exists (the header asks for it where it can).
+ *
+ * REFERENCE
+ *
+ * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
+ * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step.
+ */

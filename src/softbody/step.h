@@ -1,0 +1,61 @@
+/* step: time steps and static solves of a body. Floor 3. */
+#ifndef SB_STEP_H
+#define SB_STEP_H
+
+#include "body.h"
+
+/* What a step or a static solve did. Every field is written by every call, failed ones too. */
+typedef struct sb_step_info {
+    int newton_iterations;    /* linear systems solved */
+    int pcg_iterations;       /* of all of them together */
+    int load_steps;           /* static: load increments that converged; a time step: 1 */
+    sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
+    sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
+                               * step (max_newton 1): |b - A x| / |b| of its linear solve */
+    int capped;               /* 1: an iteration cap was hit and the best state so far was taken */
+    double seconds_force;     /* with a clock, otherwise 0: rotations and internal forces, */
+    double seconds_tangent;   /* assembly, */
+    double seconds_precond;   /* preconditioner set-up, */
+    double seconds_solve;     /* conjugate gradients, */
+    double seconds_total;     /* and the whole call */
+    sb_error error;           /* result, message, element or node when the call failed */
+} sb_step_info;
+
+/* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
+ *
+ * With max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the
+ * result is taken even when max_iterations cut the linear solve short (info->capped). With more iterations each is
+ * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
+ * no energy there.
+ *
+ * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
+ * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
+ * go on. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
+
+/* How a static solve goes about its work. Start from sb_default_static_options(). */
+typedef struct sb_static_options {
+    int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
+                               * default 1 */
+    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6 */
+    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30 */
+    int max_iterations;       /* of each linear solve, >= 1; default 20000 */
+    int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
+                               * returns to where it was */
+    void (*progress)(void *user, const sb_step_info *info); /* after each increment, or NULL */
+    void *progress_user;
+    unsigned cookie;          /* set by sb_default_static_options */
+} sb_static_options;
+
+SB_API sb_static_options sb_default_static_options(void);
+
+/* Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
+ * definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the
+ * loads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.
+ *
+ * Errors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element
+ * that would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times. */
+SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info);
+
+#endif /* SB_STEP_H */

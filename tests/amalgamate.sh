@@ -1,0 +1,62 @@
+#!/bin/sh
+# The rules of src/amalgamate.c: what must fail does, says why, and leaves the output alone.
+#
+#     tests/amalgamate.sh TOOL FOLDER        from the root; ends with `N passed, N failed, N skipped`
+tool=$(pwd)/$1 folder=$2
+passed=0 failed=0
+rm -rf "$folder"
+mkdir -p "$folder/src/room"
+cd "$folder" || exit 1
+
+report() {
+    if [ "$1" = 0 ]; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        echo "FAILED: $2"
+    fi
+}
+fresh() { # a small library that is right
+    rm -f src/room/* product.h
+    echo "A licence" >LICENCE
+    printf '%s\n' '#ifndef A_H' '#define A_H' '#define A_VERSION_STRING "1.2.3"' '#include <stddef.h>' \
+        '#define A_API extern' '/* A_API int a_comment(void); */' 'A_API int' '    a_one(void);' '#endif' >src/room/a.h
+    printf '%s\r\n' '  #  include "a.h"' '/* kept:' '#include "a.h"' '*/ static const char *text = "/*";' \
+        '#include "a.h"' 'A_API int a_one(void) { return *text; }' >src/room/a.c
+    printf '%s\n' '# a comment' 'output product.h' 'title  A library' 'version a.h A_VERSION_STRING' 'licence LICENCE' \
+        'names names.h A_REAL A_API' 'section top' 'section declarations PRODUCT_H' 'names.h' 'a.h' \
+        'section implementation A_IMPLEMENTATION' 'a.c' 'section bottom' >src/room/manifest.txt
+}
+run() { "$tool" src/room/manifest.txt src/room/* 2>message.txt; }
+refuses() { # refuses NAME TEXT: the tool fails, says TEXT and leaves the output as it was
+    echo "old" >product.h
+    ! run && grep -q "$2" message.txt && [ "$(cat product.h)" = old ] && [ ! -e product.h.tmp ]
+    report $? "$1: $(cat message.txt)"
+}
+
+fresh
+run && head -n 1 product.h | grep -q '^/\* product.h 1.2.3: A library$' && grep -q 'src/room/' product.h
+report $? "first lines"
+[ "$(grep -c '#include "a.h"' product.h)" = 1 ] && grep -q '#include <stddef.h>' product.h
+report $? "local includes go, the rest stays"
+! grep -q "$(printf '\r')" product.h && [ "$(tail -n 2 product.h | head -n 1)" = "A licence" ]
+report $? "line ends and licence"
+[ "$(grep -c '^/\* ==== src/room/a\.[ch] ==== \*/$' product.h)" = 2 ]
+report $? "markers"
+[ "$(grep '#define a_' src/room/names.h)" = "#define a_one a_one_f32" ]
+report $? "names"
+cp product.h first.h && run && cmp -s first.h product.h
+report $? "the same input gives the same bytes"
+
+fresh && rm src/room/a.c && refuses "missing part" "src/room/a.c: cannot be opened"
+fresh && echo "a.c" >>src/room/manifest.txt && refuses "part named twice" "a.c is named twice"
+fresh && touch src/room/b.c && refuses "part forgotten" "src/room/b.c is in the folder"
+fresh && echo '#include "b.h"' >>src/room/a.c && refuses "include of no part" "a.c:7: includes b.h, which is no part"
+fresh && echo '#include "a.c"' >>src/room/a.h && refuses "include of a higher floor" "a.h:10: includes a.c, which stands"
+fresh && sed -i 's/1.2.3//; s/_STRING ""/ 1/' src/room/a.h && refuses "no version" "no #define A_VERSION_STRING"
+fresh && rm LICENCE && refuses "no licence" "LICENCE: cannot be opened"
+fresh && echo 'section cellar' >>src/room/manifest.txt && refuses "unknown section" "manifest.txt:14: no such section"
+fresh && echo 'what is this' >>src/room/manifest.txt && refuses "unknown words" "manifest.txt:14: cannot be understood"
+
+echo "$passed passed, $failed failed, 0 skipped"
+[ "$failed" = 0 ]

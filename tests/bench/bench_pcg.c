@@ -1,0 +1,252 @@
+/* bench_pcg: the linear system of one implicit step of a cantilever under gravity, solved with every
+ * preconditioner. Prints one line per kind: name, dof, pieces of the coarse space, set-up ms (median), and
+ * per tolerance iterations and ms of the solve (medians of up to 21 runs, fewer where they take long).
+ * Asserts nothing. */
+#define SB_IMPLEMENTATION
+#include "softbody.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static double seconds(void)
+{
+    struct timespec t;
+    timespec_get(&t, TIME_UTC);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- the system ---- */
+
+typedef struct beam {
+    int nodes, tets, corners; /* corners: nodes of an element, 4 or 10 */
+    int *cells;
+    sb_vec3 *positions;
+    unsigned char *mask;
+    sb_matrix matrix;
+    sb_real *rhs, *x;
+} beam;
+
+static const double beam_size[3] = {0.2, 0.06, 0.06};
+static const int edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+
+/* Six tetrahedra per cube; n counts cubes. Nodes of quadratic elements lie on the grid of half the size. */
+static void beam_mesh(beam *b, const int *n, int corners)
+{
+    static const int paths[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+    int half = corners == 10 ? 2 : 1, points[3];
+    for (int axis = 0; axis < 3; axis++)
+        points[axis] = half * n[axis] + 1;
+    b->corners = corners;
+    b->nodes = points[0] * points[1] * points[2];
+    b->tets = 6 * n[0] * n[1] * n[2];
+    b->cells = (int *)malloc(sizeof(int) * (size_t)corners * (size_t)b->tets);
+    b->positions = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)b->nodes);
+    b->mask = (unsigned char *)calloc((size_t)b->nodes, 1);
+    for (int node = 0; node < b->nodes; node++) {
+        int at[3] = {node / (points[1] * points[2]), node / points[2] % points[1], node % points[2]};
+        b->positions[node] = sb_v3((sb_real)(beam_size[0] * at[0] / (points[0] - 1)),
+                                   (sb_real)(beam_size[1] * at[1] / (points[1] - 1)),
+                                   (sb_real)(beam_size[2] * at[2] / (points[2] - 1)));
+        b->mask[node] = at[0] == 0 ? SB_XYZ : 0;
+    }
+    for (int t = 0; t < b->tets; t++) {
+        int cube = t / 6, *out = b->cells + (size_t)corners * (size_t)t, grid[4][3];
+        int at[3] = {cube / (n[1] * n[2]), cube / n[2] % n[1], cube % n[2]};
+        for (int v = 0; v < 4; v++) {
+            for (int axis = 0; axis < 3; axis++)
+                grid[v][axis] = half * at[axis];
+            out[v] = (grid[v][0] * points[1] + grid[v][1]) * points[2] + grid[v][2];
+            at[v < 3 ? paths[t % 6][v] : 0]++;
+        }
+        for (int e = 0; e < corners - 4; e++) {
+            int middle[3];
+            for (int axis = 0; axis < 3; axis++)
+                middle[axis] = (grid[edges[e][0]][axis] + grid[edges[e][1]][axis]) / 2;
+            out[4 + e] = (middle[0] * points[1] + middle[1]) * points[2] + middle[2];
+        }
+    }
+}
+
+/* Gradients of the barycentric coordinates; returns the volume. */
+static double tet_gradients(const sb_vec3 *positions, const int *tet, double g[4][3])
+{
+    double d[3][3], det;
+    for (int c = 0; c < 3; c++) {
+        sb_vec3 edge = sb_v3_sub(positions[tet[c + 1]], positions[tet[0]]);
+        d[0][c] = (double)edge.x, d[1][c] = (double)edge.y, d[2][c] = (double)edge.z;
+    }
+    for (int c = 0; c < 3; c++)
+        for (int r = 0; r < 3; r++)
+            g[c + 1][r] = d[(r + 1) % 3][(c + 1) % 3] * d[(r + 2) % 3][(c + 2) % 3] -
+                          d[(r + 1) % 3][(c + 2) % 3] * d[(r + 2) % 3][(c + 1) % 3];
+    det = d[0][0] * g[1][0] + d[1][0] * g[1][1] + d[2][0] * g[1][2];
+    for (int r = 0; r < 3; r++) {
+        for (int a = 1; a < 4; a++)
+            g[a][r] /= det;
+        g[0][r] = -g[1][r] - g[2][r] - g[3][r];
+    }
+    return (det < 0 ? -det : det) / 6;
+}
+
+/* Shape gradients at quadrature point q of 4 (linear elements: the same everywhere). */
+static void shape_gradients(int corners, double g[4][3], int q, double out[10][3])
+{
+    double at[4];
+    for (int k = 0; k < 4; k++)
+        at[k] = k == q ? 0.5854101966249685 : 0.1381966011250105;
+    for (int r = 0; r < 3; r++) {
+        for (int k = 0; k < 4; k++)
+            out[k][r] = corners == 4 ? g[k][r] : (4 * at[k] - 1) * g[k][r];
+        for (int e = 0; e < corners - 4; e++)
+            out[4 + e][r] = 4 * (at[edges[e][0]] * g[edges[e][1]][r] + at[edges[e][1]] * g[edges[e][0]][r]);
+    }
+}
+
+/* block += factor (lambda a b^T + mu b a^T + mu a.b I) */
+static void add_block(sb_real *block, const double *a, const double *b, double factor, double lambda,
+                      double mu)
+{
+    double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            block[3 * r + c] +=
+                (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
+}
+
+/* Linear elasticity: M / dt^2 + (1 + beta / dt) K with lumped masses, gravity on the right. */
+static void beam_assemble(beam *b, double young, double poisson)
+{
+    const double density = 1000, dt = 0.01, beta = 0.02;
+    double lambda = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), mu = young / (2 * (1 + poisson));
+    sb_error error;
+    if (sb_matrix_create(b->nodes, b->tets, b->corners, NULL, b->cells, NULL, &b->matrix, &error))
+        exit(1);
+    b->rhs = (sb_real *)calloc(3 * (size_t)b->nodes, sizeof(sb_real));
+    b->x = (sb_real *)calloc(3 * (size_t)b->nodes, sizeof(sb_real));
+    for (int t = 0; t < b->tets; t++) {
+        const int *tet = b->cells + (size_t)b->corners * (size_t)t;
+        double g[4][3], shape[10][3], volume = tet_gradients(b->positions, tet, g);
+        for (int q = 0; q < 4; q++) {
+            shape_gradients(b->corners, g, q, shape);
+            for (int i = 0; i < b->corners; i++)
+                for (int j = 0; j < b->corners; j++)
+                    add_block(b->matrix.blocks[sb_matrix_find(&b->matrix, tet[i], tet[j])], shape[i],
+                              shape[j], (1 + beta / dt) * volume / 4, lambda, mu);
+        }
+        for (int i = 0; i < b->corners; i++) {
+            double mass = density * volume * (b->corners == 4 ? 1.0 / 4 : i < 4 ? 1.0 / 36 : 4.0 / 27);
+            for (int r = 0; r < 3; r++)
+                b->matrix.blocks[b->matrix.diagonal[tet[i]]][4 * r] += (sb_real)(mass / (dt * dt));
+            b->rhs[3 * (size_t)tet[i] + 2] -= (sb_real)(9.81 * mass);
+        }
+    }
+    sb_matrix_constrain(&b->matrix, b->mask, NULL, b->rhs);
+}
+
+static void beam_free(beam *b)
+{
+    sb_matrix_free(&b->matrix);
+    free(b->cells);
+    free(b->positions);
+    free(b->mask);
+    free(b->rhs);
+    free(b->x);
+}
+
+/* ---- timing ---- */
+
+static int ascending(const void *a, const void *b)
+{
+    double d = *(const double *)a - *(const double *)b;
+    return d < 0 ? -1 : d > 0;
+}
+
+enum { REPEATS = 21 };
+
+static double median(double *times, int count)
+{
+    qsort(times, (size_t)count, sizeof *times, ascending);
+    return times[count / 2];
+}
+
+static void bench_kind(const char *mesh, beam *b, sb_precond_kind kind, int pieces, const sb_jobs *jobs)
+{
+    static const char *const names[] = {"none", "jacobi", "ssor", "ic0"};
+    static const double tolerances[3] = {1e-2, 1e-5, 1e-8};
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_preconditioner *preconditioner = NULL;
+    sb_preconditioner_info resolved;
+    sb_pcg_workspace workspace;
+    sb_pcg_info info;
+    sb_error error;
+    double times[REPEATS], began;
+    int count;
+    def.kind = kind;
+    def.positions = b->positions;
+    def.piece_count = pieces;
+    if (sb_preconditioner_create(&def, &b->matrix, NULL, &preconditioner, &error) ||
+        sb_pcg_workspace_create(b->nodes, NULL, &workspace, &error) ||
+        sb_preconditioner_update(preconditioner, &b->matrix, NULL, &error)) {
+        printf("%s %s: %s\n", mesh, names[kind], error.message);
+        exit(1);
+    }
+    began = seconds();
+    for (count = 0; count < REPEATS && (count == 0 || seconds() - began < 1); count++) {
+        double start = seconds();
+        sb_preconditioner_update(preconditioner, &b->matrix, b->positions, &error);
+        times[count] = 1e3 * (seconds() - start);
+    }
+    resolved = sb_preconditioner_get_info(preconditioner);
+    printf("%-14s %-6s dof %6d pieces %2d shift %-6g bytes %9lu setup %7.3f ms", mesh, names[kind],
+           3 * b->nodes, resolved.piece_count, resolved.shift, (unsigned long)resolved.bytes,
+           median(times, count));
+    options.jobs = jobs;
+    options.max_iterations = 5000;
+    for (int t = 0; t < (SB_REAL_IS_FLOAT ? 2 : 3); t++) {
+        sb_result result = SB_OK;
+        options.tolerance = tolerances[t];
+        began = seconds();
+        for (count = 0; count < REPEATS && (count == 0 || seconds() - began < 1); count++) {
+            double start = seconds();
+            memset(b->x, 0, 3 * (size_t)b->nodes * sizeof(sb_real));
+            result = sb_pcg_solve(&b->matrix, preconditioner, b->rhs, b->x, &options, &workspace, &info);
+            times[count] = 1e3 * (seconds() - start);
+        }
+        printf("  %g: %4d it %8.3f ms%s", tolerances[t], info.iterations, median(times, count),
+               result == SB_OK ? "" : sb_result_string(result));
+    }
+    printf("\n");
+    sb_pcg_workspace_free(&workspace);
+    sb_preconditioner_free(preconditioner);
+}
+
+/* Arguments: Poisson's ratio (0.45), then numbers of pieces to try. */
+int main(int argc, char **argv)
+{
+    static const struct {
+        const char *name;
+        int corners, cubes[3];
+    } cases[3] = {{"beam_tet4_13k", 4, {22, 10, 10}},
+                  {"beam_tet10_9k", 10, {15, 10, 10}},
+                  {"beam_tet4_106k", 4, {44, 20, 20}}};
+    sb_jobs jobs = {NULL, NULL};
+#if defined(SB_USE_OPENMP)
+    jobs = sb_jobs_openmp();
+#endif
+    for (int m = 0; m < 3; m++) {
+        beam b;
+        beam_mesh(&b, cases[m].cubes, cases[m].corners);
+        beam_assemble(&b, 50e3, argc > 1 ? atof(argv[1]) : 0.45);
+        for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_IC0; kind++) {
+            bench_kind(cases[m].name, &b, (sb_precond_kind)kind, 0, &jobs);
+            for (int k = 2; k < argc; k++)
+                bench_kind(cases[m].name, &b, (sb_precond_kind)kind, atoi(argv[k]), &jobs);
+            bench_kind(cases[m].name, &b, (sb_precond_kind)kind, SB_PRECOND_PIECES_AUTO, &jobs);
+        }
+        beam_free(&b);
+    }
+    return 0;
+}

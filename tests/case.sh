@@ -1,0 +1,329 @@
+#!/bin/sh
+# Tests of the case runner as a program: what it refuses, what it writes, its exit status.
+#
+#     tests/case.sh PROGRAM FOLDER [SHARED]        works in FOLDER, which is made new
+#
+# Ends with `N passed, N failed, N skipped`.
+case $1 in /*) program=$1 ;; *) program=$(pwd)/$1 ;; esac
+folder=$2
+shared=${3:-$(pwd)/../shared}
+passed=0 failed=0 skipped=0
+rm -rf "$folder" && mkdir -p "$folder/case/out" && cd "$folder/case" || exit 1
+
+# A unit cube as one hex8, its x = 0, y = 0, z = 0 and z = 1 sides; a tet10; a surface.
+mesh() { # mesh POINTS CELL_COUNT CELL_SIZES CELLS TYPES
+    printf '# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\n'
+    printf '%s\nCELLS %s %s\n%s\nCELL_TYPES %s\n%s\n' "$1" "$2" "$3" "$4" "$2" "$5"
+}
+cube='POINTS 8 double 0 0 0 1 0 0 1 1 0 0 1 0 0 0 1 1 0 1 1 1 1 0 1 1'
+tet='POINTS 10 double 0 0 0 1 0 0 0 1 0 0 0 1 .5 0 0 .5 .5 0 0 .5 0 0 0 .5 .5 0 .5 0 .5 .5'
+mesh "$cube" 1 9 '8 0 1 2 3 4 5 6 7' 12 >cube.vtk
+{ cat cube.vtk && printf 'CELL_DATA 1\nSCALARS region int 1\nLOOKUP_TABLE default\n7\n'; } >region7.vtk
+mesh "$tet" 1 11 '10 0 1 2 3 4 5 6 7 8 9' 24 >tet10.vtk
+mesh "$cube" 1 4 '3 0 1 2' 5 >surface.vtk
+mesh "$cube" 1 21 '20 0 1 2 3 4 5 6 7 0 1 2 3 4 5 6 7 0 1 2 3' 25 >hex20.vtk
+printf '0\n3\n4\n7\n' >x0
+printf '0\n1\n4\n5\n' >y0
+printf '0\n1\n2\n3\n' >z0
+printf '# the top\n4\n5\n\n6\n7\n' >z1
+printf '0\n1\n2\n' >z0tet
+echo '4 5 6 7' >top
+echo '0 1 2' >side
+echo '0 1 5 6' >notaface
+printf '4 5 6 7\n7 6 5 4\n' >twice
+: >empty
+printf '0\n8\n' >range
+printf '0\n1.5\n' >fraction
+printf '0\n0\n' >double
+printf '0 1\n' >two
+printf '4 0 0 -0.1\n5 0 0 -0.1\n6 0 0 -0.1\n7 0 0 -0.1\n' >moves
+printf '4 0 0 nan\n' >nan
+printf '4 0 0\n' >short
+printf '\0' >binary
+
+material='material linear E=1000 nu=0.3 density=1000'
+symmetry='fix x nodes=x0
+fix y nodes=y0
+fix z nodes=z0'
+static='solve static steps=1 tol=1e-10'
+
+result() { # result NAME STATUS: 0 is good
+    if [ "$2" = 0 ]; then
+        passed=$((passed + 1))
+    else
+        echo "FAILED: $1"
+        sed 's/^/    /' ../stdout ../stderr
+        failed=$((failed + 1))
+    fi
+}
+run() { # run NAME [ARGUMENT...]: from FOLDER, so that inputs beside the case and outputs here are told apart
+    run_case=$1
+    shift
+    (cd .. && "$program" "case/$run_case" -p case/out/ "$@" >stdout 2>stderr)
+    run_status=$?
+}
+
+# wrong NAME LINE PATTERN <<CASE: exit 2, one message about that line, nothing written
+wrong() {
+    cat >wrong.case
+    refused "$@"
+}
+refused() {
+    run wrong.case -o case/out/all.vtk
+    [ "$run_status" = 2 ] && [ "$(wc -l <../stderr)" -eq 1 ] && [ ! -s ../stdout ] && [ -z "$(ls out)" ] &&
+        grep -q "^case/wrong.case:$2: .*$3" ../stderr
+    result "refuses $1" $?
+    rm -f out/*
+}
+# In the place of one line of a good case
+say() { printf '%s\n' "$@"; }
+wrong_mesh() {
+    say "mesh $2" "$material" "$symmetry" "$static" >wrong.case
+    refused "$1" 1 "$3"
+}
+wrong_material() {
+    say 'mesh cube.vtk' "$symmetry" "$static" "$2" >wrong.case
+    refused "$1" 6 "$3"
+}
+wrong_line() {
+    say 'mesh cube.vtk' "$material" "$symmetry" "$2" "$static" >wrong.case
+    refused "$1" 6 "$3"
+}
+wrong_solve() {
+    say 'mesh cube.vtk' "$material" "$symmetry" 'output displacement u' "$2" >wrong.case
+    refused "$1" 7 "$3"
+}
+
+wrong_mesh 'a mesh that is not there' nowhere.vtk 'nowhere.vtk'
+wrong_mesh 'a folder for a mesh' out 'out'
+wrong_mesh 'a mesh that is none' x0 'x0'
+wrong_mesh 'a surface' surface.vtk 'surface of tri3'
+wrong_mesh 'hex20' hex20.vtk 'not supported'
+wrong_mesh 'a missing word' '' 'word is missing; expected: mesh FILE'
+wrong_mesh 'a word too many' 'cube.vtk cube.vtk' 'unexpected word cube.vtk'
+
+wrong_material 'an unknown material' 'material steel E=1' "unknown material 'steel'"
+wrong_material 'no material name' 'material' 'known: linear'
+wrong_material 'a missing parameter' 'material svk E=1 nu=0.3' 'missing option density'
+wrong_material 'parameters of two laws' 'material neo_hookean E=1 nu=0.3 C10=2 density=1' 'do not go together'
+wrong_material 'an unknown parameter' 'material svk E=1 nu=0.3 density=1 G=1' 'unknown option G'
+wrong_material 'a foreign parameter' 'material svk E=1 nu=0.3 density=1 steps=1' 'no place here for option'
+wrong_material 'a parameter twice' 'material svk E=1 nu=0.3 E=1 density=1' 'E= is given twice'
+wrong_material 'a parameter without value' 'material svk E= nu=0.3 density=1' 'E= has no value'
+wrong_material 'a negative modulus' 'material svk E=-1 nu=0.3 density=1' 'E=-1 must be'
+wrong_material 'an incompressible one' 'material svk E=1 nu=0.5 density=1' 'nu=0.5 must be'
+wrong_material 'an infinite modulus' 'material svk E=inf nu=0.3 density=1' 'E=inf is no finite number'
+wrong_material 'an overflowing modulus' 'material svk E=1e999 nu=0.3 density=1' 'E=1e999 is no finite number'
+wrong_material 'letters after a number' 'material svk E=1e3Pa nu=0.3 density=1' 'E=1e3Pa is no finite number'
+wrong_material 'a bad region' 'material svk E=1 nu=0.3 density=1 region=one' 'region=one is no integer'
+wrong_material 'relaxation' 'material svk E=1 nu=0.3 density=1 g1=0.5 tau1=1' 'g1=) is not supported'
+wrong_material 'Mooney-Rivlin' 'material mooney_rivlin C10=1 C01=1 D1=1 density=1' 'not supported by'
+
+wrong_line 'an unknown statement' 'wobble 1' "unknown statement 'wobble'"
+wrong_line 'a second mesh' 'mesh cube.vtk' 'second mesh statement; the first is in line 1'
+wrong_line 'a second material' "$material" 'several materials need region='
+wrong_line 'an unknown element' 'element penta6' "unknown element 'penta6'"
+wrong_line 'an element of a later version' 'element hex8bbar' 'not supported by this version'
+wrong_line 'an element that does not fit' 'element tet10' 'does not fit the mesh'
+wrong_line 'two gravity components' 'gravity 0 0' 'word is missing; expected: gravity NUMBER NUMBER NUMBER'
+wrong_line 'a gravity of letters' 'gravity 0 0 down' "'down' is no finite number"
+wrong_line 'unknown axes' 'fix xw nodes=x0' "'xw' is not axes"
+wrong_line 'an axis twice' 'fix xx nodes=x0' "'xx' is not axes"
+wrong_line 'fix without nodes' 'fix x' 'missing option nodes'
+wrong_line 'a list that is not there' 'fix x nodes=nowhere' 'nowhere: '
+wrong_line 'a folder for a list' 'fix x nodes=out' 'out: '
+wrong_line 'an empty list' 'fix x nodes=empty' 'the list is empty'
+wrong_line 'an index out of range' 'fix x nodes=range' 'range:2: node 8 is not in the mesh'
+wrong_line 'an index that is none' 'fix x nodes=fraction' "fraction:2: '1.5' is no node index"
+wrong_line 'a node twice' 'fix x nodes=double' 'double:2: node 0 is listed twice'
+wrong_line 'two indices on a line' 'fix x nodes=two' 'two:1: the line holds more'
+wrong_line 'a zero byte' 'fix x nodes=binary' 'not a text file'
+wrong_line 'contradicting supports' 'prescribe z nodes=z0 value=0,0,1' 'axis z of node 0 is already held'
+wrong_line 'two numbers for a vector' 'prescribe z nodes=z1 value=0,0' 'must be three finite numbers'
+wrong_line 'four numbers for a vector' 'prescribe z nodes=z1 value=0,0,0,0' 'must be three finite numbers'
+wrong_line 'a NaN in a list' 'prescribe z file=nan' 'nan:1: the line must hold'
+wrong_line 'a short line in a list' 'force file=short' 'short:1: the line must hold'
+wrong_line 'nodes= and file=' 'force nodes=z1 file=moves' 'do not go together'
+wrong_line 'a ramp in a static case' 'prescribe z nodes=z1 value=0,0,1 ramp=1' 'ramp= is for dynamic'
+wrong_line 'a face that is none' 'traction faces=notaface value=0,0,1' 'notaface:1: these 4 nodes are no face'
+wrong_line 'a face of three nodes' 'traction faces=side value=0,0,1' 'side:1: these 3 nodes are no face'
+wrong_line 'a face twice' 'traction faces=twice value=0,0,1' 'twice:2: the face is listed twice'
+wrong_line 'pressure' 'pressure faces=top value=1' 'pressure is not supported by this version'
+wrong_line 'springs' 'spring file=moves' 'spring is not supported by this version'
+wrong_line 'an unknown output' 'output colour u' "unknown output 'colour'"
+wrong_line 'an output without file' 'output reaction' 'word is missing'
+wrong_line 'a probe out of range' 'output probe 8 u' 'node 8 is not in the mesh'
+wrong_line 'frequencies' 'output frequencies f' 'not supported by this version'
+wrong_line 'an output into nowhere' 'output reaction nowhere/r' 'cannot write'
+
+wrong_solve 'no solve' '' 'there is no solve'
+wrong_solve 'an unknown solve' 'solve quickly' "unknown solve 'quickly'; known: static euler newmark"
+wrong_solve 'no steps' 'solve static steps=0 tol=1e-3' 'steps=0 must be an integer >= 1'
+wrong_solve 'half a step' 'solve static steps=1.5 tol=1e-3' 'steps=1.5 is no integer'
+wrong_solve 'too many steps' 'solve static steps=99999999999 tol=1e-3' 'is no integer'
+wrong_solve 'no tolerance' 'solve static steps=1' 'missing option tol'
+wrong_solve 'a tolerance of 1' 'solve static steps=1 tol=1' 'tol=1 must be'
+wrong_solve 'no time step' 'solve euler end=1' 'missing option dt'
+wrong_solve 'a time step of 0' 'solve newmark dt=0 end=1' 'dt=0 must be'
+wrong_solve 'endless steps' 'solve newmark dt=1e-12 end=1' '1e9 steps'
+wrong_solve 'newton= for euler' 'solve euler dt=1 end=1 newton=2' 'no place here for option newton'
+wrong_solve 'negative damping' 'solve euler dt=1 end=1 alpha=-1' 'alpha=-1 must be'
+wrong_solve 'natural frequencies' 'solve modes count=3' 'not supported by this version'
+wrong_solve 'the explicit scheme' 'solve central dt=auto end=1' 'not supported by this version'
+
+wrong 'a second solve' 7 'second solve statement; the first is in line 6' <<END
+mesh cube.vtk
+$material
+$symmetry
+$static
+solve euler dt=1 end=1
+END
+wrong 'a region that the mesh has not' 3 'the mesh has no region 5' <<END
+mesh region7.vtk
+$material region=7
+$material region=5
+$symmetry
+$static
+END
+wrong 'a region without material' 1 'region 7 of the mesh (element 0) has no material' <<END
+mesh region7.vtk
+$material region=6
+$symmetry
+$static
+END
+wrong 'a region twice' 3 'region 7 has a material already' <<END
+mesh region7.vtk
+$material region=7
+$material region=7
+$symmetry
+$static
+END
+wrong 'a static case without supports' 3 'can move freely' <<END
+mesh cube.vtk
+$material
+$static
+END
+wrong 'one rotation with another material than corotated' 3 'needs the material corotated' <<END
+mesh tet10.vtk
+element tet10sr
+$material
+fix xyz nodes=z0tet
+$static
+END
+wrong 'two outputs into one file' 8 'line 7 already writes u' <<END
+mesh cube.vtk
+$material
+$symmetry
+$static
+output displacement u
+output reaction u
+END
+wrong 'a case without a mesh' 2 'there is no mesh' <<END
+$material
+$static
+END
+wrong 'a case without a material' 2 'there is no material' <<END
+mesh cube.vtk
+$static
+END
+printf 'mesh cube.vtk\0\n' >zero.case
+run zero.case
+[ "$run_status" = 2 ] && grep -q '^case/zero.case: it is not a text file' ../stderr
+result 'refuses a zero byte' $?
+run nowhere.case
+[ "$run_status" = 2 ] && grep -q '^case/nowhere.case: ' ../stderr
+result 'refuses a case that is not there' $?
+for arguments in '' '-o' 'a b' '--wrong' '-p x -p y a' '--mass heavy a'; do
+    (cd .. && "$program" $arguments >stdout 2>stderr)
+    [ $? = 2 ] && grep -q '^usage: case_solve' ../stderr && [ ! -s ../stdout ]
+    result "refuses the arguments '$arguments'" $?
+done
+(cd .. && "$program" --help >stdout 2>stderr) && grep -q 'prescribe AXES' ../stdout && [ ! -s ../stderr ]
+result 'helps' $?
+
+# ---- what it solves ----
+
+# good NAME CASE [ARGUMENT...]: exit 0, the one line on stdout
+good() {
+    good_name=$1
+    shift
+    run "$@"
+    [ "$run_status" = 0 ] && [ ! -s ../stderr ] && [ "$(wc -l <../stdout)" -eq 1 ] &&
+        grep -Eq '^converged steps=[0-9]+ newton=[0-9]+ pcg=[0-9]+ seconds=[0-9.]+$' ../stdout
+    result "$good_name" $?
+}
+# lines FILE COUNT [AWK CONDITION on every line]: `near(a, b)` compares to 1e-6
+lines() {
+    awk -v want="$2" "function near(a, b) { return a - b < 1e-6 && b - a < 1e-6 }
+        !(${3:-1}) { print FILENAME \": \" \$0; bad = 1 } END { exit bad || NR != want }" "out/$1" >../stdout
+    result "$1: $2 lines, ${3:-any}" $?
+    rm -f "out/$1"
+}
+
+# Uniaxial tension by 10 Pa: strain 0.01 along z, -0.003 across; read with CRLF, comments and odd blanks.
+tr '#' '\r' >tension.case <<END
+mesh	cube.vtk #
+  material linear density=1000  nu=0.3 E=1000
+fix x nodes=x0
+fix y nodes=y0
+fix z nodes=z0
+traction faces=top value=0,0,+1e1
+solve static tol=1e-10 steps=2
+output displacement u
+output reaction r
+output stress s
+output probe 6 p
+END
+good 'uniaxial tension' tension.case -o case/out/all.vtk
+lines u 8 'near($4, $1 < 4 ? 0 : 0.01) && $2 <= 0 && $3 <= 0 && near($2 * $3, $1 % 4 == 2 ? 9e-6 : 0)'
+lines r 7 '$1 > 3 || near($4, -2.5)'
+lines s 8 '$1 == 0 && $2 == NR - 1 && near($3, 0) && near($4, 0) && near($5, 10) && near($8, 0)'
+lines p 3 'near($4, 0.01 * $1) && near($2, -0.003 * $1)'
+grep -q '^VECTORS displacement' out/all.vtk && grep -q '^SCALARS von_mises' out/all.vtk
+result 'all.vtk has both fields' $?
+rm -f out/all.vtk
+
+# The same stretch in other words: a list of displacements, and nodal forces.
+say 'mesh cube.vtk' "$material" "$symmetry" 'prescribe z file=moves' "$static" 'output reaction r' >moves.case
+good 'prescribed displacements' moves.case
+lines r 8 'near($4, $1 < 4 ? 25 : -25)'
+say 'mesh cube.vtk' "$material" "$symmetry" 'force nodes=z1 value=0,0,2.5' "$static" \
+    'output displacement u' >force.case
+good 'nodal forces' force.case
+lines u 8 'near($4, $1 < 4 ? 0 : 0.01)'
+
+# Dynamics: one line per step, the last step shorter; a ramp; the element with one rotation.
+for solve in euler newmark; do
+    say 'mesh tet10.vtk' 'element tet10sr' 'material corotated E=1000 nu=0.3 density=1000' \
+        'fix xyz nodes=z0tet' 'prescribe xyz file=ramp ramp=0.2' 'gravity 0 0 -9.81' \
+        "solve $solve dt=0.1 end=0.25 tol=1e-8 alpha=0.1 beta=0.01" 'output probe 3 p' >dynamic.case
+    echo '3 0.1 0 0' >ramp
+    good "$solve" dynamic.case --mass lumped
+    lines p 4 'near($1, NR < 4 ? 0.1 * (NR - 1) : 0.25) && near($2, NR < 3 ? 0.5 * $1 : 0.1) && near($3, 0)'
+done
+
+# A solve that fails, here by pushing a cube through itself: the last converged state is written, exit 3.
+say 'mesh cube.vtk' 'material neo_hookean C10=1 D1=1 density=1' 'fix xyz nodes=z0' \
+    'prescribe xyz nodes=z1 value=0,0,-1.5' 'solve static steps=4 tol=1e-6' 'output displacement u' \
+    >crushed.case
+run crushed.case
+[ "$run_status" = 3 ] && [ ! -s ../stdout ] && grep -q '^case/crushed.case:5: the static' ../stderr
+result 'a crushed cube fails' $?
+lines u 8 '$1 < 4 ? near($4, 0) : $4 < -0.3 && $4 > -1'
+
+# ---- a reference case through the program ----
+if [ -r "$shared/reference/nh_cantilever_tet4/case.case" ]; then
+    (cd .. && "$program" "$shared/reference/nh_cantilever_tet4/case.case" -p case/out/ >stdout 2>stderr)
+    result 'nh_cantilever_tet4' $?
+    awk '/^#/ { next } NR == FNR { for (k = 2; k < 5; k++) u[$1, k] = $k; next }
+        { for (k = 2; k < 5; k++) { d += ($k - u[$1, k]) ^ 2; s += $k ^ 2 } }
+        END { print "relative difference " sqrt(d / s); exit !(d < 1e-6 * s) }' \
+        "$shared/reference/nh_cantilever_tet4/solution.txt" out/out_displacement.txt >../stdout
+    result 'nh_cantilever_tet4 agrees to 1e-3' $?
+else
+    echo 'skip: no shared folder with reference cases'
+    skipped=1
+fi
+
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" = 0 ]

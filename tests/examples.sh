@@ -1,0 +1,139 @@
+#!/bin/sh
+# Runs examples/hello.c and examples/demo.c as a user would, with good and bad arguments and files:
+#
+#     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
+#
+# Data comes from $SHARED (default ../shared); what needs it is skipped where it is missing. Ends with
+# `N passed, N failed, N skipped`.
+programs=$(cd "$1" && pwd) folder=$2
+shared=${SHARED:-../shared}
+data=$(cd "$shared/data" 2>/dev/null && pwd)
+passed=0 failed=0 skipped=0
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder" || exit 1
+
+pass() { passed=$((passed + 1)); }
+fail() {
+    echo "FAILED: $1"
+    failed=$((failed + 1))
+}
+skip() {
+    echo "skip: $1"
+    skipped=$((skipped + 1))
+}
+
+# expect STATUS PATTERN PROGRAM [ARGUMENT...]: the exit status, and a line of output or error that matches
+expect() {
+    status=$1 pattern=$2 program=$3
+    shift 3
+    "$programs/$program" "$@" >output.txt 2>&1
+    got=$?
+    if [ $got = "$status" ] && grep -q -e "$pattern" output.txt; then
+        pass
+    else
+        fail "$program $*: exit status $got, expected $status and '$pattern'"
+        tail -n 3 output.txt
+    fi
+}
+# The same when the data is there; the file is the last argument, named from the data folder.
+expect_data() {
+    status=$1 pattern=$2 program=$3 file=$4
+    shift 4
+    if [ -n "$data" ] && [ -e "$data/$file" ]; then
+        expect "$status" "$pattern" "$program" "$@" "$data/$file"
+    else
+        skip "no $file: $program $*"
+    fi
+}
+check() { # check WHAT COMMAND...: the command succeeds
+    what=$1
+    shift
+    if "$@"; then pass; else fail "$what"; fi
+}
+is_png() { # signature, header, 1280 x 960, not almost empty
+    head=$(od -An -tx1 -N26 "$1" | tr -d ' \n')
+    [ "$head" = 89504e470d0a1a0a0000000d4948445200000500000003c00802 ] && [ "$(wc -c <"$1")" -gt 50000 ]
+}
+is_frame() { # a VTK file with the three fields
+    for field in 'VECTORS displacement' 'VECTORS velocity' 'SCALARS von_mises'; do
+        grep -a -q "^$field " "$1" || return 1
+    done
+}
+is_gone() { [ ! -e "$1" ]; }
+count_frames() { ls "$1"/demo_*.vtk 2>/dev/null | wc -l | tr -d ' '; }
+
+# ---- hello ----
+expect 0 'sags by [0-9.]* mm, .*stress is [0-9]* Pa' hello
+expect_data 0 'sags by [0-9.]* mm, .*stress is [0-9]* Pa' hello volumes/liver_a_tet4_2k.vtk
+expect 1 'no-such-file.vtk' hello no-such-file.vtk
+expect_data 1 'nan_coordinate.vtk:9: ' hello bad/nan_coordinate.vtk
+expect_data 1 'volume' hello surfaces/liver_a.obj
+
+# ---- demo without a file: everything is written and named ----
+expect 0 'Hz' demo -o plain --frames 20 --every 5
+check "demo names its frames" grep -q 'plain/demo_0000.vtk' output.txt
+check "demo names its picture" grep -q 'plain/demo.png' output.txt
+check "demo says how it goes on" grep -q 'frame 20 of 20' output.txt
+check "demo.png is a picture" is_png plain/demo.png
+check "5 frames" [ "$(count_frames plain)" = 5 ]
+check "the last frame has its fields" is_frame plain/demo_0004.vtk
+check "the series names all frames" [ "$(grep -c '"name": "demo_000' plain/demo.vtk.series)" = 5 ]
+expect 0 'sags' hello plain/demo_0004.vtk
+
+# ---- demo's options ----
+expect 0 'usage: demo' demo --help
+check "help lists every option" [ "$(grep -c '^  -' output.txt)" = 13 ]
+expect 0 'Hz' demo --no-vtk -o bare --frames 20 --picture elsewhere.png
+check "--no-vtk writes no frames" [ "$(count_frames bare)" = 0 ]
+check "--picture names the picture" is_png elsewhere.png
+check "the same picture again" cmp -s elsewhere.png plain/demo.png
+expect 0 'Hz' demo -o zero --every 0 --frames 10 --material stable_neo_hookean --young 20000 --poisson 0.3 \
+    --density 1000 --dt 0.01 --threads 1
+check "--every 0 writes no frames" [ "$(count_frames zero)" = 0 ]
+
+# ---- demo with files ----
+for file in volumes/liver_a_tet4_10k.vtk volumes/liver_a_tet10_2k.msh volumes/beam_hex8.vtk; do
+    name=$(basename "$file")
+    expect_data 0 'Hz' demo "$file" -o "$name.out" --frames 20 --every 20
+    [ -d "$name.out" ] && check "$name: a picture" is_png "$name.out/demo.png"
+    [ -d "$name.out" ] && check "$name: a frame" is_frame "$name.out/demo_0001.vtk"
+done
+expect_data 0 'add --scale 0.001' demo volumes/liver_a_tet4_2k.vtk --scale 1000 --frames 10 --no-vtk -o large
+expect_data 0 '215 x 148 x 164 mm' demo volumes/liver_a_tet4_10k.vtk --scale 1 --frames 10 --no-vtk -o scaled
+
+# ---- wrong usage ----
+expect 2 '--frames needs a value' demo --frames
+expect 2 '--frames needs a whole number' demo --frames many
+expect 2 '--frames needs a whole number' demo --frames 12.5
+expect 2 '--frames needs a whole number' demo --frames 0
+expect 2 '--dt needs a number' demo --dt -1
+expect 2 '--young needs a number' demo --young nan
+expect 2 '--poisson needs a number' demo --poisson 0.5
+expect 2 'jelly is no material' demo --material jelly
+expect 2 '--speed is no option' demo --speed 3
+expect 2 'b.vtk is a second file' demo a.vtk b.vtk
+expect 2 '-o needs a value' demo -o
+
+# ---- files that cannot be read ----
+expect 2 'no-such-file.vtk' demo no-such-file.vtk
+expect_data 2 'nan_coordinate.vtk:9: ' demo bad/nan_coordinate.vtk
+expect_data 2 'inverted_tets.vtk.*element' demo bad/inverted_tets.vtk
+expect_data 2 'random_bytes.vtk' demo bad/random_bytes.vtk
+expect_data 2 'is a surface' demo surfaces/liver_a.obj
+
+# ---- what cannot be written ----
+echo "in the way" >file
+expect 2 'file/below cannot be made' demo -o file/below
+expect 2 'file' demo -o file --frames 10
+expect 2 'file/demo.png cannot be written' demo -o file --frames 10 --no-vtk
+expect 2 'no-such-folder/x.png cannot be written' demo --picture no-such-folder/x.png --frames 10 --no-vtk -o bare
+check "nothing is left of it" is_gone no-such-folder
+
+# ---- a solve that fails: so soft that its own weight crushes what must not turn inside out ----
+expect 3 'frame [0-9]*: the step failed' demo --material neo_hookean_isochoric --young 10 --dt 0.1 --frames 10 \
+    --no-vtk -o soft
+check "the element is named" grep -q 'element [0-9].*SB_ERROR' output.txt
+
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" = 0 ]

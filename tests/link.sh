@@ -1,0 +1,95 @@
+#!/bin/sh
+# How the header links: run as `tests/link.sh FOLDER` from the root, objects go to FOLDER. Compilers from GCC, CLANG,
+# GXX, OBJDUMP; a missing one is a skip. Ends with `N passed, N failed, N skipped`.
+folder=$1
+gcc=${GCC:-gcc} clang=${CLANG:-clang} gxx=${GXX:-g++} objdump=${OBJDUMP:-objdump}
+include="-I. -Itests"
+passed=0 failed=0 skipped=0
+mkdir -p "$folder"
+
+report() { # report STATUS NAME: counts a check that is good when STATUS is 0
+    if [ "$1" = 0 ]; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        echo "FAILED: $2"
+    fi
+}
+skip() {
+    skipped=$((skipped + 1))
+    echo "skip: $1"
+}
+c() { # c OBJECT SOURCE [FLAG...]
+    object=$folder/$1 source=$2
+    shift 2
+    "$gcc" -std=c99 $include -Wall -Wextra -Werror "$@" -c "$source" -o "$object"
+}
+cpp() {
+    object=$folder/$1 source=$2
+    shift 2
+    "$gxx" -std=c++11 $include -Wall -Wextra -Werror "$@" -x c++ -c "$source" -o "$object"
+}
+links() { # links NAME OBJECT...: the objects make a program that succeeds
+    name=$1
+    shift
+    (cd "$folder" && "$gxx" "$@" -lm -o program && ./program)
+    report $? "$name"
+}
+
+c implementation.o tests/implementation.c
+c implementation_float.o tests/implementation.c -DSB_REAL=float
+c declarations.o tests/link/declarations.c
+c declarations_float.o tests/link/declarations.c -DSB_REAL=float
+cpp declarations_cpp.o tests/link/declarations.c
+cpp implementation_cpp.o tests/implementation.c
+c late.o tests/link/late.c
+c static_first.o tests/link/static_first.c
+c static_second.o tests/link/static_second.c
+c both_reals.o tests/link/both_reals.c
+c both_reals_float.o tests/link/both_reals_float.c
+
+links "two units" declarations.o implementation.o
+links "two units in float" declarations_float.o implementation_float.o
+links "C++ caller, C implementation" declarations_cpp.o implementation.o
+links "C caller, C++ implementation" declarations.o implementation_cpp.o
+links "declarations before the implementation in one unit" declarations.o late.o
+links "SB_STATIC twice, two precisions" static_first.o static_second.o
+links "double and float in one program" both_reals.o both_reals_float.o implementation.o
+(cd "$folder" && "$gcc" declarations_float.o implementation.o -lm -o mismatch 2>/dev/null)
+report $((! $?)) "a float caller and a double object must not link"
+
+# Exported names: sb_ and nothing else; _f32 at the end in float and only there; none under SB_STATIC.
+exported() { nm -g --defined-only "$folder/$1" | awk '{print $3}'; }
+[ -n "$(exported implementation.o)" ] && ! exported implementation.o | grep -v '^sb_' &&
+    ! exported implementation.o | grep '_f32$'
+report $? "names exported by a double object"
+[ -n "$(exported implementation_float.o)" ] && ! exported implementation_float.o | grep -v '^sb_.*_f32$'
+report $? "names exported by a float object"
+! exported static_first.o | grep -v '^main$'
+report $? "names exported under SB_STATIC"
+
+# Writable data: no symbol in .data, .bss or a common block, in either precision.
+for object in implementation.o implementation_float.o; do
+    ! nm "$folder/$object" | grep ' [bBdDgGsSC] '
+    report $? "no writable data in $object"
+done
+
+# A product and a sum stay two roundings even where the language mode and the target allow one.
+case $(uname -m) in
+x86_64)
+    for compiler in "$gcc" "$clang"; do
+        if ! command -v "$compiler" >/dev/null; then
+            skip "no $compiler: contraction"
+            continue
+        fi
+        "$compiler" -std=gnu99 $include -O3 -mavx2 -mfma -c tests/implementation.c -o "$folder/contraction.o"
+        fused=$("$objdump" -d "$folder/contraction.o" | grep -c 'vf\(n\|\)m\(add\|sub\)')
+        [ "$fused" = 0 ] || echo "$fused fused instructions"
+        report "$fused" "no fused multiply-add from $compiler -std=gnu99 -O3 -mfma"
+    done
+    ;;
+*) skip "fused instructions are looked for on x86-64 only" ;;
+esac
+
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" = 0 ]

@@ -1,0 +1,9 @@
+/* A caller's unit: the declarations only. */
+#include "softbody.h"
+
+#include <string.h>
+
+int main(void)
+{
+    return strcmp(sb_result_string(SB_ERROR_MESH), "SB_ERROR_MESH") != 0;
+}

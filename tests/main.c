@@ -1,0 +1,95 @@
+/* main: runs the suites and ends with the line `N passed, N failed, N skipped`.
+ *
+ *     tests [FILTER...]     a FILTER is a suite (`dense`), the start of suite/test (`dense/inverse`) or the start of
+ *                           a test in any suite (`/golden`); with a minus before it, it leaves tests out
+ *
+ * suites.h is written by the Makefile: one line SUITE(name) for each CHECK_SUITE in tests/test_*.c. */
+#include <time.h>
+
+#include "check.h"
+
+#define SUITE(name) extern const check_suite check_suite_##name;
+#include "suites.h"
+#undef SUITE
+
+typedef struct totals {
+    int passed, failed, skipped;
+} totals;
+
+check_state check;
+
+static const check_suite *const suites[] = {
+#define SUITE(name) &check_suite_##name,
+#include "suites.h"
+#undef SUITE
+    NULL};
+
+static int matches(const char *filter, const check_suite *suite, const check_case *test)
+{
+    char full_name[256];
+    snprintf(full_name, sizeof full_name, "%s/%s", suite->name, test->name);
+    if (filter[0] == '/')
+        return strncmp(filter, full_name + strlen(suite->name), strlen(filter)) == 0;
+    if (strchr(filter, '/'))
+        return strncmp(filter, full_name, strlen(filter)) == 0;
+    return strcmp(filter, suite->name) == 0;
+}
+
+static int is_selected(const check_suite *suite, const check_case *test, int filter_count, char **filters)
+{
+    int wanted = 1, has_wish = 0;
+    for (int i = 0; i < filter_count; i++) {
+        if (filters[i][0] == '-') {
+            if (matches(filters[i] + 1, suite, test))
+                return 0;
+        } else {
+            wanted = (has_wish && wanted) || matches(filters[i], suite, test);
+            has_wish = 1;
+        }
+    }
+    return wanted;
+}
+
+static void run_test(const check_suite *suite, const check_case *test, totals *sum)
+{
+    check.failures = 0;
+    check.skips = 0;
+    check.test = test->name;
+    test->run();
+    if (check.failures) {
+        printf("FAILED: %s/%s\n", suite->name, test->name);
+        sum->failed++;
+    } else if (check.skips) {
+        sum->skipped++;
+    } else {
+        sum->passed++;
+    }
+    fflush(stdout);
+}
+
+static void run_suite(const check_suite *suite, int filter_count, char **filters, totals *sum)
+{
+    totals own = {0, 0, 0};
+    clock_t start = clock();
+    for (const check_case *test = suite->cases; test->name; test++)
+        if (is_selected(suite, test, filter_count, filters))
+            run_test(suite, test, &own);
+    if (own.passed + own.failed + own.skipped == 0)
+        return;
+    printf("%-16s %4d passed %3d failed %3d skipped %8.2f s\n", suite->name, own.passed, own.failed, own.skipped,
+           (double)(clock() - start) / (double)CLOCKS_PER_SEC);
+    sum->passed += own.passed;
+    sum->failed += own.failed;
+    sum->skipped += own.skipped;
+}
+
+int main(int argc, char **argv)
+{
+    totals sum = {0, 0, 0};
+    for (int i = 0; suites[i]; i++)
+        run_suite(suites[i], argc - 1, argv + 1, &sum);
+    if (sum.passed + sum.failed + sum.skipped == 0)
+        printf("no test has such a name\n");
+    printf("%d passed, %d failed, %d skipped\n", sum.passed, sum.failed, sum.skipped);
+    return sum.failed != 0 || sum.passed + sum.failed + sum.skipped == 0;
+}

@@ -1,0 +1,69 @@
+#!/bin/sh
+# Compiles and runs the programs that the documentation shows:
+#
+#     tests/snippets.sh FOLDER LIBRARY.o FILE...       from the root; CC and CFLAGS from the environment
+#
+# In each FILE (a C header's comment or Markdown) a snippet starts after a line that ends in ```c and goes to the next
+# line with ```. The blanks and the comment's star before the opening fence are taken off every line. After ```c the
+# snippet is a whole program; after ```c fragment it is the inside of the program in tests/snippets/fragment.c.
+# A snippet must compile without a warning and return 0, in a folder where tests/snippets/prepare.c has put its
+# files. Ends with `N passed, N failed, N skipped`.
+folder=$1 library=$2
+shift 2
+cc=${CC:-cc}
+warnings="-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Werror"
+passed=0 failed=0
+root=$(pwd)
+rm -rf "$folder"
+mkdir -p "$folder"
+
+# Writes FOLDER/NAME_LINE.c for each snippet of a file.
+extract() {
+    awk -v stem="$folder/$(basename "$1" | tr . _)" '
+        function finish() { close(output); output = "" }
+        output != "" && index($0, "```") { finish(); next }
+        output != "" {
+            line = substr($0, 1, indent) ~ /^[ *]*$/ ? substr($0, indent + 1) : $0
+            print line > output
+            next
+        }
+        match($0, /```c( fragment)?$/) {
+            indent = RSTART - 1
+            output = stem "_" NR ($0 ~ /fragment$/ ? ".fragment" : ".c")
+            printf "" > output
+        }
+        END { if (output != "") { print FILENAME ": a snippet without an end" > "/dev/stderr"; exit 1 } }' "$1"
+}
+
+build() { # build SOURCE PROGRAM [FLAG]: links the library unless the source holds it
+    objects=$library
+    grep -q 'define SB_IMPLEMENTATION' "$1" && objects=
+    $cc $warnings -I"$root" ${CFLAGS:--O1} ${3:+"$3"} "$1" $objects -lm -o "$2"
+}
+build_snippet() {
+    case $1 in
+    *.fragment) build tests/snippets/fragment.c "$2" "-DFRAGMENT=\"$root/$1\"" ;;
+    *) build "$1" "$2" ;;
+    esac
+}
+
+for file; do
+    extract "$file" && ls "$folder/$(basename "$file" | tr . _)"_* >/dev/null && continue
+    echo "FAILED: no snippet in $file"
+    failed=$((failed + 1))
+done
+build "$root/tests/snippets/prepare.c" "$folder/prepare" && (cd "$folder" && ./prepare) || failed=$((failed + 1))
+for source in "$folder"/*.c "$folder"/*.fragment; do
+    [ -e "$source" ] || continue
+    program=${source%.*}
+    rm -f "$folder/output.txt"
+    if build_snippet "$source" "$program" && (cd "$folder" && "./${program##*/}" >output.txt 2>&1); then
+        passed=$((passed + 1))
+    else
+        echo "FAILED: $source"
+        [ -e "$folder/output.txt" ] && tail -n 5 "$folder/output.txt"
+        failed=$((failed + 1))
+    fi
+done
+echo "$passed passed, $failed failed, 0 skipped"
+[ "$failed" = 0 ]

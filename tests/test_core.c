@@ -1,0 +1,89 @@
+/* core: what every program relies on before it has a mesh. */
+#include "softbody.h"
+
+#include "check.h"
+
+static const sb_result all_results[] = {
+    SB_OK,
+    SB_ERROR_MEMORY,
+    SB_ERROR_ARGUMENT,
+    SB_ERROR_NOT_FINITE,
+    SB_ERROR_INDEX,
+    SB_ERROR_FILE,
+    SB_ERROR_FORMAT,
+    SB_ERROR_UNSUPPORTED,
+    SB_ERROR_MESH,
+    SB_ERROR_MATERIAL,
+    SB_ERROR_UNCONSTRAINED,
+    SB_ERROR_INVERTED,
+    SB_ERROR_DIVERGED,
+    SB_ERROR_NOT_CONVERGED,
+    SB_ERROR_INDEFINITE,
+};
+enum { RESULT_COUNT = (int)(sizeof all_results / sizeof all_results[0]) };
+
+static void test_result_values(void)
+{
+    for (int i = 0; i < RESULT_COUNT; i++)
+        CHECK_INT(all_results[i], -i); /* bindings hold these numbers */
+}
+
+static void test_result_strings(void)
+{
+    CHECK(strcmp(sb_result_string(SB_OK), "SB_OK") == 0);
+    CHECK(strcmp(sb_result_string(SB_ERROR_DIVERGED), "SB_ERROR_DIVERGED") == 0);
+    for (int i = 0; i < RESULT_COUNT; i++) {
+        const char *name = sb_result_string(all_results[i]);
+        CHECK(strncmp(name, "SB_", 3) == 0);
+        for (int j = 0; j < i; j++)
+            CHECK(strcmp(name, sb_result_string(all_results[j])) != 0);
+    }
+    CHECK(strcmp(sb_result_string((sb_result)-15), "unknown sb_result") == 0);
+    CHECK(strcmp(sb_result_string((sb_result)1), "unknown sb_result") == 0);
+}
+
+static void test_version(void)
+{
+    char expected[64];
+    snprintf(expected, sizeof expected, "%d.%d.%d", SB_VERSION_MAJOR, SB_VERSION_MINOR, SB_VERSION_PATCH);
+    CHECK(strcmp(SB_VERSION_STRING, expected) == 0);
+}
+
+/* volatile: the sums must be rounded to sb_real, not folded in a wider type */
+static void test_scalar(void)
+{
+    volatile sb_real one = (sb_real)1, next = one + SB_EPSILON, same = one + SB_EPSILON / (sb_real)4;
+    volatile sb_real largest = SB_REAL_MAX, beyond = largest * (sb_real)2;
+    CHECK_INT(sizeof(sb_real), SB_REAL_IS_FLOAT ? sizeof(float) : sizeof(double));
+    CHECK(next > one);
+    CHECK(same == one);
+    CHECK(sb_is_finite(largest));
+    CHECK(!sb_is_finite(beyond));
+    CHECK(!sb_is_finite(-beyond));
+    CHECK(!sb_is_finite(beyond - beyond));
+    CHECK(sb_is_finite((sb_real)0));
+}
+
+#if defined(SB_USE_OPENMP)
+static void count_call(void *user, int index) { ((int *)user)[index]++; }
+
+static void test_openmp_jobs(void)
+{
+    enum { TASKS = 1000 };
+    static int calls[TASKS + 1];
+    sb_jobs jobs = sb_jobs_openmp();
+    memset(calls, 0, sizeof calls);
+    jobs.run(jobs.user, count_call, calls, TASKS);
+    for (int i = 0; i < TASKS; i++)
+        CHECK_INT(calls[i], 1);
+    CHECK_INT(calls[TASKS], 0);
+    jobs.run(jobs.user, count_call, calls, 0);
+    CHECK_INT(calls[0], 1);
+}
+#define OPENMP_TEST {"openmp jobs", test_openmp_jobs},
+#else
+#define OPENMP_TEST
+#endif
+
+CHECK_SUITE(core, OPENMP_TEST {"result values", test_result_values}, {"result strings", test_result_strings},
+            {"version", test_version}, {"scalar type", test_scalar});
