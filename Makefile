@@ -144,11 +144,11 @@ cross:
 
 # ---- lint ------------------------------------------------------------------------------------------------------
 # Every unit with every compiler, language and precision, warnings as errors: each source alone (which keeps the
-# floors honest), the header with and without its implementation, tests, examples, benchmarks.
+# floors honest), the header with and without its implementation, tests; examples and benchmarks in double.
 
-LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(EXAMPLES) $(FUZZERS) \
+LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(FUZZERS) \
 	$(wildcard tests/snippets/*.c)
-LINT_UNITS_double = $(BENCHES)
+LINT_UNITS_double = $(EXAMPLES) $(BENCHES)
 LINT_C = gcc clang
 LINT_CPP = gxx clangxx
 LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks

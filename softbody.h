@@ -3072,13 +3072,13 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
 enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
 
 /* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_start[i + 1])
- * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and for
- * every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
+ * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and
+ * for every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
  *
- * Whole storage costs twice the memory of one triangle, but then a row of a product has one writer: rows can be
- * shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
+ * Whole storage costs twice the memory of one triangle, but then a row of a product has one writer: rows can
+ * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
-    int row_count;        /* nodes */
+    int row_count; /* nodes */
     int block_count;
     int *row_start;       /* [row_count + 1] */
     int *columns;         /* [block_count] */
@@ -3090,17 +3090,17 @@ typedef struct sb_matrix {
     sb_allocator allocator;
 } sb_matrix;
 
-/* Makes the matrix whose nodes are coupled when they share a cell (an element, the neighbours of a particle ...);
+/* Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);
  * all values are zero. Nodes without a cell keep their diagonal block.
  * node_count      number of nodes, >= 1
  * cell_count      number of cells, >= 0
  * nodes_per_cell  nodes of each cell, >= 1; ignored when cell_start is given
- * cell_start      [cell_count + 1] first entry of each cell in `cells`, from 0, ascending; NULL: fixed size cells
+ * cell_start      [cell_count + 1] first entry of each cell in `cells`, ascending from 0; NULL: fixed size
  * cells           node indices of the cells; a node may repeat within a cell
  * allocator       NULL: malloc
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element is the cell) or SB_ERROR_MEMORY (also when there would
- * be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch memory are
- * proportional to the cells' node pairs. */
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element is the cell) or SB_ERROR_MEMORY (also when there
+ * would be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch
+ * memory are proportional to the cells' node pairs. */
 SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_cell, const int *cell_start,
                                   const int *cells, const sb_allocator *allocator, sb_matrix *matrix,
                                   sb_error *error);
@@ -3111,58 +3111,65 @@ SB_API void sb_matrix_free(sb_matrix *matrix);
 /* Sets all values to zero and clears the constraint mask. */
 SB_API void sb_matrix_clear(sb_matrix *matrix);
 
-/* Position of block (i, j), or -1 when the pattern has none or an index is out of range. O(log row length). */
+/* Position of block (i, j), or -1 when the pattern has none or an index is out of range. Time O(log row). */
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j);
 
 /* y = A x; x and y are [row_count][3] and must not overlap. jobs NULL: inline. */
 SB_API void sb_matrix_multiply(const sb_matrix *matrix, const sb_real *x, sb_real *y, const sb_jobs *jobs);
 
-/* Largest |A_ij - A_ji| divided by the largest |A_ij|; 0 for a symmetric or zero matrix, NaN when an entry is. */
+/* Largest |A_ij - A_ji| divided by the largest |A_ij|; 0 for a zero matrix, NaN when an entry is. */
 SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix);
 
-/* Mean of |A_kk| over the free scalar rows (mask NULL: all), the scale given to constrained ones; 1 when there are
- * none or all are zero, not finite when an entry is not. */
+/* Mean of |A_kk| over the free scalar rows (mask NULL: all), the scale given to constrained ones; 1 when
+ * there are none or all are zero, not finite when an entry is not. */
 SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask);
 
-/* Replaces the equations of prescribed components by A_kk x_k = A_kk value_k, A_kk = sb_matrix_diagonal_scale,
- * keeping symmetry: the known terms move to the right-hand side, rhs -= A[:, k] value_k, before rows and columns
- * k are zeroed.
+/* Replaces the equations of prescribed components by s x_k = s value_k, s = sb_matrix_diagonal_scale, keeping
+ * symmetry: the known terms move to the right-hand side, rhs -= A[:, k] value_k, before rows and columns k
+ * are zeroed.
  * mask    [row_count] SB_X | SB_Y | SB_Z; copied into matrix->fixed
  * values  [row_count][3] prescribed values, read where the mask says so; NULL: all zero
  * rhs     [row_count][3] changed in place; NULL: only the matrix is changed
- * Needs a symmetric matrix; touches the constrained rows and their transposed blocks only. The diagonal stays as
- * large as its neighbours so that neither the condition number nor a relative residual notices the replaced rows. */
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs);
+ * Needs a symmetric matrix; touches the constrained rows and their transposed blocks only. The diagonal stays
+ * as large as its neighbours so that neither the condition number nor a relative residual notices the
+ * replaced rows. */
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
+                                sb_real *rhs);
 
-/* ---- internal ---------------------------------------------------------------------------------------------- */
+/* ---- internal ------------------------------------------------------------------------------------------ */
 
-/* Four reals as one vector where compiler and processor have them (doubles without AVX do not): memory is read at
- * any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits; SB_NO_VECTORS asks for
- * that one. */
+/* Four reals as one vector where compiler and processor have them (doubles without AVX do not): memory is
+ * read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
+ * SB_NO_VECTORS asks for that one. */
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS) && (defined(__AVX__) || SB_REAL_IS_FLOAT)
 #define SBI_HAS_LANES 1
-typedef sb_real sbi_lanes __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+typedef sb_real sbi_lanes
+    __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
 #define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
 #define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
 #else
 #define SBI_HAS_LANES 0
 #endif
 
-/* Rows per task of products and vector loops: fixed, so that partial sums do not depend on the thread count. */
+/* Rows per task of products and vector loops: fixed, so that partial sums do not depend on threads. */
 enum { SBI_ROW_CHUNK = 512 };
 
-SB_INLINE int sbi_row_chunks(int row_count) { return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0); }
+SB_INLINE int sbi_row_chunks(int row_count)
+{
+    return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0);
+}
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* y_i = (A x)_i for the rows first <= i < last. */
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last);
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
+                                      int last);
 #endif
 
 #endif /* SB_SPARSE_H */
 
 /* ==== src/softbody/precond.h ==== */
-/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, each with a coarse space of
- * rigid motions. Floor 2. */
+/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, each with a coarse
+ * space of rigid motions. Floor 2. */
 #ifndef SB_PRECOND_H
 #define SB_PRECOND_H
 
@@ -3180,8 +3187,8 @@ enum { SB_PRECOND_PIECES_AUTO = -1 };
 
 typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
-    const sb_vec3 *positions; /* [row_count] node positions (m), read at creation only; NULL: no coarse space (default) */
-    int piece_count;          /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+    const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -3193,50 +3200,52 @@ typedef struct sb_preconditioner_info {
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
 
-/* The preconditioner of one matrix pattern. The smoother works in single precision: it only has to point the right
- * way, and it is memory that limits its speed.
+/* The preconditioner of one matrix pattern. The smoother works in single precision: it only has to point the
+ * right way, and it is memory that limits its speed.
  *
- * The coarse space. Smoothers are blind to motions that vary slowly over the mesh, and those are what gravity and a
- * tool cause. So the nodes are cut into compact pieces, each free to move rigidly (6 unknowns), and the piece
- * motions Q = Z (Z^T A Z)^-1 Z^T are solved exactly around every smoothing:
+ * The coarse space. Smoothers are blind to motions that vary slowly over the mesh, and those are what gravity
+ * and a tool cause. So the nodes are cut into compact pieces, each free to move rigidly (6 unknowns), and the
+ * piece motions Q = Z (Z^T A Z)^-1 Z^T are solved exactly around every smoothing:
  *     z = S r + Q (r - A S r)          [A-DEF2 of Tang, Nabben, Vuik, Erlangga 2009]
- * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first residual
- * has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
+ * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first
+ * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
 typedef struct sb_preconditioner sb_preconditioner;
 
 /* The defaults named at the fields. */
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
 
-/* Makes a preconditioner for matrices of this pattern (values are not read). Takes all memory it will ever need.
+/* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position; error->node) or SB_ERROR_MEMORY, *out untouched. */
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *out stays. */
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error);
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 
 /* Takes over the values of a symmetric matrix of the pattern; allocates nothing.
  * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
- * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal block is
- * not positive definite or no diagonal shift up to 1 makes the incomplete factor exist. After an error the
- * preconditioner must be updated again before use.
- * An IC0 that breaks down starts again with a larger diagonal (at most 11 times), keeps that shift for the following
- * updates, and after a run of successful ones tries half of it. */
+ * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
+ * block is not positive definite or no diagonal shift up to 1 makes the incomplete factor exist. After an
+ * error the preconditioner must be updated again before use.
+ * An IC0 that breaks down starts again with a larger diagonal (at most 11 times), keeps that shift for the
+ * following updates, and after a run of successful ones tries half of it. */
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error);
 
-/* z = M^-1 r; both [row_count][3], not overlapping. Uses the preconditioner's own scratch: one call at a time. */
+/* z = M^-1 r; both [row_count][3], not overlapping. Uses the preconditioner's scratch: one call at a time. */
 SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z);
 
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner);
 
-/* ---- internal ---------------------------------------------------------------------------------------------- */
+/* ---- internal ------------------------------------------------------------------------------------------ */
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is brought near
- * 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
+/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
+ * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
 SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
-/* z = Q r: the part of the solution that the coarse space can see. 0 and z untouched without a coarse space. */
-SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+/* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
+                                     double size);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 #endif
@@ -3250,7 +3259,7 @@ SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
 
 typedef struct sb_pcg_options {
-    double tolerance;    /* stop when |rhs - A x| <= tolerance |rhs|, >= 0; default 1e-6 (float builds: 1e-3) */
+    double tolerance; /* stop when |rhs - A x| <= tolerance |rhs|, >= 0; default 1e-6 (float builds: 1e-3) */
     int max_iterations;  /* bound of the work, >= 0; default 1000 */
     const sb_jobs *jobs; /* NULL (default): inline; the result is the same for any number of threads */
 } sb_pcg_options;
@@ -3258,8 +3267,7 @@ typedef struct sb_pcg_options {
 typedef struct sb_pcg_info {
     int iterations;         /* products with A in search directions */
     double residual;        /* |rhs - A x| / |rhs| of the returned x */
-    int residual_is_true;   /* 1: recomputed from x; 0: by the recurrence, which drifts by about epsilon times the
-                               condition number */
+    int residual_is_true;   /* 1: computed from x; 0: by the recurrence, which drifts by epsilon |A| |x| */
     int negative_curvature; /* 1: a direction with p.Ap <= 0 ended the solve: A is not positive definite */
     int capped;             /* 1: max_iterations ended the solve */
 } sb_pcg_info;
@@ -3276,10 +3284,10 @@ typedef struct sb_pcg_workspace {
 /* The defaults named at the fields. */
 SB_API sb_pcg_options sb_default_pcg_options(void);
 
-/* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave *workspace
- * untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
-                                         sb_error *error);
+/* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave
+ * *workspace untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
+                                         sb_pcg_workspace *workspace, sb_error *error);
 SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
 
 /* Solves A x = rhs for a symmetric positive definite A.
@@ -3289,16 +3297,19 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  * options         NULL: defaults
  * info            filled in every case but SB_ERROR_ARGUMENT; may be NULL
  * Returns SB_OK;
- *   SB_ERROR_NOT_CONVERGED  the cap was reached, or rounding stops progress (info->capped tells which); x is the last
+ *   SB_ERROR_NOT_CONVERGED  the cap was reached, or rounding stops progress (info->capped tells which); x is
+ *                           the last
  *                           iterate, good enough for a real-time step that had no time for more
- *   SB_ERROR_INDEFINITE     p.Ap <= 0 (info->negative_curvature) or a preconditioner that is not positive definite;
+ *   SB_ERROR_INDEFINITE     p.Ap <= 0 (info->negative_curvature) or a preconditioner that is not positive
+ *                           definite;
  *                           x is the last iterate before
  *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
  *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
  * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
- * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a smaller residual
- * than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000 nodes.
- * Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of threads. */
+ * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
+ * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
+ * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
+ * threads. */
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                               sb_pcg_info *info);
@@ -3338,7 +3349,8 @@ typedef enum sb_integration {
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
- * SB_ERROR_ARGUMENT for a surface mesh or single_rotation on another element, SB_ERROR_MEMORY; *domain is then
+ * SB_ERROR_ARGUMENT for a surface mesh or single_rotation on another element, SB_ERROR_UNSUPPORTED for an element that
+ * SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
  * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
@@ -11115,7 +11127,7 @@ SB_API sb_real sb_von_mises(sb_mat3 sigma)
 #include <limits.h>
 #include <string.h>
 
-/* ---- pattern ------------------------------------------------------------------------------------------------ */
+/* ---- pattern ------------------------------------------------------------------------------------------- */
 
 /* The cells as the caller gave them, fixed size or lists. */
 typedef struct sbi_sparse_cells {
@@ -11127,7 +11139,7 @@ typedef struct sbi_sparse_cells {
 typedef struct sbi_sparse_scratch {
     size_t *node_start; /* [node_count + 1] */
     int *node_cells;
-    int *marker;        /* [node_count] */
+    int *marker; /* [node_count] */
 } sbi_sparse_scratch;
 
 static size_t sbi_sparse_cell_begin(const sbi_sparse_cells *cells, int cell)
@@ -11138,7 +11150,8 @@ static size_t sbi_sparse_cell_begin(const sbi_sparse_cells *cells, int cell)
 static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error)
 {
     if (cells->node_count < 1 || cells->cell_count < 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a matrix needs node_count >= 1 and cell_count >= 0, not %d and %d",
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "a matrix needs node_count >= 1 and cell_count >= 0, not %d and %d",
                         cells->node_count, cells->cell_count);
     if (cells->cell_count && (!cells->nodes || (!cells->start && cells->nodes_per_cell < 1)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "cells need node indices and a size");
@@ -11150,8 +11163,8 @@ static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error
     for (int c = 0; c < cells->cell_count; c++)
         for (size_t k = sbi_sparse_cell_begin(cells, c); k < sbi_sparse_cell_begin(cells, c + 1); k++)
             if (cells->nodes[k] < 0 || cells->nodes[k] >= cells->node_count)
-                return sbi_fail_element(error, SB_ERROR_INDEX, c, "cell %d names node %d of %d", c, cells->nodes[k],
-                                        cells->node_count);
+                return sbi_fail_element(error, SB_ERROR_INDEX, c, "cell %d names node %d of %d", c,
+                                        cells->nodes[k], cells->node_count);
     return SB_OK;
 }
 
@@ -11159,7 +11172,8 @@ static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error
 static void *sbi_sparse_scratch_create(const sbi_sparse_cells *cells, const sb_allocator *allocator,
                                        sbi_sparse_scratch *scratch)
 {
-    size_t nodes = (size_t)cells->node_count, entries = sbi_sparse_cell_begin(cells, cells->cell_count), bytes = 0;
+    size_t nodes = (size_t)cells->node_count, entries = sbi_sparse_cell_begin(cells, cells->cell_count),
+           bytes = 0;
     char *memory;
     if (!sbi_size_add(&bytes, nodes + 1, sizeof(size_t)) || !sbi_size_add(&bytes, entries, sizeof(int)) ||
         !sbi_size_add(&bytes, nodes, sizeof(int)))
@@ -11191,10 +11205,11 @@ static void sbi_sparse_list_cells(const sbi_sparse_cells *cells, sbi_sparse_scra
     scratch->node_start[cells->node_count] = entries;
 }
 
-/* Visits each neighbour of each node once (the node itself too). Without columns: counts into fill[node]. With
- * columns: appends i to the row of every neighbour of i; i ascends, so the rows come out sorted, and because the
- * pattern is symmetric they are the rows wanted. */
-static size_t sbi_sparse_visit(const sbi_sparse_cells *cells, const sbi_sparse_scratch *scratch, int *fill, int *columns)
+/* Visits each neighbour of each node once (the node itself too). Without columns: counts into fill[node].
+ * With columns: appends i to the row of every neighbour of i; i ascends, so the rows come out sorted, and
+ * because the pattern is symmetric they are the rows wanted. */
+static size_t sbi_sparse_visit(const sbi_sparse_cells *cells, const sbi_sparse_scratch *scratch, int *fill,
+                               int *columns)
 {
     size_t total = 0;
     for (int i = 0; i < cells->node_count; i++)
@@ -11207,7 +11222,8 @@ static size_t sbi_sparse_visit(const sbi_sparse_cells *cells, const sbi_sparse_s
         total++;
         for (size_t s = scratch->node_start[i]; s < scratch->node_start[i + 1]; s++) {
             int cell = scratch->node_cells[s];
-            for (size_t k = sbi_sparse_cell_begin(cells, cell); k < sbi_sparse_cell_begin(cells, cell + 1); k++) {
+            for (size_t k = sbi_sparse_cell_begin(cells, cell); k < sbi_sparse_cell_begin(cells, cell + 1);
+                 k++) {
                 int j = cells->nodes[k];
                 if (scratch->marker[j] == i)
                     continue;
@@ -11264,8 +11280,8 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
         }
 }
 
-static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch, sb_matrix *matrix,
-                                 sb_error *error)
+static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch,
+                                 sb_matrix *matrix, sb_error *error)
 {
     size_t total;
     sbi_sparse_list_cells(cells, scratch);
@@ -11347,17 +11363,19 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
     return low < matrix->row_start[i + 1] && matrix->columns[low] == j ? low : -1;
 }
 
-/* ---- products ----------------------------------------------------------------------------------------------- */
+/* ---- products ------------------------------------------------------------------------------------------ */
 
-/* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent, so no
- * sum waits for another, and both forms below give the same bits. */
+/* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
+ * so no sum waits for another, and both forms below give the same bits. */
 #if SBI_HAS_LANES
-/* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory and is
- * never summed; only the last node has nothing after it (`guard`). Three vector products instead of nine, which
- * compilers do not find by themselves. */
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+/* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
+ * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
+ * nine, which compilers do not find by themselves. */
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i,
+                                              int guard)
 {
-    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_start[i + 1];
+    const int *column = matrix->columns + matrix->row_start[i],
+              *end = matrix->columns + matrix->row_start[i + 1];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -11378,7 +11396,8 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[2] = s2[0] + s2[1] + s2[2];
 }
 #else
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i,
+                                              int guard)
 {
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
@@ -11396,7 +11415,8 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 }
 #endif
 
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last)
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
+                                      int last)
 {
     const int *columns = matrix->columns, *row_start = matrix->row_start;
     for (int i = first; i < last; i++) {
@@ -11449,7 +11469,7 @@ SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
     return largest > 0 ? difference / largest : 0;
 }
 
-/* ---- constraints -------------------------------------------------------------------------------------------- */
+/* ---- constraints --------------------------------------------------------------------------------------- */
 
 SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
 {
@@ -11468,7 +11488,8 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
 
 /* Moves the known terms of node i's prescribed components to the other rows' right-hand sides. The column of
  * component c in block (j, i) is row c of block (i, j). */
-static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value, sb_real *rhs)
+static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value,
+                                  sb_real *rhs)
 {
     for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
         const sb_real *block = matrix->blocks[q];
@@ -11495,7 +11516,8 @@ static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
     }
 }
 
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs)
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
+                                sb_real *rhs)
 {
     sb_real scale = sb_matrix_diagonal_scale(matrix, mask);
     if (values && rhs)
@@ -11524,9 +11546,9 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
 #include <math.h>
 #include <string.h>
 
-/* ---- four floats --------------------------------------------------------------------------------------------
- * Blocks are stored as three rows of four floats, the fourth unused (0), so that a row is one vector. The compiler's
- * own vectors where it has them, else plain code with the same roundings. */
+/* ---- four floats ------------------------------------------------------------------------------------------
+ * Blocks are stored as three rows of four floats, the fourth unused (0), so that a row is one vector. The
+ * compiler's own vectors where it has them, else plain code with the same roundings. */
 
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS)
 #define SBI_HAS_FLOAT4 1
@@ -11607,8 +11629,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
 
 SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
 
-/* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that lane: for
- * rows of matrix blocks, whose fourth lane never reaches a result. */
+/* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
+ * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)
 {
     return sbi_f4_make((float)(from[0] * scale), (float)(from[1] * scale), (float)(from[2] * scale));
@@ -11625,37 +11647,38 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 #endif
 }
 
-/* ---- the object ----------------------------------------------------------------------------------------------- */
+/* ---- the object ---------------------------------------------------------------------------------------- */
 
 enum {
     SBI_PRECOND_MAX_ARRAYS = 32,
     SBI_PRECOND_MAX_ATTEMPTS = 12,
-    SBI_PRECOND_RELAX_FIRST = 16,   /* successful updates before a shift is halved on trial */
-    SBI_PRECOND_RELAX_LAST = 1024,  /* the wait doubles with every failed trial up to this */
+    SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
+    SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64
 };
 
-/* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its centre,
- * in units of its radius, so that both have the size of a displacement. (A Z) is stored by piece: entry e couples
- * piece a (piece_entry[a] <= e < piece_entry[a + 1]) with node entry_node[e], one of its own or next to it. */
+/* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
+ * centre, in units of its radius, so that both have the size of a displacement. (A Z) is stored by piece:
+ * entry e couples piece a (piece_entry[a] <= e < piece_entry[a + 1]) with node entry_node[e], one of its own
+ * or next to it. */
 typedef struct sbi_precond_coarse {
-    int piece_count, size;  /* size = 6 piece_count */
-    int *piece_start;       /* [piece_count + 1] into piece_nodes */
-    int *piece_nodes;       /* [row_count] nodes by piece */
-    int *piece_of;          /* [row_count] */
-    int *piece_entry;       /* [piece_count + 1] */
-    int *entry_node;        /* [entries] */
-    int *entry_start;       /* [entries + 1] into entry_blocks */
-    int *entry_blocks;      /* [block_count] matrix blocks (node, j) with j in the piece */
-    sb_real *places;        /* [row_count][4] position relative to the piece's centre over its radius */
-    float *arms;            /* [row_count][4] the same, rounded */
-    float *free;            /* [row_count][4] 1 for free components, 0 for prescribed ones */
-    float *coupling;        /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
-    double *matrix;         /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
-    double *inverse;        /* [size] inverse pivots, 0 for motions that the pieces do not have */
-    double *solution;       /* [size] */
-    sb_vec3 *positions;     /* [row_count] as last given */
+    int piece_count, size; /* size = 6 piece_count */
+    int *piece_start;      /* [piece_count + 1] into piece_nodes */
+    int *piece_nodes;      /* [row_count] nodes by piece */
+    int *piece_of;         /* [row_count] */
+    int *piece_entry;      /* [piece_count + 1] */
+    int *entry_node;       /* [entries] */
+    int *entry_start;      /* [entries + 1] into entry_blocks */
+    int *entry_blocks;     /* [block_count] matrix blocks (node, j) with j in the piece */
+    sb_real *places;       /* [row_count][4] position relative to the piece's centre over its radius */
+    float *arms;           /* [row_count][4] the same, rounded */
+    float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
+    float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
+    double *matrix;        /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
+    double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
+    double *solution;      /* [size] */
+    sb_vec3 *positions;    /* [row_count] as last given */
 } sbi_precond_coarse;
 
 struct sb_preconditioner {
@@ -11664,17 +11687,18 @@ struct sb_preconditioner {
     int row_count, block_count, lower_count;
     double matrix_scale; /* power of two that brings the mean diagonal near 1 */
     /* lower triangle by rows */
-    int *start;          /* [row_count + 1] */
-    int *columns;        /* [lower_count] node j < i */
-    int *source;         /* [lower_count] matrix block (j, i) */
-    float *lower;        /* [lower_count][12] L of M = (I + L) D (I + L)^T */
-    float *inverse;      /* [row_count][12] D^-1 */
-    float *middle;       /* [row_count][4] (I + L)^-1 r */
-    float *result;       /* [row_count][4] z, scaled */
-    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j, m) */
-    size_t *pair_start;  /* [lower_count + 1] */
-    int *pairs;          /* [pairs][2] */
-    float *row;          /* [longest row][12] transposed blocks of the row at work */
+    int *start;     /* [row_count + 1] */
+    int *columns;   /* [lower_count] node j < i */
+    int *source;    /* [lower_count] matrix block (j, i) */
+    float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
+    float *inverse; /* [row_count][12] D^-1 */
+    float *middle;  /* [row_count][4] (I + L)^-1 r */
+    float *result;  /* [row_count][4] z, scaled */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j,
+     * m) */
+    size_t *pair_start; /* [lower_count + 1] */
+    int *pairs;         /* [pairs][2] */
+    float *row;         /* [longest row][12] transposed blocks of the row at work */
     int attempts, successes, wait;
     double shift;
     sbi_precond_coarse coarse;
@@ -11719,7 +11743,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
     sbi_free(&allocator, preconditioner);
 }
 
-/* ---- the lower triangle ----------------------------------------------------------------------------------------- */
+/* ---- the lower triangle -------------------------------------------------------------------------------- */
 
 static int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a)
 {
@@ -11741,8 +11765,8 @@ static int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a)
     return 1;
 }
 
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. place [row_count] is
- * scratch of -1. */
+/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. place
+ * [row_count] is scratch of -1. */
 static size_t sbi_precond_list_pairs(const sb_preconditioner *p, int *place, size_t *pair_start, int *pairs)
 {
     size_t total = 0;
@@ -11791,7 +11815,7 @@ static int sbi_precond_make_pairs(sb_preconditioner *p)
     return p->pair_start && p->pairs && p->row;
 }
 
-/* ---- factorisations --------------------------------------------------------------------------------------------- */
+/* ---- factorisations ------------------------------------------------------------------------------------ */
 
 /* Inverse of a symmetric 3x3 matrix (row-major with rows of 4) when its pivots exceed `least`[k]; else 0. */
 static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *inverse)
@@ -11807,14 +11831,14 @@ static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *in
     sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
     sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
                                           (float)((a01 * a02 - a00 * a12) * f)));
-    sbi_f4_store(inverse + 8, sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f),
-                                          (float)(minor * f)));
+    sbi_f4_store(inverse + 8,
+                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
     return 1;
 }
 
 /* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
-SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i, double factor,
-                                           sbi_float4 *d, float *least)
+SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
+                                           double factor, sbi_float4 *d, float *least)
 {
     const sb_real *block = a->blocks[a->diagonal[i]];
     for (int r = 0; r < 3; r++) {
@@ -11850,7 +11874,8 @@ static void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
         sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
         float *out = p->lower + 12 * (size_t)e;
         for (int r = 0; r < 3; r++)
-            sbi_f4_store(out + 4 * r, sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
+            sbi_f4_store(out + 4 * r,
+                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
     }
 }
 
@@ -11866,7 +11891,8 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
     float *l = p->lower + 12 * (size_t)e;
     for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
-        const float *ut = p->row + 12 * (size_t)p->pairs[2 * k], *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
+        const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
+                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
         u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
         u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
         u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
@@ -11911,8 +11937,8 @@ static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a
     }
     if (bad >= 0) {
         p->attempts = SBI_PRECOND_MAX_ATTEMPTS;
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
-                             shift / 2);
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
+                             "node %d: no incomplete factor up to a shift of %g", bad, shift / 2);
     }
     if (p->attempts > 1) {
         p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
@@ -11924,7 +11950,7 @@ static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a
     return SB_OK;
 }
 
-/* ---- pieces ----------------------------------------------------------------------------------------------------- */
+/* ---- pieces -------------------------------------------------------------------------------------------- */
 
 SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
 {
@@ -11979,8 +12005,8 @@ static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, 
     return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
 }
 
-/* Cuts nodes[begin, end) into `pieces` parts of equal size by halving across the longest side; returns the number of
- * the next piece. */
+/* Cuts nodes[begin, end) into `pieces` parts of equal size by halving across the longest side; returns the
+ * number of the next piece. */
 static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces, int piece)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
@@ -11997,8 +12023,8 @@ static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces
     return sbi_precond_cut(c, middle, end, pieces - left, piece);
 }
 
-/* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count; fills
- * the coarse arrays when they are there. marker [row_count] is scratch. */
+/* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
+ * fills the coarse arrays when they are there. marker [row_count] is scratch. */
 static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, int *marker, int *entry_of)
 {
     int entries = 0;
@@ -12052,7 +12078,8 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
 }
 
-static int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
+static int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
+                                   int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count, size = 6 * (size_t)pieces;
@@ -12069,8 +12096,8 @@ static int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, con
     c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
     c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
     c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->arms || !c->free || !c->places ||
-        !c->matrix || !c->inverse || !c->solution || !c->positions)
+    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->arms || !c->free ||
+        !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     for (int i = 0; i < a->row_count; i++)
@@ -12109,12 +12136,13 @@ static void sbi_precond_place_piece(sbi_precond_coarse *c, int piece)
     }
 }
 
-/* Sums over the blocks of entry e: sum[0] of the blocks, sum[1..3] of the blocks times the x, y, z of their node's
- * arm; rows padded to four. */
+/* Sums over the blocks of entry e: sum[0] of the blocks, sum[1..3] of the blocks times the x, y, z of their
+ * node's arm; rows padded to four. */
 #if SBI_HAS_LANES
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
-    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0, z0 = p0;
+    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
+              z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
@@ -12148,8 +12176,8 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
 }
 #endif
 
-/* Rows of (A Z) of one entry: sums over the piece's nodes j of A_ij and A_ij d_j,k give the translations and, by
- * a . (w x d) = w . (d x a), the rotations. */
+/* Rows of (A Z) of one entry: sums over the piece's nodes j of A_ij and A_ij d_j,k give the translations and,
+ * by a . (w x d) = w . (d x a), the rotations. */
 static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, int e, double rows[3][6])
 {
     const sbi_precond_coarse *c = &p->coarse;
@@ -12199,10 +12227,12 @@ static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first)
     }
 }
 
-/* to[i..] -= sum over six rows of row[i] row[i..]; six at a time, since it is memory that limits the factorisation. */
+/* to[i..] -= sum over six rows of row[i] row[i..]; six at a time, since it is memory that limits the
+ * factorisation. */
 static void sbi_precond_eliminate_rows(const double *rows, int size, int i, double *SB_RESTRICT to)
 {
-    const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size, *r5 = r4 + size;
+    const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
+                 *r5 = r4 + size;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
@@ -12210,8 +12240,8 @@ static void sbi_precond_eliminate_rows(const double *rows, int size, int i, doub
         to[j] -= ((f0 * r0[j] + f1 * r1[j]) + (f2 * r2[j] + f3 * r3[j])) + (f4 * r4[j] + f5 * r5[j]);
 }
 
-/* Cholesky factor R of the coarse matrix, R^T R, in its upper triangle. Motions that a piece does not have (all its
- * nodes fixed, or on a line) leave a zero pivot and are left out. */
+/* Cholesky factor R of the coarse matrix, R^T R, in its upper triangle. Motions that a piece does not have
+ * (all its nodes fixed, or on a line) leave a zero pivot and are left out. */
 static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
 {
     const double tiny = 256 * (double)SB_EPSILON;
@@ -12241,8 +12271,10 @@ static void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a)
             float *out = c->coupling + 24 * (size_t)e;
             sbi_precond_couple(p, a, e, rows);
             for (int r = 0; r < 3; r++) {
-                sbi_f4_store(out + 4 * r, sbi_f4_make((float)rows[r][0], (float)rows[r][1], (float)rows[r][2]));
-                sbi_f4_store(out + 12 + 4 * r, sbi_f4_make((float)rows[r][3], (float)rows[r][4], (float)rows[r][5]));
+                sbi_f4_store(out + 4 * r,
+                             sbi_f4_make((float)rows[r][0], (float)rows[r][1], (float)rows[r][2]));
+                sbi_f4_store(out + 12 + 4 * r,
+                             sbi_f4_make((float)rows[r][3], (float)rows[r][4], (float)rows[r][5]));
             }
             if (c->piece_of[c->entry_node[e]] <= piece)
                 sbi_precond_add_coarse(c, c->entry_node[e], piece, rows);
@@ -12275,7 +12307,7 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
     }
 }
 
-/* ---- application ------------------------------------------------------------------------------------------------ */
+/* ---- application --------------------------------------------------------------------------------------- */
 
 /* middle = (I + L)^-1 r, result = D^-1 middle. */
 static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
@@ -12289,7 +12321,8 @@ static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real 
             s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
             s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
         }
-        y = sbi_f4_sub(sbi_f4_round(r + 3 * i, scale), sbi_f4_make(sbi_f4_sum(s0), sbi_f4_sum(s1), sbi_f4_sum(s2)));
+        y = sbi_f4_sub(sbi_f4_round(r + 3 * i, scale),
+                       sbi_f4_make(sbi_f4_sum(s0), sbi_f4_sum(s1), sbi_f4_sum(s2)));
         sbi_f4_store(p->middle + 4 * i, y);
         sbi_f4_store(p->result + 4 * i, sbi_f4_rows(y, p->inverse + 12 * i));
     }
@@ -12314,10 +12347,10 @@ static void sbi_precond_scale_blocks(sb_preconditioner *p, const sb_real *r, sb_
         sbi_f4_store(p->result + 4 * i, sbi_f4_rows(sbi_f4_round(r + 3 * i, scale), p->inverse + 12 * i));
 }
 
-/* Z^T r of one piece, minus (A Z)^T result if asked: a force, and a torque from the sums of arm components times
- * force (no cross products in the loop). */
-static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale, int with_result,
-                                       int piece, double *out)
+/* Z^T r of one piece, minus (A Z)^T result if asked: a force, and a torque from the sums of arm components
+ * times force (no cross products in the loop). */
+static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale,
+                                       int with_result, int piece, double *out)
 {
     const sbi_precond_coarse *c = &p->coarse;
     sbi_float4 force = sbi_f4_make(0, 0, 0), by_x = force, by_y = force, by_z = force, torque;
@@ -12358,7 +12391,8 @@ static void sbi_precond_prolong(sb_preconditioner *p)
         const double *s = c->solution + 6 * piece;
         float wx = (float)s[3], wy = (float)s[4], wz = (float)s[5];
         sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
-        sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx), by_z = sbi_f4_make(wy, -wx, 0);
+        sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx),
+                   by_z = sbi_f4_make(wy, -wx, 0);
         for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
             size_t i = (size_t)c->piece_nodes[k];
             const float *arm = c->arms + 4 * i;
@@ -12430,7 +12464,7 @@ SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_
     sbi_precond_apply(preconditioner, r, z, (double)largest);
 }
 
-/* ---- life ------------------------------------------------------------------------------------------------------- */
+/* ---- life ---------------------------------------------------------------------------------------------- */
 
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 {
@@ -12451,7 +12485,8 @@ static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
     return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
 }
 
-static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern, sb_error *error)
+static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                   sb_error *error)
 {
     if (!def || !pattern || pattern->row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
@@ -12485,7 +12520,8 @@ static int sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *d
 }
 
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error)
 {
     sb_preconditioner *p;
     sb_result result = sbi_precond_check(def, pattern, error);
@@ -12507,14 +12543,15 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     p->matrix_scale = 1;
     if (!sbi_precond_make(p, def, pattern)) {
         sb_preconditioner_free(p);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner of %d rows", pattern->row_count);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner of %d rows",
+                        pattern->row_count);
     }
     *out = p;
     return SB_OK;
 }
 
-SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *positions,
-                                          sb_error *error)
+SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
+                                          const sb_vec3 *positions, sb_error *error)
 {
     double scale;
     int bad = -1;
@@ -12531,7 +12568,8 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
         bad = sbi_precond_invert_diagonals(p, matrix);
     if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: diagonal block is not positive definite", bad);
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
+                             "node %d: diagonal block is not positive definite", bad);
     if (p->kind == SB_PRECOND_SSOR)
         sbi_precond_fill_ssor(p, matrix);
     if (p->kind == SB_PRECOND_IC0) {
@@ -12560,13 +12598,16 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     return info;
 }
 
+#undef SBI_F4
+#undef SBI_HAS_FLOAT4
+
 /* ==== src/softbody/pcg.c ==== */
 /* pcg: conjugate gradients with fused vector loops. */
 
 #include <math.h>
 #include <string.h>
 
-/* ---- workspace -------------------------------------------------------------------------------------------------- */
+/* ---- workspace ----------------------------------------------------------------------------------------- */
 
 SB_API sb_pcg_options sb_default_pcg_options(void)
 {
@@ -12577,8 +12618,8 @@ SB_API sb_pcg_options sb_default_pcg_options(void)
     return options;
 }
 
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
-                                         sb_error *error)
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
+                                         sb_pcg_workspace *workspace, sb_error *error)
 {
     sb_pcg_workspace made;
     size_t entries, bytes = 0;
@@ -12612,15 +12653,15 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace)
     memset(workspace, 0, sizeof *workspace);
 }
 
-/* ---- vector loops ------------------------------------------------------------------------------------------------- */
+/* ---- vector loops -------------------------------------------------------------------------------------- */
 
 /* What the chunk tasks see. Names follow the usual ones: r residual, z = M^-1 r, p direction, q = A p. */
 typedef struct sbi_pcg_state {
     const sb_matrix *matrix;
     const sb_real *rhs;
     sb_real *x, *r, *z, *p, *q;
-    sb_real factor;   /* of the update at work */
-    double *partial;  /* [chunks][2] */
+    sb_real factor;  /* of the update at work */
+    double *partial; /* [chunks][2] */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
@@ -12729,11 +12770,12 @@ static double sbi_pcg_run(sbi_pcg_state *s, sb_task task, double *second)
     return sum;
 }
 
-/* ---- the iteration ------------------------------------------------------------------------------------------------- */
+/* ---- the iteration ------------------------------------------------------------------------------------- */
 
 static int sbi_pcg_is_finite(double value) { return value - value == 0; }
 
-/* Subtracts the coarse space's part from the residual, as its deflation requires; returns the new r.r. Uses p and q. */
+/* Subtracts the coarse space's part from the residual, as its deflation requires; returns the new r.r. Uses p
+ * and q. */
 static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double square)
 {
     if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
@@ -12743,8 +12785,9 @@ static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditione
     return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
 }
 
-/* Iterates until r.r <= target, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with r_new - r =
- * -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being quite symmetric. */
+/* Iterates until r.r <= target, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
+ * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
+ * quite symmetric. */
 static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
@@ -12788,12 +12831,15 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
     return SB_OK;
 }
 
-/* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned x. */
-static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner, const sb_pcg_options *options,
-                                double rhs_square, double *square, sb_pcg_info *info)
+/* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
+ * x. */
+static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
+                                const sb_pcg_options *options, double rhs_square, double *square,
+                                sb_pcg_info *info)
 {
     double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
-    double least = (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
+    double least =
+        (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
     for (;;) {
         sb_result result;
@@ -12802,8 +12848,8 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
         *square = sbi_pcg_deflate(s, preconditioner, *square);
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
-        result = sbi_pcg_iterate(s, preconditioner, target > least ? target : least, options->max_iterations, square,
-                                 info);
+        result = sbi_pcg_iterate(s, preconditioner, target > least ? target : least, options->max_iterations,
+                                 square, info);
         info->residual_is_true = 0;
         if (result != SB_OK || !verify)
             return result;
@@ -13028,6 +13074,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
         return result;
     if (sb_element_dimension(mesh->element_type) != 3)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (!sbi_element_is_enabled(mesh->element_type))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
                         sb_element_name(mesh->element_type));
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
@@ -13825,7 +13874,7 @@ static void sbi_edge_diagonals(void *user, int index)
 /* ---- instances per element type ---- */
 
 #define SBI_EACH_ELEMENT(CALL)                                                                                  \
-    switch (domain->element_type) {                                                                             \
+    switch (sbi_element_type_or_pinned(domain->element_type)) {                                                 \
     case SB_TET4: CALL(4, 1, 0); break;                                                                         \
     case SB_TET10:                                                                                              \
         if (domain->points_per_cell != 4) {                                                                     \
@@ -13843,7 +13892,7 @@ static void sbi_edge_diagonals(void *user, int index)
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-    if (job->assembly->batched) {
+    if (SBI_ELEMENT_ENABLED(SB_TET4) && job->assembly->batched) {
         sbi_batch_force(job, begin, end);
         return -1;
     }
@@ -13933,7 +13982,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
-    if (assembly->batched && kind == SB_TANGENT_QUASI) {
+    if (SBI_ELEMENT_ENABLED(SB_TET4) && assembly->batched && kind == SB_TANGENT_QUASI) {
         int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
         sbi_run(assembly->jobs, sbi_edge_rows, &job, tasks);
         sbi_run(assembly->jobs, sbi_edge_diagonals, &job, tasks);

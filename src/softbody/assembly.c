@@ -669,7 +669,7 @@ static void sbi_edge_diagonals(void *user, int index)
 /* ---- instances per element type ---- */
 
 #define SBI_EACH_ELEMENT(CALL)                                                                                  \
-    switch (domain->element_type) {                                                                             \
+    switch (sbi_element_type_or_pinned(domain->element_type)) {                                                 \
     case SB_TET4: CALL(4, 1, 0); break;                                                                         \
     case SB_TET10:                                                                                              \
         if (domain->points_per_cell != 4) {                                                                     \
@@ -687,7 +687,7 @@ static void sbi_edge_diagonals(void *user, int index)
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-    if (job->assembly->batched) {
+    if (SBI_ELEMENT_ENABLED(SB_TET4) && job->assembly->batched) {
         sbi_batch_force(job, begin, end);
         return -1;
     }
@@ -777,7 +777,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
-    if (assembly->batched && kind == SB_TANGENT_QUASI) {
+    if (SBI_ELEMENT_ENABLED(SB_TET4) && assembly->batched && kind == SB_TANGENT_QUASI) {
         int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
         sbi_run(assembly->jobs, sbi_edge_rows, &job, tasks);
         sbi_run(assembly->jobs, sbi_edge_diagonals, &job, tasks);

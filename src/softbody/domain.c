@@ -148,6 +148,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (sb_element_dimension(mesh->element_type) != 3)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
                         sb_element_name(mesh->element_type));
+    if (!sbi_element_is_enabled(mesh->element_type))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
+                        sb_element_name(mesh->element_type));
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
