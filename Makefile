@@ -122,7 +122,7 @@ sanitize: build/sanitize/tests
 # its own code only, so the tests' code gets the flag.)
 GOLDEN_UNITS = tests/implementation.c $(shell grep -l '"golden' $(TESTS))
 GOLDEN_OTHERS = $(filter-out $(GOLDEN_UNITS),$(TEST_UNITS))
-GOLDEN_NAMES = gcc-O0 gcc-O3 clang-O0 clang-O3
+GOLDEN_NAMES = gcc-O0 gcc-O2 gcc-O3 clang-O0 clang-O2 clang-O3
 
 define golden
 build/golden-$(1)/%.o: tests/%.c softbody.h $(wildcard tests/*.h examples/*.h)
@@ -132,8 +132,10 @@ build/golden-$(1)/tests: $$(GOLDEN_UNITS:tests/%.c=build/golden-$(1)/%.o) $$(GOL
 	$(CC) $(CFLAGS) $$^ -lm -o $$@
 endef
 $(eval $(call golden,gcc-O0,$(GCC) -std=c99 -O0))
+$(eval $(call golden,gcc-O2,$(GCC) -std=gnu99 -O2 -march=native))
 $(eval $(call golden,gcc-O3,$(GCC) -std=gnu99 -O3 -march=native))
 $(eval $(call golden,clang-O0,$(CLANG) -std=c99 -O0))
+$(eval $(call golden,clang-O2,$(CLANG) -std=c99 -O2))
 $(eval $(call golden,clang-O3,$(CLANG) -std=gnu99 -O3 -march=native))
 
 test-golden: $(GOLDEN_NAMES:%=build/golden-%/tests)

@@ -3225,9 +3225,9 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 /* Takes over the values of a symmetric matrix of the pattern; allocates nothing.
  * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
- * block is not positive definite or no diagonal shift up to 1 makes the incomplete factor exist. After an
+ * block is not positive definite or no diagonal shift up to 65 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
- * An IC0 that breaks down starts again with a larger diagonal (at most 11 times), keeps that shift for the
+ * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
  * following updates, and after a run of successful ones tries half of it. */
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error);
@@ -11651,7 +11651,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 enum {
     SBI_PRECOND_MAX_ARRAYS = 32,
-    SBI_PRECOND_MAX_ATTEMPTS = 12,
+    SBI_PRECOND_MAX_ATTEMPTS = 18, /* up to a shift of 65: beyond a row's length the shifted matrix is dominated
+                                    * by its diagonal, so that the factor of any positive definite one exists */
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,

@@ -111,7 +111,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 enum {
     SBI_PRECOND_MAX_ARRAYS = 32,
-    SBI_PRECOND_MAX_ATTEMPTS = 12,
+    SBI_PRECOND_MAX_ATTEMPTS = 18, /* up to a shift of 65: beyond a row's length the shifted matrix is dominated
+                                    * by its diagonal, so that the factor of any positive definite one exists */
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
