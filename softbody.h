@@ -28,12 +28,14 @@
  *                        refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
+ *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra. A
- * linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra; no
+ * saved state that continues to the same bits (displacements and velocities can be set, which continues up to rounding).
+ * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
  *
@@ -126,7 +128,7 @@
  *
  *     sb_check_report report;                             // units, slivers, missing supports?
  *     sb_body_check(body, &report);
- *     for (unsigned bit = 1; bit <= SB_CHECK_COMPONENTS; bit <<= 1)
+ *     for (unsigned bit = 1; bit <= SB_CHECK_DUPLICATES; bit <<= 1)
  *         if (report.warnings & bit)
  *             fprintf(stderr, "warning: %s\n", sb_check_string(bit));
  *
@@ -368,6 +370,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
 
 #define SB_VERSION_MAJOR 0
 #define SB_VERSION_MINOR 1
@@ -3349,8 +3352,8 @@ typedef enum sb_integration {
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
- * SB_ERROR_ARGUMENT for a surface mesh or single_rotation on another element, SB_ERROR_UNSUPPORTED for an element that
- * SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
+ * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh or single_rotation on
+ * another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
  * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
@@ -3380,6 +3383,7 @@ SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_
 #define SB_BODY_H
 
 
+/* Functions that return an sb_result refuse a NULL body; the others need one. */
 typedef struct sb_body sb_body;
 
 /* Means "let the library choose" where a def or an option says so. */
@@ -3410,7 +3414,8 @@ typedef struct sb_body_def {
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
     sb_precond_kind preconditioner;   /* default SB_PRECOND_AUTO */
-    sb_real tolerance;                /* of a step's linear solve, |r| / |b|, in (0, 1); default 1e-3 */
+    sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
+                                       * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
                                        * SB_AUTO (default): 1 for linear and corotated, 20 for other materials */
@@ -3424,8 +3429,9 @@ typedef struct sb_body_def {
 SB_API sb_body_def sb_default_body_def(void);
 
 /* Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is
- * untouched and the error says what is wrong: SB_ERROR_ARGUMENT (field named), SB_ERROR_MESH (element named),
- * SB_ERROR_MATERIAL, SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
+ * untouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),
+ * SB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),
+ * SB_ERROR_MATERIAL, SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
 SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error);
 SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 
@@ -3448,7 +3454,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ----
  * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
+ * exactly. axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
  * remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. */
 /* Holds the given axes where the nodes are now. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
@@ -3473,7 +3479,8 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. */
+/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
+ * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
 /* Back to the reference shape at rest; supports, loads and materials stay. */
@@ -3511,7 +3518,8 @@ enum {
     SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 */
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
-    SB_CHECK_COMPONENTS = 128    /* more than one connected part */
+    SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
+    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice */
 };
 typedef struct sb_check_report {
     unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
@@ -3521,6 +3529,7 @@ typedef struct sb_check_report {
     int sliver_count;
     int unreferenced_count;
     int component_count;
+    int duplicate_count;
     int unsupported_component_node; /* a node of the first unsupported part, or -1 */
 } sb_check_report;
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);
@@ -3537,7 +3546,7 @@ SB_API const char *sb_check_string(unsigned warning);
 
 /* What a step or a static solve did. Every field is written by every call, failed ones too. */
 typedef struct sb_step_info {
-    int newton_iterations;    /* linear systems solved */
+    int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;       /* of all of them together */
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
@@ -3561,7 +3570,7 @@ typedef struct sb_step_info {
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
@@ -3569,8 +3578,10 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 typedef struct sb_static_options {
     int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
                                * default 1 */
-    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6 */
-    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30 */
+    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6; what is
+                               * below 64 epsilon counts as that */
+    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
+                               * rotation per element converge linearly and take at least 300 */
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
@@ -13164,6 +13175,7 @@ typedef struct sbi_assembly {
                                     * size of the moduli, so this times epsilon is their rounding error */
     int batched;                   /* tet4 with every material corotated: the batched loops hold */
     sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations;      /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
     int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
@@ -13175,6 +13187,7 @@ typedef struct sbi_assembly {
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
     sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
     sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
+    sb_real *saved_batch_quats;
     sb_real *rotated;              /* [cell_count][16]: R g_a of 4 nodes, w lambda, w mu, 0, 0 */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
@@ -13189,6 +13202,9 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
                                         const int *cell_material);
 /* Forgets the warm starts: rotations become the identity. */
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly);
+/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. */
+SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly);
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly);
 
 /* force[node_count] (N) = internal force at displacements u (m); updates the rotations. Returns -1, or the first
  * cell whose F the material does not admit (then `force` is unusable). */
@@ -13198,9 +13214,10 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
                                  sb_matrix *matrix);
 /* *energy (J) = elastic energy at u; returns -1 or the first inadmissible cell. Rotations stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* F and P of one point at u. Returns 0 when the material does not admit F (P untouched), else 1. */
-SBI_API int sbi_assembly_point(const sbi_assembly *assembly, const sb_vec3 *u, int cell, int point, sb_mat3 *f,
-                               sb_mat3 *p);
+/* F and P at all points of a cell at u; f and p: [points_per_cell]. admissible[point] is 0 where the material does not
+ * admit F (p is 0 there). */
+SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
+                                 int *admissible);
 
 #endif /* SB_ASSEMBLY_H */
 
@@ -13223,6 +13240,12 @@ static size_t sbi_assembly_batch_count(const sb_domain *domain)
     return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
 }
 
+/* The batched loops are for tet4; 16 cells + pair must fit an int. */
+static int sbi_assembly_can_batch(const sb_domain *domain)
+{
+    return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
+}
+
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
     size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
@@ -13233,15 +13256,19 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     chunks = (size_t)assembly->chunk_count;
     assembly->rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->saved_rotations =
+        (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
     assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
     assembly->chunk_energy = (sb_real *)sbi_arena_take(arena, chunks, sizeof(sb_real));
     assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
-    if (domain->element_type == SB_TET4) {
+    if (sbi_assembly_can_batch(domain)) {
         size_t batches = sbi_assembly_batch_count(domain);
         assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches, 9 * SB_POLAR_LANES * sizeof(sb_real));
         assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
+        assembly->saved_batch_quats =
+            (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
         assembly->rotated = (sb_real *)sbi_arena_take(arena, batches * SB_POLAR_LANES, 16 * sizeof(sb_real));
         assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
         assembly->pairs = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
@@ -13287,12 +13314,11 @@ static void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
     memset(node_colours, 0, (size_t)assembly->domain->node_count * sizeof *node_colours);
     for (int c = 0; c < assembly->chunk_count; c++)
         colour_of[c] = sbi_assembly_colour_chunk(assembly, c, node_colours, &assembly->colour_count);
-    for (int colour = 0, used = 0; used < assembly->colour_count; colour++) {
-        assembly->colour_start[used] = position;
+    for (int colour = 0; colour < assembly->colour_count; colour++) {
+        assembly->colour_start[colour] = position;
         for (int c = 0; c < assembly->chunk_count; c++)
             if (colour_of[c] == colour)
                 assembly->colour_chunks[position++] = c;
-        used++;
     }
     assembly->colour_start[assembly->colour_count] = position;
 }
@@ -13358,16 +13384,33 @@ SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly)
     size_t count = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
     for (size_t i = 0; i < count; i++)
         assembly->rotations[i] = sb_quat_identity();
-    if (domain->element_type == SB_TET4)
+    if (sbi_assembly_can_batch(domain))
         for (size_t i = 0; i < sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES; i++)
             assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
 }
+
+/* Copies the warm starts one way or the other. */
+static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t bytes = (size_t)domain->cell_count * (size_t)domain->points_per_cell * sizeof(sb_quat);
+    size_t batch_bytes = sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES * sizeof(sb_real);
+    if (assembly->batched)
+        memcpy(restore ? assembly->batch_quats : assembly->saved_batch_quats,
+               restore ? assembly->saved_batch_quats : assembly->batch_quats, batch_bytes);
+    else
+        memcpy(restore ? assembly->rotations : assembly->saved_rotations,
+               restore ? assembly->saved_rotations : assembly->rotations, bytes);
+}
+
+SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 0); }
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 1); }
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
-    if (assembly->domain->element_type == SB_TET4) {
+    if (sbi_assembly_can_batch(assembly->domain)) {
         sbi_assembly_list_pairs(assembly, matrix);
         sbi_assembly_fill_batches(assembly);
     }
@@ -13510,20 +13553,25 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
 
 /* ---- force ---- */
 
-/* Stresses of all points of a cell; 0 when one has an inadmissible F (its stress is then 0). */
+/* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
+ * be NULL). */
 SBI_FORCE_INLINE int sbi_cell_stresses(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
                                        const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
-                                       sb_mat3 *stress)
+                                       sb_mat3 *stress, int *flags)
 {
     int corotated = sbi_cell_is_corotated(material), admissible = 1;
     int shared = corotated && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
     for (int p = 0; p < q; p++) {
         sb_real energy;
+        int good = 1;
         stress[p] = sb_m3_zero();
         if (shared || material->model == SB_COROTATED)
             stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
         else
-            admissible &= sb_material_stress(material, &f[p], &rotation[p], &stress[p]);
+            good = sb_material_stress(material, &f[p], &rotation[p], &stress[p]);
+        admissible &= good;
+        if (flags)
+            flags[p] = good;
     }
     return admissible;
 }
@@ -13541,7 +13589,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress) && bad < 0)
+        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -13603,56 +13651,70 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
 
 /* ---- tangent ---- */
 
-/* Adds factor * block to block (a, b) of the matrix and its transpose to (b, a). */
-SBI_FORCE_INLINE void sbi_scatter_block(sb_matrix *matrix, int at, const sb_real *block, int diagonal)
+/* Tangent blocks of a cell while they are summed: entry (i, k) of block (a, b) is at [(9 a + 3 i + k) n + b]. The
+ * node b runs fastest, so that the loops over it become vector instructions; blocks below the diagonal are summed
+ * along because that costs less than leaving them out. */
+typedef sb_real sbi_cell_blocks[SB_MAX_ELEMENT_NODES * 9 * SB_MAX_ELEMENT_NODES];
+
+/* Adds the blocks (a, b >= a) of a cell to the matrix, and their transposes below the diagonal. */
+SBI_FORCE_INLINE void sbi_cell_scatter(sb_matrix *matrix, const int *at, const sb_real *blocks, const int n)
 {
-    sb_real *out = matrix->blocks[at];
-    for (int k = 0; k < 9; k++)
-        out[k] += block[k];
-    if (!diagonal) {
-        out = matrix->blocks[matrix->transpose[at]];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                out[3 * j + i] += block[3 * i + j];
-    }
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, at++) {
+            sb_real *upper = matrix->blocks[*at], *lower = matrix->blocks[matrix->transpose[*at]];
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 3; k++) {
+                    sb_real value = blocks[(9 * a + 3 * i + k) * n + b];
+                    upper[3 * i + k] += value;
+                    if (a != b)
+                        lower[3 * k + i] += value;
+                }
+        }
 }
 
 /* blocks += w (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I) with h = R g (rotated-gradient identity). */
 SBI_FORCE_INLINE void sbi_cell_add_rotated(sb_mat3 r, const sb_real *g, sb_real lambda, sb_real mu, const int n,
-                                           sb_real (*blocks)[9])
+                                           sb_real *SB_RESTRICT blocks)
 {
-    sb_real h[SB_MAX_ELEMENT_NODES][3];
-    int pair = 0;
+    sb_real h[3][SB_MAX_ELEMENT_NODES], dot[SB_MAX_ELEMENT_NODES];
     for (int a = 0; a < n; a++)
         for (int i = 0; i < 3; i++)
-            h[a][i] = r.m[i][0] * g[3 * a] + r.m[i][1] * g[3 * a + 1] + r.m[i][2] * g[3 * a + 2];
-    for (int a = 0; a < n; a++)
-        for (int b = a; b < n; b++, pair++) {
-            sb_real dot = mu * (h[a][0] * h[b][0] + h[a][1] * h[b][1] + h[a][2] * h[b][2]);
-            for (int i = 0; i < 3; i++) {
-                for (int j = 0; j < 3; j++)
-                    blocks[pair][3 * i + j] += lambda * h[a][i] * h[b][j] + mu * h[b][i] * h[a][j];
-                blocks[pair][3 * i + i] += dot;
+            h[i][a] = r.m[i][0] * g[3 * a] + r.m[i][1] * g[3 * a + 1] + r.m[i][2] * g[3 * a + 2];
+    for (int a = 0; a < n; a++) {
+        sb_real l[3] = {lambda * h[0][a], lambda * h[1][a], lambda * h[2][a]};
+        sb_real m[3] = {mu * h[0][a], mu * h[1][a], mu * h[2][a]};
+        for (int b = 0; b < n; b++)
+            dot[b] = m[0] * h[0][b] + m[1] * h[1][b] + m[2] * h[2][b];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) {
+                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
+                for (int b = 0; b < n; b++)
+                    out[b] += l[i] * h[k][b] + m[k] * h[i][b] + (i == k ? dot[b] : (sb_real)0);
             }
-        }
+    }
 }
 
 /* blocks += w g_a . A . g_b with A = dP/dF, A[9 (3 i + j) + 3 k + l] = dP_ij / dF_kl. */
 SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real *g, sb_real w, const int n,
-                                           sb_real (*blocks)[9])
+                                           sb_real *SB_RESTRICT blocks)
 {
-    int pair = 0;
+    sb_real by_axis[3][SB_MAX_ELEMENT_NODES];
+    for (int b = 0; b < n; b++)
+        for (int l = 0; l < 3; l++)
+            by_axis[l][b] = g[3 * b + l];
     for (int a = 0; a < n; a++) {
         sb_real t[3][9]; /* t[i][kl] = w sum_j g_a,j A_ijkl */
         for (int i = 0; i < 3; i++)
             for (int kl = 0; kl < 9; kl++)
                 t[i][kl] = w * (g[3 * a] * tangent[27 * i + kl] + g[3 * a + 1] * tangent[27 * i + 9 + kl] +
                                 g[3 * a + 2] * tangent[27 * i + 18 + kl]);
-        for (int b = a; b < n; b++, pair++)
-            for (int i = 0; i < 3; i++)
-                for (int k = 0; k < 3; k++)
-                    blocks[pair][3 * i + k] += t[i][3 * k] * g[3 * b] + t[i][3 * k + 1] * g[3 * b + 1] +
-                                               t[i][3 * k + 2] * g[3 * b + 2];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) {
+                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
+                for (int b = 0; b < n; b++)
+                    out[b] += t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] +
+                              t[i][3 * k + 2] * by_axis[2][b];
+            }
     }
 }
 
@@ -13662,9 +13724,9 @@ static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind 
     return material->model == SB_LINEAR || (sbi_cell_is_corotated(material) && kind == SB_TANGENT_QUASI);
 }
 
-/* Tangent blocks of the pairs (a, b >= a) of a cell; 0 when a point has an inadmissible F. */
+/* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
 SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int single,
-                                      sb_real (*blocks)[9])
+                                      sb_real *blocks)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
@@ -13698,14 +13760,11 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     int bad = -1;
     for (int e = begin; e < end; e++) {
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
-        sb_real blocks[SB_MAX_ELEMENT_NODES * (SB_MAX_ELEMENT_NODES + 1) / 2][9];
-        int pair = 0;
-        memset(blocks, 0, (size_t)pair_count * sizeof blocks[0]);
+        sbi_cell_blocks blocks;
+        memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
         if (!sbi_cell_tangent(job, e, n, q, single, blocks) && bad < 0)
             bad = e;
-        for (int a = 0; a < n; a++)
-            for (int b = a; b < n; b++, pair++)
-                sbi_scatter_block(job->matrix, at[pair], blocks[pair], a == b);
+        sbi_cell_scatter(job->matrix, at, blocks, n);
     }
     return bad;
 }
@@ -13945,7 +14004,7 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
     size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
     assembly->materials = materials;
     assembly->cell_material = cell_material;
-    assembly->batched = domain->element_type == SB_TET4;
+    assembly->batched = sbi_assembly_can_batch(domain);
     assembly->energy_unit = 0;
     for (size_t p = 0; p < points; p++) {
         const sb_material *material = materials + cell_material[p / (size_t)domain->points_per_cell];
@@ -14004,23 +14063,18 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
     return bad;
 }
 
-SBI_API int sbi_assembly_point(const sbi_assembly *assembly, const sb_vec3 *u, int cell, int point, sb_mat3 *f,
-                               sb_mat3 *p)
+SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
+                                 int *admissible)
 {
     const sb_domain *domain = assembly->domain;
-    const sb_material *material = assembly->materials + assembly->cell_material[cell];
     int q = domain->points_per_cell;
     const sb_quat *start = assembly->rotations + (size_t)cell * (size_t)q;
-    sb_mat3 all[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
-    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, all);
-    if (!sbi_cell_stresses(domain, material, cell, u, all, q, domain->single_rotation, rotation, stress))
-        return 0;
-    *f = all[point];
-    *p = stress[point];
-    return 1;
+    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
+    sbi_cell_stresses(domain, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
+                      domain->single_rotation, rotation, p, admissible);
 }
 
 /* ==== src/softbody/body_state.h ==== */
@@ -14068,10 +14122,12 @@ struct sb_body {
     unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
     sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
     sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
+    int support_used;            /* blocks in the rows of nodes with fixed axes */
     int support_capacity;        /* blocks that support_blocks holds */
     sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
     sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
-    sb_real (*support_grams)[36];/* [component_count] what the supports do to rigid motions */
+    double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
+    sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
 
     /* state */
     sb_vec3 *reference;          /* [node_count] (m) */
@@ -14087,7 +14143,8 @@ struct sb_body {
     sb_vec3 *rhs, *increment, *reaction;
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;              /* displacement at the start of the step */
-    sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction;
+    sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
+    int saved_force_current;
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
@@ -14100,6 +14157,8 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
 SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor);
 /* Newton iterations of a time step, SB_AUTO resolved. */
 SBI_API int sbi_body_max_newton(const sb_body *body);
+/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* A node of the first connected part whose supports leave a rigid motion free, or -1. */
@@ -14150,6 +14209,8 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
                         def->max_iterations, def->max_newton);
     if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_CURVED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
     if (def->allocator.alloc && !def->allocator.release)
@@ -14245,6 +14306,16 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
             sbi_body_find_region(body->material_regions, count, sbi_body_region(def->mesh, e), &found);
+    for (int k = 0; k < def->region_material_count; k++) {
+        for (int i = 0; i < k; i++)
+            if (def->region_materials[i].region == def->region_materials[k].region)
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials names region %d twice",
+                                def->region_materials[k].region);
+        sbi_body_find_region(body->material_regions, count, def->region_materials[k].region, &found);
+        if (!found)
+            return sbi_fail(error, SB_ERROR_INDEX, "def.region_materials names region %d, which the mesh does not have",
+                            def->region_materials[k].region);
+    }
     for (int i = 0; i < count; i++) {
         const sb_material *material = &def->material;
         for (int k = 0; k < def->region_material_count; k++)
@@ -14269,7 +14340,8 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
                            &body->external,  &body->equilibrated, &body->residual,      &body->rhs,
                            &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
                            &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->converged, &body->work,        &body->work2};
+                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
+                           &body->work,      &body->work2};
     for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
@@ -14277,8 +14349,9 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     if (body->mass_kind != SB_MASS_LUMPED)
         body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
     body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams =
-        (sb_real(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(sb_real));
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, arena);
 }
@@ -14315,13 +14388,12 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     return mesh;
 }
 
-/* Centre of the bounding box; returns its diagonal, the length scale of rotations. */
-static sb_real sbi_body_frame(const sb_body *body, sb_vec3 *centre)
+/* Diagonal of the bounding box (m). */
+static sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
     sb_mesh_bounds(&mesh, &low, &high);
-    *centre = sb_v3_scale((sb_real)0.5, sb_v3_add(low, high));
     return sb_v3_norm(sb_v3_sub(high, low));
 }
 
@@ -14405,9 +14477,8 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
 
 static void sbi_body_materials_changed(sb_body *body)
 {
-    sb_vec3 centre;
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
-    body->force_unit = body->assembly.energy_unit / sbi_body_frame(body, &centre);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
     sbi_body_update_mass(body);
     body->force_current = 0;
     body->acceleration_known = 0;
@@ -14429,15 +14500,29 @@ static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_e
     return result;
 }
 
+/* Grows the bounding box of a part by one of its nodes. */
+static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+}
+
 /* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
 static void sbi_body_label_nodes(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    }
     for (int i = 0; i < body->domain.node_count; i++) {
         int first = lists->offsets[i];
         int lonely = first == lists->offsets[i + 1];
         body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
         body->fixed[i] = lonely ? SB_XYZ : 0;
+        if (!lonely)
+            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
     }
 }
 
@@ -14655,20 +14740,18 @@ static int sbi_body_row_length(const sb_body *body, int node)
     return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
 }
 
-/* Room for the tangent rows of the supports to come: reactions are read from them. */
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
 static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
 {
-    int needed = 0, capacity;
+    int needed = body->support_used, most = body->matrix.block_count, capacity;
     void *blocks;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i])
-            needed += sbi_body_row_length(body, i);
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
-            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), body->matrix.block_count - needed);
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
     if (needed <= body->support_capacity)
         return SB_OK;
-    capacity = needed > body->matrix.block_count / 2 ? body->matrix.block_count : needed + needed / 2;
+    capacity = needed > most / 2 ? most : needed + needed / 2;
     blocks = sbi_alloc(&body->allocator, (size_t)capacity, 9 * sizeof(sb_real));
     if (!blocks)
         return SB_ERROR_MEMORY;
@@ -14678,16 +14761,15 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     return SB_OK;
 }
 
-static sb_real sbi_body_pick(int take, sb_real value, sb_real otherwise) { return take ? value : otherwise; }
-
-/* The components of `value` on the given axes, of `otherwise` on the others. */
-static sb_vec3 sbi_body_pick_axes(int axes, sb_vec3 value, sb_vec3 otherwise)
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
 {
-    return sb_v3(sbi_body_pick(axes & SB_X, value.x, otherwise.x), sbi_body_pick(axes & SB_Y, value.y, otherwise.y),
-                 sbi_body_pick(axes & SB_Z, value.z, otherwise.z));
+    return sb_v3(axes & SB_X ? value.x : otherwise.x, axes & SB_Y ? value.y : otherwise.y,
+                 axes & SB_Z ? value.z : otherwise.z);
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
+                                  int stride)
 {
     sb_result result = sbi_body_check_nodes(body, nodes, count);
     if (result != SB_OK)
@@ -14698,33 +14780,30 @@ SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, i
         return SB_OK;
     result = sbi_body_reserve_supports(body, nodes, count);
     for (int i = 0; i < count && result == SB_OK; i++) {
-        body->fixed[nodes[i]] |= (unsigned char)axes;
-        body->target[nodes[i]] =
-            sbi_body_pick_axes(axes, body->displacement[nodes[i]], body->target[nodes[i]]);
+        int node = nodes[i];
+        if (!body->fixed[node])
+            body->support_used += sbi_body_row_length(body, node);
+        body->fixed[node] |= (unsigned char)axes;
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+                                                body->target[node]);
     }
     return result;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sbi_body_support(body, nodes, count, axes, NULL, 0);
 }
 
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
-        return result;
-    if (axes < 0 || axes > SB_XYZ || (count > 0 && !displacements))
+    if (!body || count < 0 || (count > 0 && !displacements))
         return SB_ERROR_ARGUMENT;
     for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
         if (!sb_v3_is_finite(displacements[i]))
             return SB_ERROR_NOT_FINITE;
-    if (axes == 0)
-        return SB_OK;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
-        body->fixed[nodes[i]] |= (unsigned char)axes;
-        body->target[nodes[i]] =
-            sbi_body_pick_axes(axes, displacements[uniform ? 0 : i], body->target[nodes[i]]);
-    }
-    return result;
+    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
 }
 
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
@@ -14736,8 +14815,12 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         return SB_ERROR_ARGUMENT;
     for (int i = 0; i < count; i++)
         if (body->node_component[nodes[i]] >= 0) {
+            int held = body->fixed[nodes[i]];
             body->fixed[nodes[i]] &= (unsigned char)~axes;
-            body->reaction[nodes[i]] = sbi_body_pick_axes(axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
+            if (held && !body->fixed[nodes[i]])
+                body->support_used -= sbi_body_row_length(body, nodes[i]);
+            body->reaction[nodes[i]] =
+                sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
     return SB_OK;
 }
@@ -14766,13 +14849,13 @@ SB_API void sb_body_clear_loads(sb_body *body)
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
 }
 
-/* 1 when every node of the list is among the candidates. */
-static int sbi_body_has_nodes(const int *list, int count, const int *candidates, const int *local, int local_count)
+/* 1 when the named corners of an element (all different) are those of the list. */
+static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
 {
     int found = 0;
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < local_count; k++)
-            if (candidates[local[k]] == list[i]) {
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
                 found++;
                 break;
             }
@@ -14791,7 +14874,7 @@ static int sbi_body_find_face(const sb_body *body, const int *corners, int count
         for (int face = 0; face < sb_element_face_count(type); face++) {
             int local[SB_MAX_FACE_NODES], face_nodes = sb_element_face(type, face, local, face_type);
             if (sb_element_corner_count(*face_type) != count ||
-                !sbi_body_has_nodes(corners, count, cell, local, count))
+                !sbi_body_has_corners(corners, cell, local, count))
                 continue;
             for (int i = 0; i < face_nodes; i++)
                 nodes[i] = cell[local[i]];
@@ -14940,28 +15023,42 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body)
     return sum;
 }
 
+/* Cauchy stresses at the points of an element; 0, and admissible[point] 0, where there is none. */
+static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *stress, int *admissible)
+{
+    const sb_material *material = body->materials + body->cell_material[element];
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS], p[SB_MAX_QUADRATURE_POINTS];
+    sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
+    for (int i = 0; i < body->domain.points_per_cell; i++) {
+        if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
+            admissible[i] = 0;
+        stress[i] = admissible[i] ? sb_material_cauchy_stress(material, f[i], p[i]) : sb_m3_zero();
+    }
+}
+
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress)
 {
-    sb_mat3 f, p;
+    sb_mat3 all[SB_MAX_QUADRATURE_POINTS];
+    int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
     if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= body->domain.points_per_cell)
         return SB_ERROR_INDEX;
-    if (!sbi_assembly_point(&body->assembly, body->displacement, element, point, &f, &p))
+    sbi_body_element_stresses(body, element, all, admissible);
+    if (!admissible[point])
         return SB_ERROR_INVERTED;
-    if (body->materials[body->cell_material[element]].model != SB_LINEAR && sb_m3_det(f) == 0)
-        return SB_ERROR_INVERTED;
-    *stress = sb_material_cauchy_stress(body->materials + body->cell_material[element], f, p);
+    *stress = all[point];
     return SB_OK;
 }
 
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
+    sb_mat3 stress[SB_MAX_QUADRATURE_POINTS];
+    int admissible[SB_MAX_QUADRATURE_POINTS];
     sb_real sum = 0;
-    sb_mat3 stress;
+    sbi_body_element_stresses(body, element, stress, admissible);
     for (int p = 0; p < body->domain.points_per_cell; p++)
-        if (sb_body_stress(body, element, p, &stress) == SB_OK)
-            sum += sb_von_mises(stress);
+        sum += sb_von_mises(stress[p]);
     return sum / (sb_real)body->domain.points_per_cell;
 }
 
@@ -14971,6 +15068,15 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
         values[e] = sbi_body_element_von_mises(body, e);
 }
 
+static sb_real sbi_body_element_volume(const sb_body *body, int element)
+{
+    sb_real sum = 0;
+    int q = body->domain.points_per_cell;
+    for (int p = 0; p < q; p++)
+        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
+    return sum;
+}
+
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
     const sb_domain *domain = &body->domain;
@@ -14978,48 +15084,45 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
-        sb_real value = sbi_body_element_von_mises(body, e);
+        sb_real value = sbi_body_element_von_mises(body, e) * sbi_body_element_volume(body, e);
         for (int a = 0; a < domain->nodes_per_cell; a++)
-            values[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell + (size_t)a]] +=
-                value * domain->weights[(size_t)e * (size_t)domain->points_per_cell];
+            values[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell + (size_t)a]] += value;
     }
     for (int i = 0; i < domain->node_count; i++) {
-        sb_real weight = 0;
+        sb_real volume = 0;
         for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++)
-            weight += domain->weights[(size_t)lists->items[k] * (size_t)domain->points_per_cell];
-        values[i] = weight > 0 ? values[i] / weight : 0;
+            volume += sbi_body_element_volume(body, lists->items[k]);
+        values[i] = volume > 0 ? values[i] / volume : 0;
     }
 }
 
 /* ---- set-up check ---- */
 
 /* Adds row r r^T of one supported axis: r is what the six rigid motions do to it. */
-static void sbi_body_add_support(sb_real *gram, sb_vec3 arm, int axis)
+static void sbi_body_add_support(double *gram, const double *arm, int axis)
 {
-    sb_real r[6] = {0, 0, 0, 0, 0, 0};
-    const sb_real x[3] = {arm.x, arm.y, arm.z};
+    double r[6] = {0, 0, 0, 0, 0, 0};
     r[axis] = 1;
-    r[3 + (axis + 1) % 3] = x[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] = -x[(axis + 1) % 3];
+    r[3 + (axis + 1) % 3] = arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] = -arm[(axis + 1) % 3];
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++)
             gram[6 * i + j] += r[i] * r[j];
 }
 
 /* Rank 6 by Gauss elimination with diagonal pivots; arms are of order 1, so pivots compare with the trace. */
-static int sbi_body_has_full_rank(sb_real *gram)
+static int sbi_body_has_full_rank(double *gram)
 {
-    sb_real trace = 0, limit;
+    double trace = 0;
     unsigned done = 0;
     for (int i = 0; i < 6; i++)
         trace += gram[7 * i];
-    limit = trace * sb_max((sb_real)1e-10, 100 * SB_EPSILON);
     for (int step = 0; step < 6; step++) {
         int pivot = -1;
         for (int i = 0; i < 6; i++)
             if (!(done >> i & 1) && (pivot < 0 || gram[7 * i] > gram[7 * pivot]))
                 pivot = i;
-        if (!(gram[7 * pivot] > limit))
+        if (!(gram[7 * pivot] > 1e-10 * trace))
             return 0;
         done |= 1u << pivot;
         for (int i = 0; i < 6; i++)
@@ -15030,17 +15133,28 @@ static int sbi_body_has_full_rank(sb_real *gram)
     return 1;
 }
 
+/* Arm of a node about the centre of its part, in units of the part's size. */
+static void sbi_body_arm(const sb_body *body, int node, double arm[3])
+{
+    sb_vec3 low = body->component_low[body->node_component[node]];
+    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
+    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
+    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
+    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
+}
+
 SBI_API int sbi_body_unsupported_node(const sb_body *body)
 {
-    sb_vec3 centre;
-    sb_real size = sbi_body_frame(body, &centre);
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
     for (int i = 0; i < body->domain.node_count; i++) {
-        int c = body->node_component[i];
-        for (int axis = 0; axis < 3 && c >= 0; axis++)
+        double arm[3];
+        if (!body->fixed[i] || body->node_component[i] < 0)
+            continue;
+        sbi_body_arm(body, i, arm);
+        for (int axis = 0; axis < 3; axis++)
             if (body->fixed[i] >> axis & 1)
-                sbi_body_add_support(body->support_grams[c],
-                                     sb_v3_scale((sb_real)1 / size, sb_v3_sub(body->reference[i], centre)), axis);
+                sbi_body_add_support(body->support_grams[body->node_component[i]], arm, axis);
     }
     for (int c = 0; c < body->component_count; c++)
         if (!sbi_body_has_full_rank(body->support_grams[c]))
@@ -15050,16 +15164,28 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
     return -1;
 }
 
+/* 1 when an element before this one has the same corners. */
+static int sbi_body_is_duplicate(const sb_body *body, int element)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    int n = body->domain.nodes_per_cell, corners = sb_element_corner_count(body->domain.element_type);
+    const int *cell = body->domain.cells + (size_t)element * (size_t)n;
+    static const int local[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
+        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
+            return 1;
+    return 0;
+}
+
 static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
-    sb_vec3 low, high;
-    sb_mesh_bounds(&mesh, &low, &high);
-    report->size = sb_v3_norm(sb_v3_sub(high, low));
+    report->size = sbi_body_size(body);
     report->worst_quality = 1;
     for (int e = 0; e < mesh.element_count; e++) {
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
+        report->duplicate_count += sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;
@@ -15074,6 +15200,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
         report->warnings |= SB_CHECK_SLIVERS;
     if (report->unreferenced_count > 0)
         report->warnings |= SB_CHECK_UNREFERENCED;
+    if (report->duplicate_count > 0)
+        report->warnings |= SB_CHECK_DUPLICATES;
     if (report->component_count > 1)
         report->warnings |= SB_CHECK_COMPONENTS;
 }
@@ -15117,6 +15245,7 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
+    case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";
     case SB_CHECK_COMPONENTS: return "the mesh has more than one connected part";
     default: return "unknown warning";
     }
@@ -15167,19 +15296,13 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
     return (sb_real)sum;
 }
 
-static sb_vec3 sbi_step_mask(unsigned fixed, sb_vec3 on_fixed, sb_vec3 on_free)
-{
-    return sb_v3(fixed & SB_X ? on_fixed.x : on_free.x, fixed & SB_Y ? on_fixed.y : on_free.y,
-                 fixed & SB_Z ? on_fixed.z : on_free.z);
-}
-
 /* Norm of the components on free (or on fixed) axes. */
 static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed)
 {
     const sb_vec3 zero = sb_v3(0, 0, 0);
     double sum = 0;
     for (int i = 0; i < body->domain.node_count; i++) {
-        sb_vec3 v = on_fixed ? sbi_step_mask(body->fixed[i], a[i], zero) : sbi_step_mask(body->fixed[i], zero, a[i]);
+        sb_vec3 v = on_fixed ? sbi_body_pick_axes(body->fixed[i], a[i], zero) : sbi_body_pick_axes(body->fixed[i], zero, a[i]);
         sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
     }
     return sb_sqrt((sb_real)sum);
@@ -15335,7 +15458,7 @@ static sb_vec3 sbi_newton_goal(const sbi_newton *newton, int i)
 static sb_vec3 sbi_newton_way_to_go(const sbi_newton *newton, int i)
 {
     const sb_body *b = newton->body;
-    return sbi_step_mask(b->fixed[i], sb_v3_sub(sbi_newton_goal(newton, i), b->displacement[i]), sb_v3(0, 0, 0));
+    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_newton_goal(newton, i), b->displacement[i]), sb_v3(0, 0, 0));
 }
 
 static int sbi_newton_supports_move(const sbi_newton *newton)
@@ -15358,7 +15481,7 @@ static void sbi_newton_predict(sbi_newton *newton, int first)
         sb_vec3 coast = sb_v3(0, 0, 0);
         if (first && newton->dynamic)
             coast = sb_v3_scale(newton->dt, b->velocity[i]);
-        b->increment[i] = sbi_step_mask(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
     }
 }
 
@@ -15375,9 +15498,10 @@ static void sbi_newton_keep_support_rows(sb_body *b)
         }
 }
 
-/* Reactions of the linearised equations: r + A du on supported axes. */
-static void sbi_newton_reactions(sb_body *b)
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+static void sbi_newton_reactions(const sbi_newton *newton)
 {
+    sb_body *b = newton->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
@@ -15386,13 +15510,13 @@ static void sbi_newton_reactions(sb_body *b)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
                                        m[6] * d.x + m[7] * d.y + m[8] * d.z));
         }
-        b->reaction[i] = sbi_step_mask(b->fixed[i], sum, zero);
+        b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
 }
 
@@ -15401,20 +15525,21 @@ static void sbi_newton_reactions(sb_body *b)
 static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iteration)
 {
     const sb_body *b = newton->body;
-    sb_real floor_tolerance, forcing = (sb_real)1e-2;
+    sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
     int linear = 1;
     if (newton->linear_tolerance > 0)
         return newton->linear_tolerance;
     for (int i = 0; i < b->material_count; i++)
         linear = linear && sb_material_is_linear(b->materials[i].model);
-    floor_tolerance = (sb_real)0.1 * newton->tolerance * newton->scale / newton->norm;
+    if (newton->norm > 0)
+        enough = (sb_real)0.1 * newton->tolerance * newton->scale / newton->norm;
     if (linear)
-        return sb_max(sb_min((sb_real)0.1 * newton->tolerance, floor_tolerance), 10 * SB_EPSILON);
+        return sb_max(sb_min((sb_real)0.1 * newton->tolerance, enough), least);
     if (iteration > 0 && newton->last_norm > 0) {
         sb_real ratio = newton->norm / newton->last_norm;
         forcing = sb_min(forcing, (sb_real)0.5 * ratio * ratio);
     }
-    return sb_max(sb_max(forcing, sb_min(floor_tolerance, forcing)), 10 * SB_EPSILON);
+    return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
 }
 
 /* Solves A du = -r with the supports' increments prescribed. */
@@ -15423,7 +15548,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     sb_body *b = newton->body;
     sb_step_info *info = newton->info;
     sb_pcg_options options = sb_default_pcg_options();
-    sb_pcg_info pcg;
+    sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sb_result result;
     double begin = sbi_step_now(b), middle;
     sbi_newton_predict(newton, iteration == 0);
@@ -15487,7 +15612,7 @@ static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
     for (int i = 0; i < b->domain.node_count; i++) {
         b->work2[i] = sb_v3_madd(b->displacement[i], t, b->increment[i]);
         if (t == 1 && b->fixed[i])
-            b->work2[i] = sbi_step_mask(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
+            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
     }
 }
 
@@ -15529,7 +15654,7 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
     }
     if (newton->dynamic && (t < 1 || energy > 0)) {
         for (int i = 0; i < b->domain.node_count; i++)
-            b->work[i] = sbi_step_mask(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
+            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
         if (sbi_newton_try(newton, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
             sbi_newton_take(newton, b->work, alone);
             return SB_OK;
@@ -15646,8 +15771,28 @@ static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
     newton->info->residual = newton->scale > 0 ? newton->norm / newton->scale : 0;
     if (newton->moves_supports)
         return 0;
-    return newton->norm <= sb_max(newton->tolerance * newton->scale, 16 * SB_EPSILON * newton->body->force_unit) ||
-           (iteration > 0 && sbi_newton_is_exhausted(newton->body));
+    if (newton->norm <= newton->tolerance * newton->scale)
+        return 1;
+    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * newton->body->force_unit ||
+                             sbi_newton_is_exhausted(newton->body));
+}
+
+static int sbi_newton_allows_inversion(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_allows_inversion(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
+/* The one iteration of a linearised step. Nothing watches its increment, so where the material forbids inverted
+ * elements the new shape is tried at once (the next step finds its forces done): the body must stay steppable. */
+static sb_result sbi_newton_linearised(sbi_newton *newton)
+{
+    sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
+    if (result == SB_OK && !sbi_newton_allows_inversion(newton->body))
+        result = sbi_newton_force(newton);
+    return result;
 }
 
 /* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
@@ -15659,7 +15804,7 @@ static sb_result sbi_newton_run(sbi_newton *newton)
         if (result != SB_OK)
             return result;
         if (newton->linearised)
-            return sbi_newton_iterate(newton, iteration, SB_TANGENT_QUASI);
+            return sbi_newton_linearised(newton);
         if (sbi_newton_is_converged(newton, iteration))
             return SB_OK;
         if (iteration == newton->max_newton)
@@ -15732,8 +15877,8 @@ static void sbi_step_scheme(sbi_newton *newton)
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
-            v0 = sbi_step_mask(b->fixed[i], sb_v3_madd(rate, -newton->cv, go), v0);
-            a0 = sbi_step_mask(b->fixed[i], sb_v3_madd(change, -newton->ca, go), a0);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -newton->cv, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -newton->ca, go), a0);
         }
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
@@ -15741,25 +15886,44 @@ static void sbi_step_scheme(sbi_newton *newton)
     newton->has_velocity = newmark;
 }
 
+/* What a failing step gives back, and where it is kept meanwhile. */
+typedef struct sbi_step_pair {
+    sb_vec3 *state, *saved;
+} sbi_step_pair;
+
+enum { SBI_STEP_PAIRS = 6 };
+
+static void sbi_step_pairs(sb_body *b, sbi_step_pair pairs[SBI_STEP_PAIRS])
+{
+    sb_vec3 *const state[SBI_STEP_PAIRS] = {b->displacement, b->velocity, b->acceleration,
+                                            b->reaction,     b->external, b->internal};
+    sb_vec3 *const saved[SBI_STEP_PAIRS] = {b->start,          b->saved_velocity, b->saved_acceleration,
+                                            b->saved_reaction, b->saved_external, b->saved_internal};
+    for (int i = 0; i < SBI_STEP_PAIRS; i++) {
+        pairs[i].state = state[i];
+        pairs[i].saved = saved[i];
+    }
+}
+
 static void sbi_step_save(sb_body *b)
 {
-    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
-    memcpy(b->start, b->displacement, bytes);
-    memcpy(b->saved_velocity, b->velocity, bytes);
-    memcpy(b->saved_acceleration, b->acceleration, bytes);
-    memcpy(b->saved_reaction, b->reaction, bytes);
+    sbi_step_pair pairs[SBI_STEP_PAIRS];
+    sbi_step_pairs(b, pairs);
+    for (int i = 0; i < SBI_STEP_PAIRS; i++)
+        memcpy(pairs[i].saved, pairs[i].state, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    b->saved_force_current = b->force_current;
+    sbi_assembly_save_rotations(&b->assembly);
 }
 
 static void sbi_step_undo(sb_body *b)
 {
-    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
-    memcpy(b->displacement, b->start, bytes);
-    memcpy(b->velocity, b->saved_velocity, bytes);
-    memcpy(b->acceleration, b->saved_acceleration, bytes);
-    memcpy(b->reaction, b->saved_reaction, bytes);
-    sbi_assembly_reset_rotations(&b->assembly);
+    sbi_step_pair pairs[SBI_STEP_PAIRS];
+    sbi_step_pairs(b, pairs);
+    for (int i = 0; i < SBI_STEP_PAIRS; i++)
+        memcpy(pairs[i].state, pairs[i].saved, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    b->force_current = b->saved_force_current;
+    sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
-    b->force_current = 0;
 }
 
 /* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
@@ -15775,6 +15939,7 @@ static sb_result sbi_step_commit(sbi_newton *newton)
         b->acceleration[i] = a;
     }
     sbi_body_update_positions(b);
+    b->acceleration_known = 1;
     return SB_OK;
 }
 
@@ -15790,7 +15955,7 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
 {
     if (result != SB_OK && info->error.result != result) {
         if (result == SB_ERROR_NOT_CONVERGED)
-            sbi_fail(&info->error, result, "the residual is %g after %d Newton iterations", (double)info->residual,
+            sbi_fail(&info->error, result, "the residual is %g after %d linear solves", (double)info->residual,
                      info->newton_iterations);
         else
             sbi_fail(&info->error, result, "the linear solve failed (%s)", sb_result_string(result));
@@ -15812,14 +15977,13 @@ static sb_result sbi_step_run(sbi_newton *newton)
     sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
-    if (result == SB_ERROR_NOT_CONVERGED) { /* every iteration lowered the potential: a usable state */
+    if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
         newton->info->capped = 1;
         result = SB_OK;
     }
     if (result != SB_OK)
         return result;
-    sbi_newton_reactions(b);
-    b->acceleration_known = 1;
+    sbi_newton_reactions(newton);
     return sbi_step_commit(newton);
 }
 
@@ -15860,6 +16024,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 /* ---- static solves ---- */
 
 #define SBI_STATIC_COOKIE 0x57a71cu
+enum { SBI_STATIC_NEWTON = 30 };
 
 SB_API sb_static_options sb_default_static_options(void)
 {
@@ -15867,7 +16032,7 @@ SB_API sb_static_options sb_default_static_options(void)
     memset(&options, 0, sizeof options);
     options.load_steps = 1;
     options.tolerance = (sb_real)1e-6;
-    options.max_newton = 30;
+    options.max_newton = SBI_STATIC_NEWTON;
     options.max_iterations = 20000;
     options.cookie = SBI_STATIC_COOKIE;
     return options;
@@ -15949,7 +16114,7 @@ static void sbi_static_commit(sbi_newton *newton)
     sbi_static_loads(b, newton->info->load_factor);
     if (sbi_newton_force(newton) == SB_OK)
         for (int i = 0; i < b->domain.node_count; i++)
-            b->reaction[i] = sbi_step_mask(b->node_component[i] < 0 ? 0 : b->fixed[i],
+            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
                                            sb_v3_sub(b->internal[i], b->external[i]), zero);
     memcpy(b->equilibrated, b->external, bytes);
     sbi_body_update_positions(b);
@@ -15975,6 +16140,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     newton.info = info;
     newton.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
     newton.max_newton = sbi_max_int(options->max_newton, 2);
+    if (body->domain.single_rotation) /* its tangent leaves dR/dx out, so that it converges linearly */
+        newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
     sbi_step_save(body);

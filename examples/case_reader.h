@@ -900,12 +900,17 @@ static inline int case_load_mesh(case_file *c)
     char *path = case_input_path(c, s->path);
     sb_error error;
     sb_result result;
+    int duplicates;
     if (!path)
         return case_fail_memory(c, s->line);
     result = sb_mesh_load(&c->mesh, path, NULL, &error);
     free(path);
     if (result != SB_OK)
         return case_fail_library(c, s->line, &error);
+    if (sb_mesh_remove_duplicate_elements(&c->mesh, &duplicates, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (duplicates > 0)
+        return case_fail(c, s->line, "the mesh has %d elements twice", duplicates);
     if (sb_element_dimension(c->mesh.element_type) != 3)
         return case_fail(c, s->line, "the mesh is a surface of %s; a volume mesh is needed",
                          sb_element_name(c->mesh.element_type));
@@ -1099,7 +1104,7 @@ static inline int case_read(case_file *c, const char *path)
     memcpy(c->path, path, size);
     c->text = case_read_text(path, &reason);
     if (!c->text)
-        return case_fail(c, 0, "%s", reason);
+        return case_fail(c, 1, "%s", reason);
     return case_parse(c) && case_load(c);
 }
 

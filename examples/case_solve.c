@@ -51,9 +51,9 @@ static const char help[] =
     "Static: load steps grow and shrink with Newton's success, beginning with N equal ones; iterations (30) "
     "is the\n"
     "most per load step; tol is the out-of-balance force relative to the largest of load and reaction.\n"
-    "Dynamic: every step is iterated to tol (1e-6) in at most newton (20) iterations. --mass: consistent "
+    "Dynamic: every step is iterated to tol (1e-6) in at most newton (20) iterations. --mass: reduced "
     "(default)\n"
-    "is integrated exactly; reduced uses the points of the stiffness, as CalculiX does; lumped is diagonal.\n"
+    "uses the points of the stiffness, as CalculiX does; consistent is integrated exactly; lumped is diagonal.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
@@ -437,7 +437,7 @@ static int take_arguments(run *r, int argc, char **argv)
     if (!r->prefix)
         r->prefix = "";
     if (!r->mass)
-        r->mass = mass_names[SB_MASS_CONSISTENT];
+        r->mass = mass_names[SB_MASS_REDUCED];
     for (r->mass_kind = 0; r->mass_kind < 3 && strcmp(mass_names[r->mass_kind], r->mass) != 0;)
         r->mass_kind++;
     return r->case_path && r->mass_kind < 3;

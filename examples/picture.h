@@ -880,7 +880,10 @@ static inline int picture_save_png(const picture *p, const char *path)
     unsigned char header[13] = {0, 0, 0, 0, 0, 0, 0, 0, 8, 2, 0, 0, 0}; /* 8 bits per channel, RGB */
     int result = p->out_of_memory || !rows || !stream ? PICTURE_NO_MEMORY : PICTURE_OK;
     if (result == PICTURE_OK) {
-        FILE *file = fopen(path, "wb");
+        FILE *there = fopen(path, "rb"), *file; /* what was there before, a device even, is not ours to remove */
+        if (there)
+            fclose(there);
+        file = fopen(path, "wb");
         picture_put_be32(header, (unsigned)p->width);
         picture_put_be32(header + 4, (unsigned)p->height);
         picture_fill_rows(p, rows);
@@ -891,7 +894,7 @@ static inline int picture_save_png(const picture *p, const char *path)
                       picture_write_chunk(file, "IEND", header, 0);
         if (file && fclose(file) != 0)
             written = 0;
-        if (file && !written)
+        if (file && !written && !there)
             remove(path);
         result = written ? PICTURE_OK : PICTURE_NO_FILE;
     }

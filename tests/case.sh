@@ -228,10 +228,10 @@ $static
 END
 printf 'mesh cube.vtk\0\n' >zero.case
 run zero.case
-[ "$run_status" = 2 ] && grep -q '^case/zero.case: it is not a text file' ../stderr
+[ "$run_status" = 2 ] && grep -q '^case/zero.case:1: it is not a text file' ../stderr
 result 'refuses a zero byte' $?
 run nowhere.case
-[ "$run_status" = 2 ] && grep -q '^case/nowhere.case: ' ../stderr
+[ "$run_status" = 2 ] && grep -q '^case/nowhere.case:1: ' ../stderr
 result 'refuses a case that is not there' $?
 for arguments in '' '-o' 'a b' '--wrong' '-p x -p y a' '--mass heavy a'; do
     (cd .. && "$program" $arguments >stdout 2>stderr)

@@ -65,5 +65,12 @@ for source in "$folder"/*.c "$folder"/*.fragment; do
         failed=$((failed + 1))
     fi
 done
+# The README's program is examples/hello.c, to the letter.
+if ls "$folder"/README_md_*.c >/dev/null 2>&1 && cmp -s "$folder"/README_md_*.c examples/hello.c; then
+    passed=$((passed + 1))
+else
+    echo "FAILED: the program in README.md is not examples/hello.c"
+    failed=$((failed + 1))
+fi
 echo "$passed passed, $failed failed, 0 skipped"
 [ "$failed" = 0 ]

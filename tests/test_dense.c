@@ -207,7 +207,9 @@ static void test_sin_cos(void)
         error = largest(error, sin_cos_error(random_real(&seed, -10, 10)));
         error = largest(error, sin_cos_error(random_real(&seed, -1e6, 1e6)));
         error = largest(error, sin_cos_error(random_magnitude(&seed, -30, 0)));
-        error = largest(error, sin_cos_error((sb_real)(n - CASES / 2) * (pi / 2))); /* near the zeros */
+#if !defined(_WIN32) /* whose sinl and cosl are not exact near their zeros */
+        error = largest(error, sin_cos_error((sb_real)(n - CASES / 2) * (pi / 2)));
+#endif
     }
     CHECK_NEAR(error, 0, 1.0);
     sb_sin_cos(0, &s, &c);

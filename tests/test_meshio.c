@@ -4,6 +4,13 @@
 
 #include "check.h"
 
+/* Under wine the device is there, but takes everything. */
+#if defined(_WIN32)
+#define SBT_HAS_DEV_FULL 0
+#else
+#define SBT_HAS_DEV_FULL 1
+#endif
+
 #include <float.h>
 #include <limits.h>
 #include <locale.h>
@@ -1622,7 +1629,7 @@ static void test_writer_errors(void)
     CHECK(!file_exists(path));
     CHECK_RESULT(sb_mesh_save_obj("/nonexistent/a.obj", &mesh, &error), SB_ERROR_FILE);
     CHECK(strcmp(error.file, "/nonexistent/a.obj") == 0);
-    if (file_exists("/dev/full")) {
+    if (SBT_HAS_DEV_FULL && file_exists("/dev/full")) {
         CHECK_RESULT(sb_mesh_save_vtk("/dev/full", &mesh, NULL, 0, &error), SB_ERROR_FILE);
         CHECK_RESULT(sb_mesh_save_stl("/dev/full", &mesh, &error), SB_ERROR_FILE);
         CHECK(file_exists("/dev/full"));

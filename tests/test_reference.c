@@ -244,8 +244,8 @@ static void compare_dynamic(const char *name)
         return;
     h.tip = read_table(name, "tip.txt", 7);
     if (run_history(&h, name, &c, body)) {
-        CHECK_NEAR(h.motion_difference, 0, 1e-2);
-        CHECK_NEAR(h.energy_difference, 0, 1e-2);
+        CHECK_NEAR(h.motion_difference, 0, 1e-4);
+        CHECK_NEAR(h.energy_difference, 0, SB_REAL_IS_FLOAT ? 1e-2 : 1e-4);
         CHECK_NEAR(h.snapshot_difference, 0, SB_REAL_IS_FLOAT ? 5e-2 : 1e-3);
         printf("  %-26s tip %.1e energies %.1e snapshots %.1e  %d newton %d pcg %.2f s\n", name,
                h.motion_difference, h.energy_difference, h.snapshot_difference, h.newton, h.pcg,
@@ -259,24 +259,24 @@ static void compare_dynamic(const char *name)
 static void test_linear_tet4(void) { compare_static("lin_cantilever_tet4", 1e-5, 0.05); }
 static void test_linear_tet10(void) { compare_static("lin_cantilever_tet10", 1e-5, 0.05); }
 static void test_linear_hex8(void) { compare_static("lin_cantilever_hex8", 1e-5, 0.05); }
-static void test_neo_hookean_tet4(void) { compare_static("nh_cantilever_tet4", 1e-3, 1e-4); }
-static void test_neo_hookean_tet10(void) { compare_static("nh_cantilever_tet10", 1e-3, 1e-4); }
-static void test_neo_hookean_hex8(void) { compare_static("nh_cantilever_hex8", 1e-3, 1e-4); }
-static void test_uniaxial(void) { compare_static("nh_uniaxial_tet10", 1e-3, 1e-4); }
-static void test_svk_tet4(void) { compare_static("svk_cantilever_tet4", 1e-3, 1e-4); }
-static void test_svk_tet10(void) { compare_static("svk_cantilever_tet10", 1e-3, 1e-4); }
-static void test_twist(void) { compare_static("twist90_tet10", 1e-3, 1e-4); }
-static void test_bend(void) { compare_static("cylinder_bend_coarse_tet10", 1e-3, 1e-4); }
-static void test_stretch(void) { compare_static("cylinder_stretch3_tet10", 1e-3, 1e-4); }
-static void test_phantom_tet4(void) { compare_static("phantom_probe_tet4", 1e-3, 1e-4); }
-static void test_phantom_tet10(void) { compare_static("phantom_probe_tet10", 1e-3, 0.05); }
+static void test_neo_hookean_tet4(void) { compare_static("nh_cantilever_tet4", 1e-5, 1e-4); }
+static void test_neo_hookean_tet10(void) { compare_static("nh_cantilever_tet10", 1e-5, 1e-4); }
+static void test_neo_hookean_hex8(void) { compare_static("nh_cantilever_hex8", 1e-5, 1e-4); }
+static void test_uniaxial(void) { compare_static("nh_uniaxial_tet10", 1e-5, 1e-4); }
+static void test_svk_tet4(void) { compare_static("svk_cantilever_tet4", 1e-5, 1e-4); }
+static void test_svk_tet10(void) { compare_static("svk_cantilever_tet10", 1e-5, 1e-4); }
+static void test_twist(void) { compare_static("twist90_tet10", 1e-5, 1e-4); }
+static void test_bend(void) { compare_static("cylinder_bend_coarse_tet10", 1e-5, 1e-4); }
+static void test_stretch(void) { compare_static("cylinder_stretch3_tet10", 1e-5, 1e-4); }
+static void test_phantom_tet4(void) { compare_static("phantom_probe_tet4", 1e-5, 1e-4); }
+static void test_phantom_tet10(void) { compare_static("phantom_probe_tet10", 1e-5, 0.05); }
 static void test_release_tet4(void) { compare_dynamic("dyn_gravity_tet4"); }
 static void test_release_tet10(void) { compare_dynamic("dyn_gravity_tet10"); }
 
 static void test_bend_fine(void)
 {
     if (getenv("CHECK_SLOW"))
-        compare_static("cylinder_bend_fine_tet10", 1e-3, 1e-4);
+        compare_static("cylinder_bend_fine_tet10", 1e-5, 1e-4);
     else
         CHECK_SKIP("takes half a minute; runs with CHECK_SLOW=1");
 }

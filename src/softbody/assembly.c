@@ -17,6 +17,12 @@ static size_t sbi_assembly_batch_count(const sb_domain *domain)
     return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
 }
 
+/* The batched loops are for tet4; 16 cells + pair must fit an int. */
+static int sbi_assembly_can_batch(const sb_domain *domain)
+{
+    return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
+}
+
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
     size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
@@ -27,15 +33,19 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     chunks = (size_t)assembly->chunk_count;
     assembly->rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->saved_rotations =
+        (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
     assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
     assembly->chunk_energy = (sb_real *)sbi_arena_take(arena, chunks, sizeof(sb_real));
     assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
-    if (domain->element_type == SB_TET4) {
+    if (sbi_assembly_can_batch(domain)) {
         size_t batches = sbi_assembly_batch_count(domain);
         assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches, 9 * SB_POLAR_LANES * sizeof(sb_real));
         assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
+        assembly->saved_batch_quats =
+            (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
         assembly->rotated = (sb_real *)sbi_arena_take(arena, batches * SB_POLAR_LANES, 16 * sizeof(sb_real));
         assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
         assembly->pairs = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
@@ -81,12 +91,11 @@ static void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
     memset(node_colours, 0, (size_t)assembly->domain->node_count * sizeof *node_colours);
     for (int c = 0; c < assembly->chunk_count; c++)
         colour_of[c] = sbi_assembly_colour_chunk(assembly, c, node_colours, &assembly->colour_count);
-    for (int colour = 0, used = 0; used < assembly->colour_count; colour++) {
-        assembly->colour_start[used] = position;
+    for (int colour = 0; colour < assembly->colour_count; colour++) {
+        assembly->colour_start[colour] = position;
         for (int c = 0; c < assembly->chunk_count; c++)
             if (colour_of[c] == colour)
                 assembly->colour_chunks[position++] = c;
-        used++;
     }
     assembly->colour_start[assembly->colour_count] = position;
 }
@@ -152,16 +161,33 @@ SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly)
     size_t count = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
     for (size_t i = 0; i < count; i++)
         assembly->rotations[i] = sb_quat_identity();
-    if (domain->element_type == SB_TET4)
+    if (sbi_assembly_can_batch(domain))
         for (size_t i = 0; i < sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES; i++)
             assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
 }
+
+/* Copies the warm starts one way or the other. */
+static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t bytes = (size_t)domain->cell_count * (size_t)domain->points_per_cell * sizeof(sb_quat);
+    size_t batch_bytes = sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES * sizeof(sb_real);
+    if (assembly->batched)
+        memcpy(restore ? assembly->batch_quats : assembly->saved_batch_quats,
+               restore ? assembly->saved_batch_quats : assembly->batch_quats, batch_bytes);
+    else
+        memcpy(restore ? assembly->rotations : assembly->saved_rotations,
+               restore ? assembly->saved_rotations : assembly->rotations, bytes);
+}
+
+SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 0); }
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 1); }
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
-    if (assembly->domain->element_type == SB_TET4) {
+    if (sbi_assembly_can_batch(assembly->domain)) {
         sbi_assembly_list_pairs(assembly, matrix);
         sbi_assembly_fill_batches(assembly);
     }
@@ -304,20 +330,25 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
 
 /* ---- force ---- */
 
-/* Stresses of all points of a cell; 0 when one has an inadmissible F (its stress is then 0). */
+/* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
+ * be NULL). */
 SBI_FORCE_INLINE int sbi_cell_stresses(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
                                        const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
-                                       sb_mat3 *stress)
+                                       sb_mat3 *stress, int *flags)
 {
     int corotated = sbi_cell_is_corotated(material), admissible = 1;
     int shared = corotated && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
     for (int p = 0; p < q; p++) {
         sb_real energy;
+        int good = 1;
         stress[p] = sb_m3_zero();
         if (shared || material->model == SB_COROTATED)
             stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
         else
-            admissible &= sb_material_stress(material, &f[p], &rotation[p], &stress[p]);
+            good = sb_material_stress(material, &f[p], &rotation[p], &stress[p]);
+        admissible &= good;
+        if (flags)
+            flags[p] = good;
     }
     return admissible;
 }
@@ -335,7 +366,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress) && bad < 0)
+        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -397,56 +428,70 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
 
 /* ---- tangent ---- */
 
-/* Adds factor * block to block (a, b) of the matrix and its transpose to (b, a). */
-SBI_FORCE_INLINE void sbi_scatter_block(sb_matrix *matrix, int at, const sb_real *block, int diagonal)
+/* Tangent blocks of a cell while they are summed: entry (i, k) of block (a, b) is at [(9 a + 3 i + k) n + b]. The
+ * node b runs fastest, so that the loops over it become vector instructions; blocks below the diagonal are summed
+ * along because that costs less than leaving them out. */
+typedef sb_real sbi_cell_blocks[SB_MAX_ELEMENT_NODES * 9 * SB_MAX_ELEMENT_NODES];
+
+/* Adds the blocks (a, b >= a) of a cell to the matrix, and their transposes below the diagonal. */
+SBI_FORCE_INLINE void sbi_cell_scatter(sb_matrix *matrix, const int *at, const sb_real *blocks, const int n)
 {
-    sb_real *out = matrix->blocks[at];
-    for (int k = 0; k < 9; k++)
-        out[k] += block[k];
-    if (!diagonal) {
-        out = matrix->blocks[matrix->transpose[at]];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                out[3 * j + i] += block[3 * i + j];
-    }
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, at++) {
+            sb_real *upper = matrix->blocks[*at], *lower = matrix->blocks[matrix->transpose[*at]];
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 3; k++) {
+                    sb_real value = blocks[(9 * a + 3 * i + k) * n + b];
+                    upper[3 * i + k] += value;
+                    if (a != b)
+                        lower[3 * k + i] += value;
+                }
+        }
 }
 
 /* blocks += w (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I) with h = R g (rotated-gradient identity). */
 SBI_FORCE_INLINE void sbi_cell_add_rotated(sb_mat3 r, const sb_real *g, sb_real lambda, sb_real mu, const int n,
-                                           sb_real (*blocks)[9])
+                                           sb_real *SB_RESTRICT blocks)
 {
-    sb_real h[SB_MAX_ELEMENT_NODES][3];
-    int pair = 0;
+    sb_real h[3][SB_MAX_ELEMENT_NODES], dot[SB_MAX_ELEMENT_NODES];
     for (int a = 0; a < n; a++)
         for (int i = 0; i < 3; i++)
-            h[a][i] = r.m[i][0] * g[3 * a] + r.m[i][1] * g[3 * a + 1] + r.m[i][2] * g[3 * a + 2];
-    for (int a = 0; a < n; a++)
-        for (int b = a; b < n; b++, pair++) {
-            sb_real dot = mu * (h[a][0] * h[b][0] + h[a][1] * h[b][1] + h[a][2] * h[b][2]);
-            for (int i = 0; i < 3; i++) {
-                for (int j = 0; j < 3; j++)
-                    blocks[pair][3 * i + j] += lambda * h[a][i] * h[b][j] + mu * h[b][i] * h[a][j];
-                blocks[pair][3 * i + i] += dot;
+            h[i][a] = r.m[i][0] * g[3 * a] + r.m[i][1] * g[3 * a + 1] + r.m[i][2] * g[3 * a + 2];
+    for (int a = 0; a < n; a++) {
+        sb_real l[3] = {lambda * h[0][a], lambda * h[1][a], lambda * h[2][a]};
+        sb_real m[3] = {mu * h[0][a], mu * h[1][a], mu * h[2][a]};
+        for (int b = 0; b < n; b++)
+            dot[b] = m[0] * h[0][b] + m[1] * h[1][b] + m[2] * h[2][b];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) {
+                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
+                for (int b = 0; b < n; b++)
+                    out[b] += l[i] * h[k][b] + m[k] * h[i][b] + (i == k ? dot[b] : (sb_real)0);
             }
-        }
+    }
 }
 
 /* blocks += w g_a . A . g_b with A = dP/dF, A[9 (3 i + j) + 3 k + l] = dP_ij / dF_kl. */
 SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real *g, sb_real w, const int n,
-                                           sb_real (*blocks)[9])
+                                           sb_real *SB_RESTRICT blocks)
 {
-    int pair = 0;
+    sb_real by_axis[3][SB_MAX_ELEMENT_NODES];
+    for (int b = 0; b < n; b++)
+        for (int l = 0; l < 3; l++)
+            by_axis[l][b] = g[3 * b + l];
     for (int a = 0; a < n; a++) {
         sb_real t[3][9]; /* t[i][kl] = w sum_j g_a,j A_ijkl */
         for (int i = 0; i < 3; i++)
             for (int kl = 0; kl < 9; kl++)
                 t[i][kl] = w * (g[3 * a] * tangent[27 * i + kl] + g[3 * a + 1] * tangent[27 * i + 9 + kl] +
                                 g[3 * a + 2] * tangent[27 * i + 18 + kl]);
-        for (int b = a; b < n; b++, pair++)
-            for (int i = 0; i < 3; i++)
-                for (int k = 0; k < 3; k++)
-                    blocks[pair][3 * i + k] += t[i][3 * k] * g[3 * b] + t[i][3 * k + 1] * g[3 * b + 1] +
-                                               t[i][3 * k + 2] * g[3 * b + 2];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) {
+                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
+                for (int b = 0; b < n; b++)
+                    out[b] += t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] +
+                              t[i][3 * k + 2] * by_axis[2][b];
+            }
     }
 }
 
@@ -456,9 +501,9 @@ static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind 
     return material->model == SB_LINEAR || (sbi_cell_is_corotated(material) && kind == SB_TANGENT_QUASI);
 }
 
-/* Tangent blocks of the pairs (a, b >= a) of a cell; 0 when a point has an inadmissible F. */
+/* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
 SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int single,
-                                      sb_real (*blocks)[9])
+                                      sb_real *blocks)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
@@ -492,14 +537,11 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     int bad = -1;
     for (int e = begin; e < end; e++) {
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
-        sb_real blocks[SB_MAX_ELEMENT_NODES * (SB_MAX_ELEMENT_NODES + 1) / 2][9];
-        int pair = 0;
-        memset(blocks, 0, (size_t)pair_count * sizeof blocks[0]);
+        sbi_cell_blocks blocks;
+        memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
         if (!sbi_cell_tangent(job, e, n, q, single, blocks) && bad < 0)
             bad = e;
-        for (int a = 0; a < n; a++)
-            for (int b = a; b < n; b++, pair++)
-                sbi_scatter_block(job->matrix, at[pair], blocks[pair], a == b);
+        sbi_cell_scatter(job->matrix, at, blocks, n);
     }
     return bad;
 }
@@ -739,7 +781,7 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
     size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
     assembly->materials = materials;
     assembly->cell_material = cell_material;
-    assembly->batched = domain->element_type == SB_TET4;
+    assembly->batched = sbi_assembly_can_batch(domain);
     assembly->energy_unit = 0;
     for (size_t p = 0; p < points; p++) {
         const sb_material *material = materials + cell_material[p / (size_t)domain->points_per_cell];
@@ -798,21 +840,16 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
     return bad;
 }
 
-SBI_API int sbi_assembly_point(const sbi_assembly *assembly, const sb_vec3 *u, int cell, int point, sb_mat3 *f,
-                               sb_mat3 *p)
+SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
+                                 int *admissible)
 {
     const sb_domain *domain = assembly->domain;
-    const sb_material *material = assembly->materials + assembly->cell_material[cell];
     int q = domain->points_per_cell;
     const sb_quat *start = assembly->rotations + (size_t)cell * (size_t)q;
-    sb_mat3 all[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
-    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, all);
-    if (!sbi_cell_stresses(domain, material, cell, u, all, q, domain->single_rotation, rotation, stress))
-        return 0;
-    *f = all[point];
-    *p = stress[point];
-    return 1;
+    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
+    sbi_cell_stresses(domain, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
+                      domain->single_rotation, rotation, p, admissible);
 }

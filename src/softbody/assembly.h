@@ -19,6 +19,7 @@ typedef struct sbi_assembly {
                                     * size of the moduli, so this times epsilon is their rounding error */
     int batched;                   /* tet4 with every material corotated: the batched loops hold */
     sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations;      /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
     int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
@@ -30,6 +31,7 @@ typedef struct sbi_assembly {
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
     sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
     sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
+    sb_real *saved_batch_quats;
     sb_real *rotated;              /* [cell_count][16]: R g_a of 4 nodes, w lambda, w mu, 0, 0 */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
@@ -44,6 +46,9 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
                                         const int *cell_material);
 /* Forgets the warm starts: rotations become the identity. */
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly);
+/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. */
+SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly);
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly);
 
 /* force[node_count] (N) = internal force at displacements u (m); updates the rotations. Returns -1, or the first
  * cell whose F the material does not admit (then `force` is unusable). */
@@ -53,8 +58,9 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
                                  sb_matrix *matrix);
 /* *energy (J) = elastic energy at u; returns -1 or the first inadmissible cell. Rotations stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* F and P of one point at u. Returns 0 when the material does not admit F (P untouched), else 1. */
-SBI_API int sbi_assembly_point(const sbi_assembly *assembly, const sb_vec3 *u, int cell, int point, sb_mat3 *f,
-                               sb_mat3 *p);
+/* F and P at all points of a cell at u; f and p: [points_per_cell]. admissible[point] is 0 where the material does not
+ * admit F (p is 0 there). */
+SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
+                                 int *admissible);
 
 #endif /* SB_ASSEMBLY_H */

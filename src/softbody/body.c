@@ -42,6 +42,8 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
                         def->max_iterations, def->max_newton);
     if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_CURVED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
     if (def->allocator.alloc && !def->allocator.release)
@@ -137,6 +139,16 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
             sbi_body_find_region(body->material_regions, count, sbi_body_region(def->mesh, e), &found);
+    for (int k = 0; k < def->region_material_count; k++) {
+        for (int i = 0; i < k; i++)
+            if (def->region_materials[i].region == def->region_materials[k].region)
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials names region %d twice",
+                                def->region_materials[k].region);
+        sbi_body_find_region(body->material_regions, count, def->region_materials[k].region, &found);
+        if (!found)
+            return sbi_fail(error, SB_ERROR_INDEX, "def.region_materials names region %d, which the mesh does not have",
+                            def->region_materials[k].region);
+    }
     for (int i = 0; i < count; i++) {
         const sb_material *material = &def->material;
         for (int k = 0; k < def->region_material_count; k++)
@@ -161,7 +173,8 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
                            &body->external,  &body->equilibrated, &body->residual,      &body->rhs,
                            &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
                            &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->converged, &body->work,        &body->work2};
+                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
+                           &body->work,      &body->work2};
     for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
@@ -169,8 +182,9 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     if (body->mass_kind != SB_MASS_LUMPED)
         body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
     body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams =
-        (sb_real(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(sb_real));
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, arena);
 }
@@ -207,13 +221,12 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     return mesh;
 }
 
-/* Centre of the bounding box; returns its diagonal, the length scale of rotations. */
-static sb_real sbi_body_frame(const sb_body *body, sb_vec3 *centre)
+/* Diagonal of the bounding box (m). */
+static sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
     sb_mesh_bounds(&mesh, &low, &high);
-    *centre = sb_v3_scale((sb_real)0.5, sb_v3_add(low, high));
     return sb_v3_norm(sb_v3_sub(high, low));
 }
 
@@ -297,9 +310,8 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
 
 static void sbi_body_materials_changed(sb_body *body)
 {
-    sb_vec3 centre;
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
-    body->force_unit = body->assembly.energy_unit / sbi_body_frame(body, &centre);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
     sbi_body_update_mass(body);
     body->force_current = 0;
     body->acceleration_known = 0;
@@ -321,15 +333,29 @@ static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_e
     return result;
 }
 
+/* Grows the bounding box of a part by one of its nodes. */
+static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+}
+
 /* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
 static void sbi_body_label_nodes(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    }
     for (int i = 0; i < body->domain.node_count; i++) {
         int first = lists->offsets[i];
         int lonely = first == lists->offsets[i + 1];
         body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
         body->fixed[i] = lonely ? SB_XYZ : 0;
+        if (!lonely)
+            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
     }
 }
 
@@ -547,20 +573,18 @@ static int sbi_body_row_length(const sb_body *body, int node)
     return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
 }
 
-/* Room for the tangent rows of the supports to come: reactions are read from them. */
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
 static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
 {
-    int needed = 0, capacity;
+    int needed = body->support_used, most = body->matrix.block_count, capacity;
     void *blocks;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i])
-            needed += sbi_body_row_length(body, i);
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
-            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), body->matrix.block_count - needed);
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
     if (needed <= body->support_capacity)
         return SB_OK;
-    capacity = needed > body->matrix.block_count / 2 ? body->matrix.block_count : needed + needed / 2;
+    capacity = needed > most / 2 ? most : needed + needed / 2;
     blocks = sbi_alloc(&body->allocator, (size_t)capacity, 9 * sizeof(sb_real));
     if (!blocks)
         return SB_ERROR_MEMORY;
@@ -570,16 +594,15 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     return SB_OK;
 }
 
-static sb_real sbi_body_pick(int take, sb_real value, sb_real otherwise) { return take ? value : otherwise; }
-
-/* The components of `value` on the given axes, of `otherwise` on the others. */
-static sb_vec3 sbi_body_pick_axes(int axes, sb_vec3 value, sb_vec3 otherwise)
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
 {
-    return sb_v3(sbi_body_pick(axes & SB_X, value.x, otherwise.x), sbi_body_pick(axes & SB_Y, value.y, otherwise.y),
-                 sbi_body_pick(axes & SB_Z, value.z, otherwise.z));
+    return sb_v3(axes & SB_X ? value.x : otherwise.x, axes & SB_Y ? value.y : otherwise.y,
+                 axes & SB_Z ? value.z : otherwise.z);
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
+                                  int stride)
 {
     sb_result result = sbi_body_check_nodes(body, nodes, count);
     if (result != SB_OK)
@@ -590,33 +613,30 @@ SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, i
         return SB_OK;
     result = sbi_body_reserve_supports(body, nodes, count);
     for (int i = 0; i < count && result == SB_OK; i++) {
-        body->fixed[nodes[i]] |= (unsigned char)axes;
-        body->target[nodes[i]] =
-            sbi_body_pick_axes(axes, body->displacement[nodes[i]], body->target[nodes[i]]);
+        int node = nodes[i];
+        if (!body->fixed[node])
+            body->support_used += sbi_body_row_length(body, node);
+        body->fixed[node] |= (unsigned char)axes;
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+                                                body->target[node]);
     }
     return result;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sbi_body_support(body, nodes, count, axes, NULL, 0);
 }
 
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
-        return result;
-    if (axes < 0 || axes > SB_XYZ || (count > 0 && !displacements))
+    if (!body || count < 0 || (count > 0 && !displacements))
         return SB_ERROR_ARGUMENT;
     for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
         if (!sb_v3_is_finite(displacements[i]))
             return SB_ERROR_NOT_FINITE;
-    if (axes == 0)
-        return SB_OK;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
-        body->fixed[nodes[i]] |= (unsigned char)axes;
-        body->target[nodes[i]] =
-            sbi_body_pick_axes(axes, displacements[uniform ? 0 : i], body->target[nodes[i]]);
-    }
-    return result;
+    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
 }
 
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
@@ -628,8 +648,12 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         return SB_ERROR_ARGUMENT;
     for (int i = 0; i < count; i++)
         if (body->node_component[nodes[i]] >= 0) {
+            int held = body->fixed[nodes[i]];
             body->fixed[nodes[i]] &= (unsigned char)~axes;
-            body->reaction[nodes[i]] = sbi_body_pick_axes(axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
+            if (held && !body->fixed[nodes[i]])
+                body->support_used -= sbi_body_row_length(body, nodes[i]);
+            body->reaction[nodes[i]] =
+                sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
     return SB_OK;
 }
@@ -658,13 +682,13 @@ SB_API void sb_body_clear_loads(sb_body *body)
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
 }
 
-/* 1 when every node of the list is among the candidates. */
-static int sbi_body_has_nodes(const int *list, int count, const int *candidates, const int *local, int local_count)
+/* 1 when the named corners of an element (all different) are those of the list. */
+static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
 {
     int found = 0;
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < local_count; k++)
-            if (candidates[local[k]] == list[i]) {
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
                 found++;
                 break;
             }
@@ -683,7 +707,7 @@ static int sbi_body_find_face(const sb_body *body, const int *corners, int count
         for (int face = 0; face < sb_element_face_count(type); face++) {
             int local[SB_MAX_FACE_NODES], face_nodes = sb_element_face(type, face, local, face_type);
             if (sb_element_corner_count(*face_type) != count ||
-                !sbi_body_has_nodes(corners, count, cell, local, count))
+                !sbi_body_has_corners(corners, cell, local, count))
                 continue;
             for (int i = 0; i < face_nodes; i++)
                 nodes[i] = cell[local[i]];
@@ -832,28 +856,42 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body)
     return sum;
 }
 
+/* Cauchy stresses at the points of an element; 0, and admissible[point] 0, where there is none. */
+static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *stress, int *admissible)
+{
+    const sb_material *material = body->materials + body->cell_material[element];
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS], p[SB_MAX_QUADRATURE_POINTS];
+    sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
+    for (int i = 0; i < body->domain.points_per_cell; i++) {
+        if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
+            admissible[i] = 0;
+        stress[i] = admissible[i] ? sb_material_cauchy_stress(material, f[i], p[i]) : sb_m3_zero();
+    }
+}
+
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress)
 {
-    sb_mat3 f, p;
+    sb_mat3 all[SB_MAX_QUADRATURE_POINTS];
+    int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
     if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= body->domain.points_per_cell)
         return SB_ERROR_INDEX;
-    if (!sbi_assembly_point(&body->assembly, body->displacement, element, point, &f, &p))
+    sbi_body_element_stresses(body, element, all, admissible);
+    if (!admissible[point])
         return SB_ERROR_INVERTED;
-    if (body->materials[body->cell_material[element]].model != SB_LINEAR && sb_m3_det(f) == 0)
-        return SB_ERROR_INVERTED;
-    *stress = sb_material_cauchy_stress(body->materials + body->cell_material[element], f, p);
+    *stress = all[point];
     return SB_OK;
 }
 
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
+    sb_mat3 stress[SB_MAX_QUADRATURE_POINTS];
+    int admissible[SB_MAX_QUADRATURE_POINTS];
     sb_real sum = 0;
-    sb_mat3 stress;
+    sbi_body_element_stresses(body, element, stress, admissible);
     for (int p = 0; p < body->domain.points_per_cell; p++)
-        if (sb_body_stress(body, element, p, &stress) == SB_OK)
-            sum += sb_von_mises(stress);
+        sum += sb_von_mises(stress[p]);
     return sum / (sb_real)body->domain.points_per_cell;
 }
 
@@ -863,6 +901,15 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
         values[e] = sbi_body_element_von_mises(body, e);
 }
 
+static sb_real sbi_body_element_volume(const sb_body *body, int element)
+{
+    sb_real sum = 0;
+    int q = body->domain.points_per_cell;
+    for (int p = 0; p < q; p++)
+        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
+    return sum;
+}
+
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
     const sb_domain *domain = &body->domain;
@@ -870,48 +917,45 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
-        sb_real value = sbi_body_element_von_mises(body, e);
+        sb_real value = sbi_body_element_von_mises(body, e) * sbi_body_element_volume(body, e);
         for (int a = 0; a < domain->nodes_per_cell; a++)
-            values[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell + (size_t)a]] +=
-                value * domain->weights[(size_t)e * (size_t)domain->points_per_cell];
+            values[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell + (size_t)a]] += value;
     }
     for (int i = 0; i < domain->node_count; i++) {
-        sb_real weight = 0;
+        sb_real volume = 0;
         for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++)
-            weight += domain->weights[(size_t)lists->items[k] * (size_t)domain->points_per_cell];
-        values[i] = weight > 0 ? values[i] / weight : 0;
+            volume += sbi_body_element_volume(body, lists->items[k]);
+        values[i] = volume > 0 ? values[i] / volume : 0;
     }
 }
 
 /* ---- set-up check ---- */
 
 /* Adds row r r^T of one supported axis: r is what the six rigid motions do to it. */
-static void sbi_body_add_support(sb_real *gram, sb_vec3 arm, int axis)
+static void sbi_body_add_support(double *gram, const double *arm, int axis)
 {
-    sb_real r[6] = {0, 0, 0, 0, 0, 0};
-    const sb_real x[3] = {arm.x, arm.y, arm.z};
+    double r[6] = {0, 0, 0, 0, 0, 0};
     r[axis] = 1;
-    r[3 + (axis + 1) % 3] = x[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] = -x[(axis + 1) % 3];
+    r[3 + (axis + 1) % 3] = arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] = -arm[(axis + 1) % 3];
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++)
             gram[6 * i + j] += r[i] * r[j];
 }
 
 /* Rank 6 by Gauss elimination with diagonal pivots; arms are of order 1, so pivots compare with the trace. */
-static int sbi_body_has_full_rank(sb_real *gram)
+static int sbi_body_has_full_rank(double *gram)
 {
-    sb_real trace = 0, limit;
+    double trace = 0;
     unsigned done = 0;
     for (int i = 0; i < 6; i++)
         trace += gram[7 * i];
-    limit = trace * sb_max((sb_real)1e-10, 100 * SB_EPSILON);
     for (int step = 0; step < 6; step++) {
         int pivot = -1;
         for (int i = 0; i < 6; i++)
             if (!(done >> i & 1) && (pivot < 0 || gram[7 * i] > gram[7 * pivot]))
                 pivot = i;
-        if (!(gram[7 * pivot] > limit))
+        if (!(gram[7 * pivot] > 1e-10 * trace))
             return 0;
         done |= 1u << pivot;
         for (int i = 0; i < 6; i++)
@@ -922,17 +966,28 @@ static int sbi_body_has_full_rank(sb_real *gram)
     return 1;
 }
 
+/* Arm of a node about the centre of its part, in units of the part's size. */
+static void sbi_body_arm(const sb_body *body, int node, double arm[3])
+{
+    sb_vec3 low = body->component_low[body->node_component[node]];
+    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
+    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
+    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
+    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
+}
+
 SBI_API int sbi_body_unsupported_node(const sb_body *body)
 {
-    sb_vec3 centre;
-    sb_real size = sbi_body_frame(body, &centre);
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
     for (int i = 0; i < body->domain.node_count; i++) {
-        int c = body->node_component[i];
-        for (int axis = 0; axis < 3 && c >= 0; axis++)
+        double arm[3];
+        if (!body->fixed[i] || body->node_component[i] < 0)
+            continue;
+        sbi_body_arm(body, i, arm);
+        for (int axis = 0; axis < 3; axis++)
             if (body->fixed[i] >> axis & 1)
-                sbi_body_add_support(body->support_grams[c],
-                                     sb_v3_scale((sb_real)1 / size, sb_v3_sub(body->reference[i], centre)), axis);
+                sbi_body_add_support(body->support_grams[body->node_component[i]], arm, axis);
     }
     for (int c = 0; c < body->component_count; c++)
         if (!sbi_body_has_full_rank(body->support_grams[c]))
@@ -942,16 +997,28 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
     return -1;
 }
 
+/* 1 when an element before this one has the same corners. */
+static int sbi_body_is_duplicate(const sb_body *body, int element)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    int n = body->domain.nodes_per_cell, corners = sb_element_corner_count(body->domain.element_type);
+    const int *cell = body->domain.cells + (size_t)element * (size_t)n;
+    static const int local[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
+        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
+            return 1;
+    return 0;
+}
+
 static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
-    sb_vec3 low, high;
-    sb_mesh_bounds(&mesh, &low, &high);
-    report->size = sb_v3_norm(sb_v3_sub(high, low));
+    report->size = sbi_body_size(body);
     report->worst_quality = 1;
     for (int e = 0; e < mesh.element_count; e++) {
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
+        report->duplicate_count += sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;
@@ -966,6 +1033,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
         report->warnings |= SB_CHECK_SLIVERS;
     if (report->unreferenced_count > 0)
         report->warnings |= SB_CHECK_UNREFERENCED;
+    if (report->duplicate_count > 0)
+        report->warnings |= SB_CHECK_DUPLICATES;
     if (report->component_count > 1)
         report->warnings |= SB_CHECK_COMPONENTS;
 }
@@ -1009,6 +1078,7 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
+    case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";
     case SB_CHECK_COMPONENTS: return "the mesh has more than one connected part";
     default: return "unknown warning";
     }

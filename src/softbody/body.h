@@ -7,6 +7,7 @@
 #include "pcg.h"
 #include "precond.h"
 
+/* Functions that return an sb_result refuse a NULL body; the others need one. */
 typedef struct sb_body sb_body;
 
 /* Means "let the library choose" where a def or an option says so. */
@@ -37,7 +38,8 @@ typedef struct sb_body_def {
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
     sb_precond_kind preconditioner;   /* default SB_PRECOND_AUTO */
-    sb_real tolerance;                /* of a step's linear solve, |r| / |b|, in (0, 1); default 1e-3 */
+    sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
+                                       * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
                                        * SB_AUTO (default): 1 for linear and corotated, 20 for other materials */
@@ -51,8 +53,9 @@ typedef struct sb_body_def {
 SB_API sb_body_def sb_default_body_def(void);
 
 /* Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is
- * untouched and the error says what is wrong: SB_ERROR_ARGUMENT (field named), SB_ERROR_MESH (element named),
- * SB_ERROR_MATERIAL, SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
+ * untouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),
+ * SB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),
+ * SB_ERROR_MATERIAL, SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
 SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error);
 SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 
@@ -75,7 +78,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ----
  * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
+ * exactly. axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
  * remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. */
 /* Holds the given axes where the nodes are now. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
@@ -100,7 +103,8 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. */
+/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
+ * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
 /* Back to the reference shape at rest; supports, loads and materials stay. */
@@ -138,7 +142,8 @@ enum {
     SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 */
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
-    SB_CHECK_COMPONENTS = 128    /* more than one connected part */
+    SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
+    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice */
 };
 typedef struct sb_check_report {
     unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
@@ -148,6 +153,7 @@ typedef struct sb_check_report {
     int sliver_count;
     int unreferenced_count;
     int component_count;
+    int duplicate_count;
     int unsupported_component_node; /* a node of the first unsupported part, or -1 */
 } sb_check_report;
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);

@@ -44,10 +44,12 @@ struct sb_body {
     unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
     sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
     sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
+    int support_used;            /* blocks in the rows of nodes with fixed axes */
     int support_capacity;        /* blocks that support_blocks holds */
     sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
     sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
-    sb_real (*support_grams)[36];/* [component_count] what the supports do to rigid motions */
+    double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
+    sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
 
     /* state */
     sb_vec3 *reference;          /* [node_count] (m) */
@@ -63,7 +65,8 @@ struct sb_body {
     sb_vec3 *rhs, *increment, *reaction;
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;              /* displacement at the start of the step */
-    sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction;
+    sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
+    int saved_force_current;
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
@@ -76,6 +79,8 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
 SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor);
 /* Newton iterations of a time step, SB_AUTO resolved. */
 SBI_API int sbi_body_max_newton(const sb_body *body);
+/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* A node of the first connected part whose supports leave a rigid motion free, or -1. */

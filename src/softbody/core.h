@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "names.h"
+
 #define SB_VERSION_MAJOR 0
 #define SB_VERSION_MINOR 1
 #define SB_VERSION_PATCH 0

@@ -23,12 +23,14 @@
  *                        refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
+ *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra. A
- * linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra; no
+ * saved state that continues to the same bits (displacements and velocities can be set, which continues up to rounding).
+ * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
  *
@@ -121,7 +123,7 @@
  *
  *     sb_check_report report;                             // units, slivers, missing supports?
  *     sb_body_check(body, &report);
- *     for (unsigned bit = 1; bit <= SB_CHECK_COMPONENTS; bit <<= 1)
+ *     for (unsigned bit = 1; bit <= SB_CHECK_DUPLICATES; bit <<= 1)
  *         if (report.warnings & bit)
  *             fprintf(stderr, "warning: %s\n", sb_check_string(bit));
  *

@@ -44,19 +44,13 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
     return (sb_real)sum;
 }
 
-static sb_vec3 sbi_step_mask(unsigned fixed, sb_vec3 on_fixed, sb_vec3 on_free)
-{
-    return sb_v3(fixed & SB_X ? on_fixed.x : on_free.x, fixed & SB_Y ? on_fixed.y : on_free.y,
-                 fixed & SB_Z ? on_fixed.z : on_free.z);
-}
-
 /* Norm of the components on free (or on fixed) axes. */
 static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed)
 {
     const sb_vec3 zero = sb_v3(0, 0, 0);
     double sum = 0;
     for (int i = 0; i < body->domain.node_count; i++) {
-        sb_vec3 v = on_fixed ? sbi_step_mask(body->fixed[i], a[i], zero) : sbi_step_mask(body->fixed[i], zero, a[i]);
+        sb_vec3 v = on_fixed ? sbi_body_pick_axes(body->fixed[i], a[i], zero) : sbi_body_pick_axes(body->fixed[i], zero, a[i]);
         sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
     }
     return sb_sqrt((sb_real)sum);
@@ -212,7 +206,7 @@ static sb_vec3 sbi_newton_goal(const sbi_newton *newton, int i)
 static sb_vec3 sbi_newton_way_to_go(const sbi_newton *newton, int i)
 {
     const sb_body *b = newton->body;
-    return sbi_step_mask(b->fixed[i], sb_v3_sub(sbi_newton_goal(newton, i), b->displacement[i]), sb_v3(0, 0, 0));
+    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_newton_goal(newton, i), b->displacement[i]), sb_v3(0, 0, 0));
 }
 
 static int sbi_newton_supports_move(const sbi_newton *newton)
@@ -235,7 +229,7 @@ static void sbi_newton_predict(sbi_newton *newton, int first)
         sb_vec3 coast = sb_v3(0, 0, 0);
         if (first && newton->dynamic)
             coast = sb_v3_scale(newton->dt, b->velocity[i]);
-        b->increment[i] = sbi_step_mask(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
     }
 }
 
@@ -252,9 +246,10 @@ static void sbi_newton_keep_support_rows(sb_body *b)
         }
 }
 
-/* Reactions of the linearised equations: r + A du on supported axes. */
-static void sbi_newton_reactions(sb_body *b)
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+static void sbi_newton_reactions(const sbi_newton *newton)
 {
+    sb_body *b = newton->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
@@ -263,13 +258,13 @@ static void sbi_newton_reactions(sb_body *b)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
                                        m[6] * d.x + m[7] * d.y + m[8] * d.z));
         }
-        b->reaction[i] = sbi_step_mask(b->fixed[i], sum, zero);
+        b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
 }
 
@@ -278,20 +273,21 @@ static void sbi_newton_reactions(sb_body *b)
 static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iteration)
 {
     const sb_body *b = newton->body;
-    sb_real floor_tolerance, forcing = (sb_real)1e-2;
+    sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
     int linear = 1;
     if (newton->linear_tolerance > 0)
         return newton->linear_tolerance;
     for (int i = 0; i < b->material_count; i++)
         linear = linear && sb_material_is_linear(b->materials[i].model);
-    floor_tolerance = (sb_real)0.1 * newton->tolerance * newton->scale / newton->norm;
+    if (newton->norm > 0)
+        enough = (sb_real)0.1 * newton->tolerance * newton->scale / newton->norm;
     if (linear)
-        return sb_max(sb_min((sb_real)0.1 * newton->tolerance, floor_tolerance), 10 * SB_EPSILON);
+        return sb_max(sb_min((sb_real)0.1 * newton->tolerance, enough), least);
     if (iteration > 0 && newton->last_norm > 0) {
         sb_real ratio = newton->norm / newton->last_norm;
         forcing = sb_min(forcing, (sb_real)0.5 * ratio * ratio);
     }
-    return sb_max(sb_max(forcing, sb_min(floor_tolerance, forcing)), 10 * SB_EPSILON);
+    return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
 }
 
 /* Solves A du = -r with the supports' increments prescribed. */
@@ -300,7 +296,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     sb_body *b = newton->body;
     sb_step_info *info = newton->info;
     sb_pcg_options options = sb_default_pcg_options();
-    sb_pcg_info pcg;
+    sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sb_result result;
     double begin = sbi_step_now(b), middle;
     sbi_newton_predict(newton, iteration == 0);
@@ -364,7 +360,7 @@ static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
     for (int i = 0; i < b->domain.node_count; i++) {
         b->work2[i] = sb_v3_madd(b->displacement[i], t, b->increment[i]);
         if (t == 1 && b->fixed[i])
-            b->work2[i] = sbi_step_mask(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
+            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
     }
 }
 
@@ -406,7 +402,7 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
     }
     if (newton->dynamic && (t < 1 || energy > 0)) {
         for (int i = 0; i < b->domain.node_count; i++)
-            b->work[i] = sbi_step_mask(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
+            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
         if (sbi_newton_try(newton, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
             sbi_newton_take(newton, b->work, alone);
             return SB_OK;
@@ -523,8 +519,28 @@ static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
     newton->info->residual = newton->scale > 0 ? newton->norm / newton->scale : 0;
     if (newton->moves_supports)
         return 0;
-    return newton->norm <= sb_max(newton->tolerance * newton->scale, 16 * SB_EPSILON * newton->body->force_unit) ||
-           (iteration > 0 && sbi_newton_is_exhausted(newton->body));
+    if (newton->norm <= newton->tolerance * newton->scale)
+        return 1;
+    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * newton->body->force_unit ||
+                             sbi_newton_is_exhausted(newton->body));
+}
+
+static int sbi_newton_allows_inversion(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_allows_inversion(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
+/* The one iteration of a linearised step. Nothing watches its increment, so where the material forbids inverted
+ * elements the new shape is tried at once (the next step finds its forces done): the body must stay steppable. */
+static sb_result sbi_newton_linearised(sbi_newton *newton)
+{
+    sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
+    if (result == SB_OK && !sbi_newton_allows_inversion(newton->body))
+        result = sbi_newton_force(newton);
+    return result;
 }
 
 /* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
@@ -536,7 +552,7 @@ static sb_result sbi_newton_run(sbi_newton *newton)
         if (result != SB_OK)
             return result;
         if (newton->linearised)
-            return sbi_newton_iterate(newton, iteration, SB_TANGENT_QUASI);
+            return sbi_newton_linearised(newton);
         if (sbi_newton_is_converged(newton, iteration))
             return SB_OK;
         if (iteration == newton->max_newton)
@@ -609,8 +625,8 @@ static void sbi_step_scheme(sbi_newton *newton)
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
-            v0 = sbi_step_mask(b->fixed[i], sb_v3_madd(rate, -newton->cv, go), v0);
-            a0 = sbi_step_mask(b->fixed[i], sb_v3_madd(change, -newton->ca, go), a0);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -newton->cv, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -newton->ca, go), a0);
         }
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
@@ -618,25 +634,44 @@ static void sbi_step_scheme(sbi_newton *newton)
     newton->has_velocity = newmark;
 }
 
+/* What a failing step gives back, and where it is kept meanwhile. */
+typedef struct sbi_step_pair {
+    sb_vec3 *state, *saved;
+} sbi_step_pair;
+
+enum { SBI_STEP_PAIRS = 6 };
+
+static void sbi_step_pairs(sb_body *b, sbi_step_pair pairs[SBI_STEP_PAIRS])
+{
+    sb_vec3 *const state[SBI_STEP_PAIRS] = {b->displacement, b->velocity, b->acceleration,
+                                            b->reaction,     b->external, b->internal};
+    sb_vec3 *const saved[SBI_STEP_PAIRS] = {b->start,          b->saved_velocity, b->saved_acceleration,
+                                            b->saved_reaction, b->saved_external, b->saved_internal};
+    for (int i = 0; i < SBI_STEP_PAIRS; i++) {
+        pairs[i].state = state[i];
+        pairs[i].saved = saved[i];
+    }
+}
+
 static void sbi_step_save(sb_body *b)
 {
-    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
-    memcpy(b->start, b->displacement, bytes);
-    memcpy(b->saved_velocity, b->velocity, bytes);
-    memcpy(b->saved_acceleration, b->acceleration, bytes);
-    memcpy(b->saved_reaction, b->reaction, bytes);
+    sbi_step_pair pairs[SBI_STEP_PAIRS];
+    sbi_step_pairs(b, pairs);
+    for (int i = 0; i < SBI_STEP_PAIRS; i++)
+        memcpy(pairs[i].saved, pairs[i].state, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    b->saved_force_current = b->force_current;
+    sbi_assembly_save_rotations(&b->assembly);
 }
 
 static void sbi_step_undo(sb_body *b)
 {
-    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
-    memcpy(b->displacement, b->start, bytes);
-    memcpy(b->velocity, b->saved_velocity, bytes);
-    memcpy(b->acceleration, b->saved_acceleration, bytes);
-    memcpy(b->reaction, b->saved_reaction, bytes);
-    sbi_assembly_reset_rotations(&b->assembly);
+    sbi_step_pair pairs[SBI_STEP_PAIRS];
+    sbi_step_pairs(b, pairs);
+    for (int i = 0; i < SBI_STEP_PAIRS; i++)
+        memcpy(pairs[i].state, pairs[i].saved, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    b->force_current = b->saved_force_current;
+    sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
-    b->force_current = 0;
 }
 
 /* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
@@ -652,6 +687,7 @@ static sb_result sbi_step_commit(sbi_newton *newton)
         b->acceleration[i] = a;
     }
     sbi_body_update_positions(b);
+    b->acceleration_known = 1;
     return SB_OK;
 }
 
@@ -667,7 +703,7 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
 {
     if (result != SB_OK && info->error.result != result) {
         if (result == SB_ERROR_NOT_CONVERGED)
-            sbi_fail(&info->error, result, "the residual is %g after %d Newton iterations", (double)info->residual,
+            sbi_fail(&info->error, result, "the residual is %g after %d linear solves", (double)info->residual,
                      info->newton_iterations);
         else
             sbi_fail(&info->error, result, "the linear solve failed (%s)", sb_result_string(result));
@@ -689,14 +725,13 @@ static sb_result sbi_step_run(sbi_newton *newton)
     sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
-    if (result == SB_ERROR_NOT_CONVERGED) { /* every iteration lowered the potential: a usable state */
+    if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
         newton->info->capped = 1;
         result = SB_OK;
     }
     if (result != SB_OK)
         return result;
-    sbi_newton_reactions(b);
-    b->acceleration_known = 1;
+    sbi_newton_reactions(newton);
     return sbi_step_commit(newton);
 }
 
@@ -737,6 +772,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 /* ---- static solves ---- */
 
 #define SBI_STATIC_COOKIE 0x57a71cu
+enum { SBI_STATIC_NEWTON = 30 };
 
 SB_API sb_static_options sb_default_static_options(void)
 {
@@ -744,7 +780,7 @@ SB_API sb_static_options sb_default_static_options(void)
     memset(&options, 0, sizeof options);
     options.load_steps = 1;
     options.tolerance = (sb_real)1e-6;
-    options.max_newton = 30;
+    options.max_newton = SBI_STATIC_NEWTON;
     options.max_iterations = 20000;
     options.cookie = SBI_STATIC_COOKIE;
     return options;
@@ -826,7 +862,7 @@ static void sbi_static_commit(sbi_newton *newton)
     sbi_static_loads(b, newton->info->load_factor);
     if (sbi_newton_force(newton) == SB_OK)
         for (int i = 0; i < b->domain.node_count; i++)
-            b->reaction[i] = sbi_step_mask(b->node_component[i] < 0 ? 0 : b->fixed[i],
+            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
                                            sb_v3_sub(b->internal[i], b->external[i]), zero);
     memcpy(b->equilibrated, b->external, bytes);
     sbi_body_update_positions(b);
@@ -852,6 +888,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     newton.info = info;
     newton.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
     newton.max_newton = sbi_max_int(options->max_newton, 2);
+    if (body->domain.single_rotation) /* its tangent leaves dR/dx out, so that it converges linearly */
+        newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
     sbi_step_save(body);

@@ -6,7 +6,7 @@
 
 /* What a step or a static solve did. Every field is written by every call, failed ones too. */
 typedef struct sb_step_info {
-    int newton_iterations;    /* linear systems solved */
+    int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;       /* of all of them together */
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
@@ -30,7 +30,7 @@ typedef struct sb_step_info {
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
@@ -38,8 +38,10 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 typedef struct sb_static_options {
     int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
                                * default 1 */
-    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6 */
-    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30 */
+    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6; what is
+                               * below 64 epsilon counts as that */
+    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
+                               * rotation per element converge linearly and take at least 300 */
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
