@@ -3228,7 +3228,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 /* Takes over the values of a symmetric matrix of the pattern; allocates nothing.
  * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
- * block is not positive definite or no diagonal shift up to 65 makes the incomplete factor exist. After an
+ * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
  * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
  * following updates, and after a run of successful ones tries half of it. */
@@ -3365,7 +3365,8 @@ SB_API void sb_domain_free(sb_domain *domain);
 typedef enum sb_mass_kind {
     SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976) */
     SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
-    SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do */
+    SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
+                             * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -3390,8 +3391,9 @@ typedef struct sb_body sb_body;
 enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
-    SB_EULER = 1,  /* implicit Euler: first order, damps, never gains energy; for trainers */
-    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps energy; for studies */
+    SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
+    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
+                    * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
 } sb_integrator;
 
 /* The material of one region of the mesh. */
@@ -3418,7 +3420,7 @@ typedef struct sb_body_def {
                                        * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
-                                       * SB_AUTO (default): 1 for linear and corotated, 20 for other materials */
+                                       * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
     sb_real newton_tolerance;         /* relative residual of a step with several iterations; default 1e-6 */
     sb_allocator allocator;           /* default malloc */
     sb_jobs jobs;                     /* default inline */
@@ -3492,6 +3494,7 @@ SB_API void sb_body_reset(sb_body *body);
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions) as nodal forces (N), [node_count]. */
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
+/* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
     sb_real elastic;    /* J */
     sb_real kinetic;    /* J */
@@ -11128,8 +11131,16 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 
 SB_API sb_real sb_von_mises(sb_mat3 sigma)
 {
-    sb_mat3 deviator = sbi_material_affine(1, sigma, -sb_m3_trace(sigma) / 3);
-    return sb_sqrt((sb_real)1.5 * sb_m3_ddot(deviator, deviator));
+    sb_mat3 deviator;
+    sb_real largest = 0; /* scaled by, lest squares of large stresses overflow */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            largest = sb_max(largest, sb_abs(sigma.m[i][j]));
+    if (!(largest > 0) || !sb_is_finite(largest))
+        return largest;
+    sigma = sb_m3_scale(1 / largest, sigma);
+    deviator = sbi_material_affine(1, sigma, -sb_m3_trace(sigma) / 3);
+    return largest * sb_sqrt((sb_real)1.5 * sb_m3_ddot(deviator, deviator));
 }
 
 /* ==== src/softbody/sparse.c ==== */
@@ -11662,8 +11673,9 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 enum {
     SBI_PRECOND_MAX_ARRAYS = 32,
-    SBI_PRECOND_MAX_ATTEMPTS = 18, /* up to a shift of 65: beyond a row's length the shifted matrix is dominated
-                                    * by its diagonal, so that the factor of any positive definite one exists */
+    SBI_PRECOND_MAX_ATTEMPTS = 18,
+    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
+                                 * factor of any positive definite one exists */
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
@@ -11943,14 +11955,14 @@ static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a
     double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
     for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
         bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0)
+        if (bad < 0 || shift > SBI_PRECOND_MAX_SHIFT)
             break;
         shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
     }
     if (bad >= 0) {
-        p->attempts = SBI_PRECOND_MAX_ATTEMPTS;
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
-                             "node %d: no incomplete factor up to a shift of %g", bad, shift / 2);
+        p->shift = 0; /* the next matrix may be a tamer one */
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
+                             shift);
     }
     if (p->attempts > 1) {
         p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
@@ -13171,6 +13183,9 @@ typedef struct sbi_assembly {
     const sb_material *materials;  /* [material_count] */
     const int *cell_material;      /* [cell_count] index into materials */
     const sb_jobs *jobs;
+    const sb_vec3 *reference;      /* [node_count] (m) */
+    int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                                    * energy watches: the rule makes it jump */
     sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
                                     * size of the moduli, so this times epsilon is their rounding error */
     int batched;                   /* tet4 with every material corotated: the batched loops hold */
@@ -13491,16 +13506,36 @@ static sb_quat sbi_cell_corner_rotation(const sb_domain *domain, int e, const sb
                        start);
 }
 
-/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. No sensible deformation does
- * that within one element: it is knotted, a state into which violence drives quadratic elements and where forces
- * that each follow their own rotation can balance. */
-static int sbi_cell_is_knotted(const sb_quat *rotation, int q)
+/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. */
+static int sbi_cell_is_twisted(const sb_quat *rotation, int q)
 {
     const sb_real cos_half_angle = (sb_real)0.5;
     for (int i = 1; i < q; i++)
         for (int j = 0; j < i; j++)
             if (sb_abs(sb_quat_dot(rotation[i], rotation[j])) < cos_half_angle)
                 return 1;
+    return 0;
+}
+
+/* 1 when the element map is inside out at a node, where no integration point sees it. */
+static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3 *u)
+{
+    const sb_domain *domain = assembly->domain;
+    int n = domain->nodes_per_cell;
+    const int *cell = domain->cells + (size_t)e * (size_t)n;
+    for (int k = 0; k < n; k++) {
+        sb_real xi[3] = {0, 0, 0}, gradient[SB_MAX_ELEMENT_NODES][3];
+        sb_vec3 column[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+        sb_element_node_point(domain->element_type, k, xi);
+        sb_element_shape(domain->element_type, xi, NULL, gradient);
+        for (int a = 0; a < n; a++) {
+            sb_vec3 x = sb_v3_add(assembly->reference[cell[a]], u[cell[a]]);
+            for (int j = 0; j < 3; j++)
+                column[j] = sb_v3_madd(column[j], gradient[a][j], x);
+        }
+        if (!(sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) > 0))
+            return 1;
+    }
     return 0;
 }
 
@@ -13513,18 +13548,21 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
     return sb_m3_polar(sum, start);
 }
 
-/* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single),
- * or because the cell is knotted; one rotation has one rest shape, so the cell comes undone. */
-static int sbi_cell_rotate(const sb_domain *domain, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
+/* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
+ * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
+ * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
+ * the cell comes undone. */
+static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
                            sb_quat *rotation)
 {
+    const sb_domain *domain = assembly->domain;
     sb_quat shared;
     if (single) {
         shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
     } else {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!sbi_cell_is_knotted(rotation, q))
+        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, q) || !sbi_cell_is_folded(assembly, e, u))
             return 0;
         shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, q, rotation[0]);
     }
@@ -13555,12 +13593,12 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
  * be NULL). */
-SBI_FORCE_INLINE int sbi_cell_stresses(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
+SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
                                        const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
                                        sb_mat3 *stress, int *flags)
 {
     int corotated = sbi_cell_is_corotated(material), admissible = 1;
-    int shared = corotated && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
+    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
     for (int p = 0; p < q; p++) {
         sb_real energy;
         int good = 1;
@@ -13589,7 +13627,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
+        if (!sbi_cell_stresses(assembly, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -13613,7 +13651,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 /* ---- energy ---- */
 
 /* Elastic energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
                                      const sb_mat3 *f, const int q, const int single, const sb_quat *start,
                                      sb_real *sum)
 {
@@ -13621,14 +13659,14 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sb_domain *domain, const sb_material 
     int shared;
     for (int p = 0; p < q; p++)
         rotation[p] = start[p];
-    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
+    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
     for (int p = 0; p < q; p++) {
         sb_real density = 0;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
-        *sum += domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
+        *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
     }
     return 1;
 }
@@ -13642,7 +13680,7 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
-        if (!sbi_cell_energy(assembly->domain, material, e, job->u, f, q, single,
+        if (!sbi_cell_energy(assembly, material, e, job->u, f, q, single,
                              assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
     }
@@ -14073,7 +14111,7 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    sbi_cell_stresses(domain, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
+    sbi_cell_stresses(assembly, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
                       domain->single_rotation, rotation, p, admissible);
 }
 
@@ -14526,10 +14564,12 @@ static void sbi_body_label_nodes(sb_body *body)
     }
 }
 
-/* 1 when one linearised iteration is what SB_AUTO means for this model. */
-static int sbi_body_is_one_step(sb_material_model model)
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
 {
-    return model == SB_LINEAR || model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE;
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
 }
 
 SBI_API int sbi_body_max_newton(const sb_body *body)
@@ -14537,7 +14577,7 @@ SBI_API int sbi_body_max_newton(const sb_body *body)
     if (body->max_newton != SB_AUTO)
         return body->max_newton;
     for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body->materials[i].model))
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
             return 20;
     return 1;
 }
@@ -14547,7 +14587,7 @@ static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mate
 {
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(materials[i].model);
+        needed |= !sbi_body_is_one_step(body, materials[i].model);
     if (!needed || body->damping_blocks)
         return SB_OK;
     body->damping_blocks =
@@ -14587,6 +14627,7 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (!node_colours)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
     body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
     sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
     sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
@@ -15003,6 +15044,8 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
         sum.kinetic += (sb_real)0.5 * sb_v3_dot(body->velocity[i], body->work[i]);
+    if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic))
+        return SB_ERROR_NOT_FINITE;
     *energy = sum;
     return SB_OK;
 }
@@ -15032,7 +15075,12 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
     for (int i = 0; i < body->domain.points_per_cell; i++) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
             admissible[i] = 0;
-        stress[i] = admissible[i] ? sb_material_cauchy_stress(material, f[i], p[i]) : sb_m3_zero();
+        if (admissible[i])
+            stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
+        if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
+            stress[i] = sb_m3_zero();
+            admissible[i] = 0;
+        }
     }
 }
 
@@ -15857,7 +15905,12 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
     result = sbi_newton_solve(&start, 0);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
-    return result;
+    if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
+        return result;
+    for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
+        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
+                                                sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
+    return SB_OK;
 }
 
 /* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
@@ -15950,6 +16003,20 @@ static void sbi_step_begin_info(sb_step_info *info)
     info->error.node = -1;
 }
 
+/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
+static void sbi_step_watch_knots(sb_body *b, int unknots)
+{
+    if (b->assembly.unknots != unknots)
+        b->force_current = 0;
+    b->assembly.unknots = unknots;
+}
+
+static void sbi_step_forget_error(sb_step_info *info)
+{
+    memset(&info->error, 0, sizeof info->error);
+    info->error.element = info->error.node = -1;
+}
+
 /* Sees to it that a failing call says why, whatever failed. */
 static sb_result sbi_step_report(sb_step_info *info, sb_result result)
 {
@@ -16010,12 +16077,15 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
+    sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
     result = sbi_step_run(&newton);
-    if (result != SB_OK)
+    if (result != SB_OK) {
         sbi_step_undo(body);
-    else
+    } else {
+        sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
+    }
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
     info->seconds_total = sbi_step_now(body) - begin;
     return sbi_step_report(info, result);
@@ -16144,6 +16214,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
+    sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
@@ -16153,10 +16224,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     } else {
         sbi_step_undo(body);
     }
-    if (result == SB_OK) { /* forget what attempts with longer increments said */
-        memset(&info->error, 0, sizeof info->error);
-        info->error.element = info->error.node = -1;
-    }
+    if (result == SB_OK)
+        sbi_step_forget_error(info); /* of attempts with longer increments */
     info->seconds_total = sbi_step_now(body) - begin;
     return sbi_step_report(info, result);
 }

@@ -268,16 +268,36 @@ static sb_quat sbi_cell_corner_rotation(const sb_domain *domain, int e, const sb
                        start);
 }
 
-/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. No sensible deformation does
- * that within one element: it is knotted, a state into which violence drives quadratic elements and where forces
- * that each follow their own rotation can balance. */
-static int sbi_cell_is_knotted(const sb_quat *rotation, int q)
+/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. */
+static int sbi_cell_is_twisted(const sb_quat *rotation, int q)
 {
     const sb_real cos_half_angle = (sb_real)0.5;
     for (int i = 1; i < q; i++)
         for (int j = 0; j < i; j++)
             if (sb_abs(sb_quat_dot(rotation[i], rotation[j])) < cos_half_angle)
                 return 1;
+    return 0;
+}
+
+/* 1 when the element map is inside out at a node, where no integration point sees it. */
+static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3 *u)
+{
+    const sb_domain *domain = assembly->domain;
+    int n = domain->nodes_per_cell;
+    const int *cell = domain->cells + (size_t)e * (size_t)n;
+    for (int k = 0; k < n; k++) {
+        sb_real xi[3] = {0, 0, 0}, gradient[SB_MAX_ELEMENT_NODES][3];
+        sb_vec3 column[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+        sb_element_node_point(domain->element_type, k, xi);
+        sb_element_shape(domain->element_type, xi, NULL, gradient);
+        for (int a = 0; a < n; a++) {
+            sb_vec3 x = sb_v3_add(assembly->reference[cell[a]], u[cell[a]]);
+            for (int j = 0; j < 3; j++)
+                column[j] = sb_v3_madd(column[j], gradient[a][j], x);
+        }
+        if (!(sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) > 0))
+            return 1;
+    }
     return 0;
 }
 
@@ -290,18 +310,21 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
     return sb_m3_polar(sum, start);
 }
 
-/* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single),
- * or because the cell is knotted; one rotation has one rest shape, so the cell comes undone. */
-static int sbi_cell_rotate(const sb_domain *domain, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
+/* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
+ * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
+ * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
+ * the cell comes undone. */
+static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
                            sb_quat *rotation)
 {
+    const sb_domain *domain = assembly->domain;
     sb_quat shared;
     if (single) {
         shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
     } else {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!sbi_cell_is_knotted(rotation, q))
+        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, q) || !sbi_cell_is_folded(assembly, e, u))
             return 0;
         shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, q, rotation[0]);
     }
@@ -332,12 +355,12 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
  * be NULL). */
-SBI_FORCE_INLINE int sbi_cell_stresses(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
+SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
                                        const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
                                        sb_mat3 *stress, int *flags)
 {
     int corotated = sbi_cell_is_corotated(material), admissible = 1;
-    int shared = corotated && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
+    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
     for (int p = 0; p < q; p++) {
         sb_real energy;
         int good = 1;
@@ -366,7 +389,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(domain, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
+        if (!sbi_cell_stresses(assembly, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -390,7 +413,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 /* ---- energy ---- */
 
 /* Elastic energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sb_domain *domain, const sb_material *material, int e, const sb_vec3 *u,
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
                                      const sb_mat3 *f, const int q, const int single, const sb_quat *start,
                                      sb_real *sum)
 {
@@ -398,14 +421,14 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sb_domain *domain, const sb_material 
     int shared;
     for (int p = 0; p < q; p++)
         rotation[p] = start[p];
-    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(domain, e, u, f, q, single, rotation);
+    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
     for (int p = 0; p < q; p++) {
         sb_real density = 0;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
-        *sum += domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
+        *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
     }
     return 1;
 }
@@ -419,7 +442,7 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
-        if (!sbi_cell_energy(assembly->domain, material, e, job->u, f, q, single,
+        if (!sbi_cell_energy(assembly, material, e, job->u, f, q, single,
                              assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
     }
@@ -850,6 +873,6 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    sbi_cell_stresses(domain, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
+    sbi_cell_stresses(assembly, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
                       domain->single_rotation, rotation, p, admissible);
 }

@@ -15,6 +15,9 @@ typedef struct sbi_assembly {
     const sb_material *materials;  /* [material_count] */
     const int *cell_material;      /* [cell_count] index into materials */
     const sb_jobs *jobs;
+    const sb_vec3 *reference;      /* [node_count] (m) */
+    int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                                    * energy watches: the rule makes it jump */
     sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
                                     * size of the moduli, so this times epsilon is their rounding error */
     int batched;                   /* tet4 with every material corotated: the batched loops hold */

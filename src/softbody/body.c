@@ -359,10 +359,12 @@ static void sbi_body_label_nodes(sb_body *body)
     }
 }
 
-/* 1 when one linearised iteration is what SB_AUTO means for this model. */
-static int sbi_body_is_one_step(sb_material_model model)
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
 {
-    return model == SB_LINEAR || model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE;
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
 }
 
 SBI_API int sbi_body_max_newton(const sb_body *body)
@@ -370,7 +372,7 @@ SBI_API int sbi_body_max_newton(const sb_body *body)
     if (body->max_newton != SB_AUTO)
         return body->max_newton;
     for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body->materials[i].model))
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
             return 20;
     return 1;
 }
@@ -380,7 +382,7 @@ static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mate
 {
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(materials[i].model);
+        needed |= !sbi_body_is_one_step(body, materials[i].model);
     if (!needed || body->damping_blocks)
         return SB_OK;
     body->damping_blocks =
@@ -420,6 +422,7 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (!node_colours)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
     body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
     sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
     sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
@@ -836,6 +839,8 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
         sum.kinetic += (sb_real)0.5 * sb_v3_dot(body->velocity[i], body->work[i]);
+    if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic))
+        return SB_ERROR_NOT_FINITE;
     *energy = sum;
     return SB_OK;
 }
@@ -865,7 +870,12 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
     for (int i = 0; i < body->domain.points_per_cell; i++) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
             admissible[i] = 0;
-        stress[i] = admissible[i] ? sb_material_cauchy_stress(material, f[i], p[i]) : sb_m3_zero();
+        if (admissible[i])
+            stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
+        if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
+            stress[i] = sb_m3_zero();
+            admissible[i] = 0;
+        }
     }
 }
 

@@ -14,8 +14,9 @@ typedef struct sb_body sb_body;
 enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
-    SB_EULER = 1,  /* implicit Euler: first order, damps, never gains energy; for trainers */
-    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps energy; for studies */
+    SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
+    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
+                    * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
 } sb_integrator;
 
 /* The material of one region of the mesh. */
@@ -42,7 +43,7 @@ typedef struct sb_body_def {
                                        * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
-                                       * SB_AUTO (default): 1 for linear and corotated, 20 for other materials */
+                                       * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
     sb_real newton_tolerance;         /* relative residual of a step with several iterations; default 1e-6 */
     sb_allocator allocator;           /* default malloc */
     sb_jobs jobs;                     /* default inline */
@@ -116,6 +117,7 @@ SB_API void sb_body_reset(sb_body *body);
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions) as nodal forces (N), [node_count]. */
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
+/* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
     sb_real elastic;    /* J */
     sb_real kinetic;    /* J */

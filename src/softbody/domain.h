@@ -45,7 +45,8 @@ SB_API void sb_domain_free(sb_domain *domain);
 typedef enum sb_mass_kind {
     SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976) */
     SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
-    SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do */
+    SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
+                             * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)

@@ -225,6 +225,14 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 
 SB_API sb_real sb_von_mises(sb_mat3 sigma)
 {
-    sb_mat3 deviator = sbi_material_affine(1, sigma, -sb_m3_trace(sigma) / 3);
-    return sb_sqrt((sb_real)1.5 * sb_m3_ddot(deviator, deviator));
+    sb_mat3 deviator;
+    sb_real largest = 0; /* scaled by, lest squares of large stresses overflow */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            largest = sb_max(largest, sb_abs(sigma.m[i][j]));
+    if (!(largest > 0) || !sb_is_finite(largest))
+        return largest;
+    sigma = sb_m3_scale(1 / largest, sigma);
+    deviator = sbi_material_affine(1, sigma, -sb_m3_trace(sigma) / 3);
+    return largest * sb_sqrt((sb_real)1.5 * sb_m3_ddot(deviator, deviator));
 }

@@ -111,8 +111,9 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 enum {
     SBI_PRECOND_MAX_ARRAYS = 32,
-    SBI_PRECOND_MAX_ATTEMPTS = 18, /* up to a shift of 65: beyond a row's length the shifted matrix is dominated
-                                    * by its diagonal, so that the factor of any positive definite one exists */
+    SBI_PRECOND_MAX_ATTEMPTS = 18,
+    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
+                                 * factor of any positive definite one exists */
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
@@ -392,14 +393,14 @@ static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a
     double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
     for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
         bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0)
+        if (bad < 0 || shift > SBI_PRECOND_MAX_SHIFT)
             break;
         shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
     }
     if (bad >= 0) {
-        p->attempts = SBI_PRECOND_MAX_ATTEMPTS;
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
-                             "node %d: no incomplete factor up to a shift of %g", bad, shift / 2);
+        p->shift = 0; /* the next matrix may be a tamer one */
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
+                             shift);
     }
     if (p->attempts > 1) {
         p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;

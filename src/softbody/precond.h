@@ -57,7 +57,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 /* Takes over the values of a symmetric matrix of the pattern; allocates nothing.
  * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
- * block is not positive definite or no diagonal shift up to 65 makes the incomplete factor exist. After an
+ * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
  * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
  * following updates, and after a run of successful ones tries half of it. */

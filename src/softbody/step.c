@@ -605,7 +605,12 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
     result = sbi_newton_solve(&start, 0);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
-    return result;
+    if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
+        return result;
+    for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
+        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
+                                                sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
+    return SB_OK;
 }
 
 /* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
@@ -698,6 +703,20 @@ static void sbi_step_begin_info(sb_step_info *info)
     info->error.node = -1;
 }
 
+/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
+static void sbi_step_watch_knots(sb_body *b, int unknots)
+{
+    if (b->assembly.unknots != unknots)
+        b->force_current = 0;
+    b->assembly.unknots = unknots;
+}
+
+static void sbi_step_forget_error(sb_step_info *info)
+{
+    memset(&info->error, 0, sizeof info->error);
+    info->error.element = info->error.node = -1;
+}
+
 /* Sees to it that a failing call says why, whatever failed. */
 static sb_result sbi_step_report(sb_step_info *info, sb_result result)
 {
@@ -758,12 +777,15 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
+    sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
     result = sbi_step_run(&newton);
-    if (result != SB_OK)
+    if (result != SB_OK) {
         sbi_step_undo(body);
-    else
+    } else {
+        sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
+    }
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
     info->seconds_total = sbi_step_now(body) - begin;
     return sbi_step_report(info, result);
@@ -892,6 +914,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
+    sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
@@ -901,10 +924,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     } else {
         sbi_step_undo(body);
     }
-    if (result == SB_OK) { /* forget what attempts with longer increments said */
-        memset(&info->error, 0, sizeof info->error);
-        info->error.element = info->error.node = -1;
-    }
+    if (result == SB_OK)
+        sbi_step_forget_error(info); /* of attempts with longer increments */
     info->seconds_total = sbi_step_now(body) - begin;
     return sbi_step_report(info, result);
 }
