@@ -7,7 +7,7 @@ static int fail(const sb_error *e) { return fprintf(stderr, "hello: %s:%d: %s\n"
 
 int main(int argc, char **argv)
 {
-    sb_mesh mesh = {0};
+    sb_mesh mesh;
     sb_body *body = NULL;
     sb_error error;
     if ((argc > 1 ? sb_mesh_load(&mesh, argv[1], NULL, &error) : sb_mesh_organ(SB_TET4, 12, NULL, &mesh, &error)))

@@ -393,7 +393,7 @@ static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a
     double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
     for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
         bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0 || shift > SBI_PRECOND_MAX_SHIFT)
+        if (bad < 0 || shift > (double)SBI_PRECOND_MAX_SHIFT)
             break;
         shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
     }
