@@ -40,7 +40,9 @@ elif ! has node; then
 else
     # before version 20 WASI had to be asked for
     flag=$(node -p 'parseInt(process.versions.node) < 20 ? "--experimental-wasi-unstable-preview1" : ""')
-    set -- "$@" "node --no-warnings $flag tests/wasi.mjs build/wasm/tests.wasm $FILTER"
+    # node 20 may crash while it takes its own WASI down, after the program has ended: what counts is the program's
+    # closing line, without which tests/total.sh sees a failure
+    set -- "$@" "node --no-warnings $flag tests/wasi.mjs build/wasm/tests.wasm $FILTER; true"
 fi
 
 [ $# = 0 ] && set -- "true; echo '0 passed, 0 failed, 0 skipped'"
