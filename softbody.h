@@ -1663,7 +1663,7 @@ SB_INLINE int sb_ldlt_factor(sb_real *a, int n)
 {
     for (int i = 0; i < n; i++) {
         sb_real *row = a + (size_t)i * (size_t)n, sum, size;
-        for (int j = 0; j < i; j++) /* row[j] = L_ij D_j for now */
+        for (int j = 0; j < i; j++) /* leaves row[j] = L_ij D_j */
             row[j] -= sbi_dense_dot(row, a + (size_t)j * (size_t)n, j);
         sum = row[i];
         size = sb_abs(row[i]);
@@ -15350,7 +15350,8 @@ static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed
     const sb_vec3 zero = sb_v3(0, 0, 0);
     double sum = 0;
     for (int i = 0; i < body->domain.node_count; i++) {
-        sb_vec3 v = on_fixed ? sbi_body_pick_axes(body->fixed[i], a[i], zero) : sbi_body_pick_axes(body->fixed[i], zero, a[i]);
+        sb_vec3 v = on_fixed ? sbi_body_pick_axes(body->fixed[i], a[i], zero)
+                             : sbi_body_pick_axes(body->fixed[i], zero, a[i]);
         sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
     }
     return sb_sqrt((sb_real)sum);

@@ -586,7 +586,7 @@ static sb_result create_and_use(sb_allocator allocator, const sb_mesh *mesh, sce
     sb_body_def def = sb_default_body_def();
     sb_body *body = NULL;
     sb_error error;
-    int calls;
+    int calls, fixed = 0;
     sb_result result;
     def.mesh = mesh;
     def.material = test_material(1);
@@ -599,8 +599,10 @@ static sb_result create_and_use(sb_allocator allocator, const sb_mesh *mesh, sce
         CHECK(body == NULL && error.message[0] != 0);
         return result;
     }
-    for (int i = 0; i < 4 && result == SB_OK; i++)
+    for (int i = 0; i < 4 && result == SB_OK; i++) {
         result = sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+        fixed += result == SB_OK;
+    }
     if (result == SB_OK) { /* a material whose steps iterate may take memory once */
         sb_material material = test_material(6);
         result = sb_body_set_material(body, &material, &error);
@@ -625,7 +627,7 @@ static sb_result create_and_use(sb_allocator allocator, const sb_mesh *mesh, sce
         CHECK_RESULT(sb_body_step(body, REAL(0.01), NULL), SB_OK);
         for (int i = 0; i < mesh->node_count; i++)
             supported += sb_body_supports(body)[i] != 0;
-        CHECK(supported <= 4);
+        CHECK_INT(supported, fixed); /* the call that failed changed nothing */
     }
     sb_body_destroy(body);
     return result;

@@ -1099,7 +1099,7 @@ SB_INLINE int sb_ldlt_factor(sb_real *a, int n)
 {
     for (int i = 0; i < n; i++) {
         sb_real *row = a + (size_t)i * (size_t)n, sum, size;
-        for (int j = 0; j < i; j++) /* row[j] = L_ij D_j for now */
+        for (int j = 0; j < i; j++) /* leaves row[j] = L_ij D_j */
             row[j] -= sbi_dense_dot(row, a + (size_t)j * (size_t)n, j);
         sum = row[i];
         size = sb_abs(row[i]);
