@@ -1,6 +1,8 @@
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
 #include "material.h"
 
+#include <string.h>
+
 /* ---- constants ---- */
 
 SB_API sb_real sb_material_bulk(const sb_material *material)
@@ -25,6 +27,7 @@ static sb_material sbi_material_from_young(sb_material_model model, sb_real youn
                                            sb_real density)
 {
     sb_material m;
+    memset(&m, 0, sizeof m);
     m.model = model;
     m.density = density;
     m.lambda = young * poisson / ((1 + poisson) * (1 - 2 * poisson));
@@ -67,6 +70,7 @@ SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson
 SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
 {
     sb_material m;
+    memset(&m, 0, sizeof m);
     m.model = SB_NEO_HOOKEAN_ISOCHORIC;
     m.density = density;
     m.mu = 2 * c10;
@@ -153,7 +157,9 @@ SB_API int sb_material_allows_inversion(sb_material_model model)
     case SB_SVK:
     case SB_STABLE_NEO_HOOKEAN: return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return 0;
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return 0;
     }
     return 0;
 }
@@ -235,4 +241,62 @@ SB_API sb_real sb_von_mises(sb_mat3 sigma)
     sigma = sb_m3_scale(1 / largest, sigma);
     deviator = sbi_material_affine(1, sigma, -sb_m3_trace(sigma) / 3);
     return largest * sb_sqrt((sb_real)1.5 * sb_m3_ddot(deviator, deviator));
+}
+
+/* ---- shares ---- */
+
+static void sbi_material_scale_shear(sb_material *m, sb_real factor)
+{
+    m->mu *= factor;
+    m->c10 *= factor;
+    m->c01 *= factor;
+    m->c20 *= factor;
+    m->c30 *= factor;
+    m->fibre_stiffness *= factor;
+}
+
+SBI_API sb_material sbi_material_share_of(const sb_material *material, sbi_material_share share)
+{
+    sb_material m = *material;
+    if (share == SBI_SHARE_SHEAR) {
+        m.lambda = 0;
+        m.d1 = SB_REAL_MAX; /* its reciprocal is what counts */
+    }
+    if (share == SBI_SHARE_VOLUME)
+        sbi_material_scale_shear(&m, 0);
+    return m;
+}
+
+SBI_API sb_material sbi_material_relaxing(const sb_material *material)
+{
+    sb_material m = *material;
+    m.lambda = -2 * m.mu / 3;
+    m.d1 = SB_REAL_MAX;
+    return m;
+}
+
+SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a)
+{
+    sb_material m = *material;
+    sb_real bulk = sb_material_bulk(material);
+    sbi_material_scale_shear(&m, a);
+    m.lambda = bulk - 2 * m.mu / 3;
+    return m;
+}
+
+SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay)
+{
+    sb_real x = dt / material->prony_tau[term];
+    *decay = sb_exp(-x);
+    if (x < (sb_real)1e-4) /* where the quotient would cancel */
+        return 1 - x / 2 + x * x / 6;
+    return (1 - *decay) / x;
+}
+
+SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
+{
+    sb_real factor = 1, decay;
+    for (int i = 0; i < material->prony_count; i++)
+        factor -= material->prony_g[i] * (1 - sbi_prony_term(material, i, dt, &decay));
+    return factor;
 }

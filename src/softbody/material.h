@@ -27,8 +27,14 @@ typedef enum sb_material_model {
     /* C10 (J^(-2/3) I1 - 3) + (J - 1)^2/D1; needs J > 0. */
     SB_NEO_HOOKEAN_ISOCHORIC = 6,
     /* mu/2 (I1 - 3) - mu (J - 1) + (lambda + mu)/2 (J - 1)^2 (after Smith et al. 2018). */
-    SB_STABLE_NEO_HOOKEAN = 7
+    SB_STABLE_NEO_HOOKEAN = 7,
+    /* C10 (I1b - 3) + C01 (I2b - 3) + (J - 1)^2/D1, I1b = J^(-2/3) I1, I2b = J^(-4/3) I2; needs J > 0. */
+    SB_MOONEY_RIVLIN = 8,
+    /* sum over i = 1..3 of Ci0 (I1b - 3)^i, + (J - 1)^2/D1; needs J > 0. */
+    SB_REDUCED_POLYNOMIAL = 9
 } sb_material_model;
+
+enum { SB_MAX_PRONY_TERMS = 8 };
 
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
@@ -41,6 +47,13 @@ typedef struct sb_material {
     sb_real mu;      /* shear modulus [Pa], > 0 */
     sb_real c10;     /* [Pa], > 0 */
     sb_real d1;      /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;     /* [Pa]; Mooney-Rivlin, else 0 */
+    sb_real c20, c30; /* [Pa]; reduced polynomial, else 0 */
+    sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
+    sb_real fibre_exponent;  /* k2, >= 0 */
+    int prony_count; /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
+    sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
 
 /* Which derivative of P a solver gets. */
@@ -106,6 +119,27 @@ SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P);
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ==== internal: shares of a material =====================================================================
+ * Every hyperelastic energy here is linear in its moduli, so that a share of a material is a material. */
+
+/* The share of a material that a B-bar element evaluates at each of its points, and the one at its mean point:
+ * W = W_shear + W_volume, with mu (and fibres) in the first, lambda in the second; isochoric models: psi and U. */
+typedef enum sbi_material_share { SBI_SHARE_WHOLE, SBI_SHARE_SHEAR, SBI_SHARE_VOLUME } sbi_material_share;
+SBI_API sb_material sbi_material_share_of(const sb_material *material, sbi_material_share share);
+
+/* What Prony terms relax: everything in proportion to the shear modulus at a constant bulk modulus (isochoric
+ * models: psi), fibres included. Only its stress means anything: its lambda is -2 mu/3. */
+SBI_API sb_material sbi_material_relaxing(const sb_material *material);
+/* The material with its relaxing share times a: bulk modulus as before. */
+SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a);
+/* a(dt) = g_inf + sum g_i gamma_i, gamma_i = (1 - exp(-x_i))/x_i, x_i = dt/tau_i: the share of a new stress that is
+ * left at the end of the step of dt (s) in which it comes about evenly. 1 for dt = 0, g_inf for dt infinite. */
+SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt);
+/* gamma_i, and exp(-x_i) in *decay. */
+SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay);
+#endif
 
 /* ==== internal: workers of one model =====================================================================
  * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
