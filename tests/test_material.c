@@ -864,9 +864,9 @@ static void test_fibre_closed_form(void)
         CHECK_NEAR((double)p.m[1][1] - 2, 2.4 * k1 * e * exp(q), tolerance(1e-10, 1e4));
         CHECK(p.m[0][0] == 1 && p.m[2][2] == 3 && p.m[0][1] == 0);
         CHECK(sb_fibre_tangent(&m, &f, along, A));
-        CHECK_NEAR(A[4 * 9 + 4] / (4 * 1.44 * k1 * exp(q) * (1 + 2 * q) + 2 * k1 * e * exp(q)), 1,
+        CHECK_NEAR((double)A[4 * 9 + 4] / (4 * 1.44 * k1 * exp(q) * (1 + 2 * q) + 2 * k1 * e * exp(q)), 1,
                    tolerance(1e-13, 50));
-        CHECK_NEAR(A[1 * 9 + 1] / (2 * k1 * e * exp(q)), 1, tolerance(1e-13, 50));
+        CHECK_NEAR((double)A[1 * 9 + 1] / (2 * k1 * e * exp(q)), 1, tolerance(1e-13, 50));
         CHECK(A[0] == 0 && A[4] == 0);
     }
 }
@@ -910,7 +910,7 @@ static void test_fibre_refused(void)
     CHECK(sb_fibre_tangent(&none, &f, x, A) && largest_of(A, 81) == 0);
     f = diagonal(1.1, 1, 1);
     CHECK(sb_fibre_energy(&m, &f, sb_v3(SB_REAL_MAX, 0, 0), &energy));
-    CHECK_NEAR(energy / (25 * expm1(2 * 0.21 * 0.21)), 1, tolerance(1e-13, 30));
+    CHECK_NEAR((double)energy / (25 * expm1(2 * 0.21 * 0.21)), 1, tolerance(1e-13, 30));
 }
 
 /* ---- relaxation ---- */
@@ -997,8 +997,8 @@ static void test_ramp(void)
         }
         e = rate * time;
         relaxed = 2 * mu * rate * ramp_of(time);
-        CHECK_NEAR(p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1, tolerance(1e-12, 2000));
-        CHECK_NEAR(p.m[1][1] / (bulk * e - relaxed / 3), 1, tolerance(1e-12, 2000));
+        CHECK_NEAR((double)p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1, tolerance(1e-12, 2000));
+        CHECK_NEAR((double)p.m[1][1] / (bulk * e - relaxed / 3), 1, tolerance(1e-12, 2000));
     }
 }
 

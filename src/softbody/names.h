@@ -85,6 +85,9 @@
 #define sb_cauchy_stress sb_cauchy_stress_f32
 #define sb_material_cauchy_stress sb_material_cauchy_stress_f32
 #define sb_von_mises sb_von_mises_f32
+#define sb_default_fit_options sb_default_fit_options_f32
+#define sb_material_fit sb_material_fit_f32
+#define sb_material_fit_prony sb_material_fit_prony_f32
 #define sb_matrix_create sb_matrix_create_f32
 #define sb_matrix_free sb_matrix_free_f32
 #define sb_matrix_clear sb_matrix_clear_f32
