@@ -5139,7 +5139,7 @@ typedef enum sbi_mesh_part {
 typedef struct sbi_mesh_keys {
     int count; /* parts */
     int per_element;
-    int width;  /* corners per part; a part with fewer repeats its last */
+    int width;  /* corners per part; a part with fewer repeats its highest */
     int sorted; /* parts in `order`: those of elements that were not skipped */
     int *keys;  /* [count][width] corner nodes, ascending */
     int *order; /* [sorted] parts sorted by key, equal keys by part */
@@ -5192,21 +5192,20 @@ static void sbi_mesh_insertion_sort(int *values, int count)
 static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
                                sbi_mesh_keys *keys)
 {
-    int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES];
-    for (int i = 0; i < keys->per_element; i++) {
-        int count = sbi_mesh_part_corners(sbi_mesh_element_kind(mesh), part, i, corners[i]);
-        for (int k = count; k < keys->width; k++)
-            corners[i][k] = corners[i][count - 1];
-    }
+    int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES], count[SB_MAX_ELEMENT_EDGES];
+    for (int i = 0; i < keys->per_element; i++)
+        count[i] = sbi_mesh_part_corners(sbi_mesh_element_kind(mesh), part, i, corners[i]);
     keys->sorted = 0;
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
         for (int i = 0; i < keys->per_element && !(skip && skip[e]); i++) {
             int p = e * keys->per_element + i;
             int *key = keys->keys + (size_t)p * (size_t)keys->width;
-            for (int k = 0; k < keys->width; k++)
+            for (int k = 0; k < count[i]; k++)
                 key[k] = nodes[corners[i][k]];
-            sbi_mesh_insertion_sort(key, keys->width);
+            sbi_mesh_insertion_sort(key, count[i]);
+            for (int k = count[i]; k < keys->width; k++)
+                key[k] = key[k - 1];
             keys->order[keys->sorted++] = p;
         }
     }
