@@ -243,6 +243,7 @@
 #define sb_element_node_point sb_element_node_point_f32
 #define sb_element_shape sb_element_shape_f32
 #define sb_element_quadrature sb_element_quadrature_f32
+#define sb_element_table_check sb_element_table_check_f32
 #define sb_mesh_free sb_mesh_free_f32
 #define sb_mesh_copy sb_mesh_copy_f32
 #define sb_mesh_validate sb_mesh_validate_f32
@@ -268,6 +269,8 @@
 #define sb_mesh_node_elements sb_mesh_node_elements_f32
 #define sb_mesh_components sb_mesh_components_f32
 #define sb_mesh_to_tet10 sb_mesh_to_tet10_f32
+#define sb_mesh_to_hex20 sb_mesh_to_hex20_f32
+#define sb_mesh_to_hex27 sb_mesh_to_hex27_f32
 #define sb_mesh_reorder sb_mesh_reorder_f32
 #define sb_mesh_beam sb_mesh_beam_f32
 #define sb_mesh_cylinder sb_mesh_cylinder_f32
@@ -1865,18 +1868,34 @@ SB_INLINE int sb_m3_spd_inverse(sb_mat3 a, sb_mat3 *inverse)
 #define SB_ELEMENT_H
 
 
-/* Element types; the node orders are VTK's. tri6: edges 01 12 20. tet10: edges 01 12 02 03 13 23. */
+/* Element types; the node orders are VTK's. Corners come first, then the middles of the edges, then those of the
+ * faces, then the centre.
+ *   tri6: edges 01 12 20; quad8: 01 12 23 30; quad9: also the centre
+ *   tet10: edges 01 12 02 03 13 23
+ *   hex20: edges 01 12 23 30, 45 56 67 74, 04 15 26 37; hex27: also the faces x- x+ y- y+ z- z+ and the centre
+ * A custom element is a volume described by an sb_element_table, see below. */
 typedef enum sb_element_type {
     SB_NO_ELEMENT = 0,
     SB_TRI3 = 1, /* surfaces */
     SB_TRI6 = 2,
     SB_QUAD4 = 3,
+    SB_QUAD8 = 4,
+    SB_QUAD9 = 5,
     SB_TET4 = 10, /* volumes */
     SB_TET10 = 11,
-    SB_HEX8 = 12
+    SB_HEX8 = 12,
+    SB_HEX20 = 13,
+    SB_HEX27 = 14,
+    SB_CUSTOM = 15
 } sb_element_type;
 
-enum { SB_MAX_ELEMENT_NODES = 27, SB_MAX_FACE_NODES = 9, SB_MAX_QUADRATURE_POINTS = 27 };
+enum {
+    SB_MAX_ELEMENT_NODES = 27,
+    SB_MAX_FACE_NODES = 9,
+    SB_MAX_ELEMENT_FACES = 12,
+    SB_MAX_ELEMENT_EDGES = 24,
+    SB_MAX_QUADRATURE_POINTS = 27
+};
 
 /* ---- the compiled element types -----------------------------------------------------------------------
  * `#define SB_ELEMENT SB_TET10` before including compiles the loops over one volume type only. The
@@ -1884,16 +1903,18 @@ enum { SB_MAX_ELEMENT_NODES = 27, SB_MAX_FACE_NODES = 9, SB_MAX_QUADRATURE_POINT
 #define SBI_ELEMENT_CODE_SB_TET4 10
 #define SBI_ELEMENT_CODE_SB_TET10 11
 #define SBI_ELEMENT_CODE_SB_HEX8 12
+#define SBI_ELEMENT_CODE_SB_HEX20 13
+#define SBI_ELEMENT_CODE_SB_HEX27 14
+#define SBI_ELEMENT_CODE_SB_CUSTOM 15
 #ifdef SB_ELEMENT
 #define SBI_ELEMENT_PINNED SBI_PASTE(SBI_ELEMENT_CODE_, SB_ELEMENT)
-#if SBI_ELEMENT_PINNED != 10 && SBI_ELEMENT_PINNED != 11 && SBI_ELEMENT_PINNED != 12
-#error "softbody.h: SB_ELEMENT must be SB_TET4, SB_TET10 or SB_HEX8"
+#if SBI_ELEMENT_PINNED < 10 || SBI_ELEMENT_PINNED > 15
+#error "softbody.h: SB_ELEMENT must be SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM"
 #endif
 #else
 #define SBI_ELEMENT_PINNED 0
 #endif
-/* 1 when loops over the volume type (a literal name: SB_TET4, SB_TET10, SB_HEX8) are compiled; works in
- * #if. */
+/* 1 when loops over the volume type (a literal name, such as SB_TET4) are compiled; works in #if. */
 #define SBI_ELEMENT_ENABLED(type) (SBI_ELEMENT_PINNED == 0 || SBI_ELEMENT_PINNED == SBI_ELEMENT_CODE_##type)
 
 /* The volume type to dispatch on: a constant when SB_ELEMENT pins one. The caller has refused other types. */
@@ -1911,11 +1932,15 @@ SB_INLINE int sbi_element_is_enabled(sb_element_type type)
 {
     return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) ||
            (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8);
+           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) ||
+           (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
 }
 
 /* ---- counts ----------------------------------------------------------------------------------------------
- * All return 0 for a type that is none of the above. */
+ * All return 0 for a type that is none of the above, and but for the dimension also for SB_CUSTOM, whose counts are
+ * in its table. */
 
 /* Nodes per element. */
 SB_INLINE int sb_element_node_count(sb_element_type type)
@@ -1924,52 +1949,68 @@ SB_INLINE int sb_element_node_count(sb_element_type type)
     case SB_TRI3: return 3;
     case SB_TRI6: return 6;
     case SB_QUAD4: return 4;
+    case SB_QUAD8: return 8;
+    case SB_QUAD9: return 9;
     case SB_TET4: return 4;
     case SB_TET10: return 10;
     case SB_HEX8: return 8;
+    case SB_HEX20: return 20;
+    case SB_HEX27: return 27;
+    case SB_CUSTOM:
     case SB_NO_ELEMENT: break;
     }
     return 0;
+}
+/* The element of the corners alone: tri3, quad4, tet4 or hex8; SB_CUSTOM and SB_NO_ELEMENT are their own. */
+SB_INLINE sb_element_type sb_element_straight(sb_element_type type)
+{
+    switch (type) {
+    case SB_TRI3:
+    case SB_TRI6: return SB_TRI3;
+    case SB_QUAD4:
+    case SB_QUAD8:
+    case SB_QUAD9: return SB_QUAD4;
+    case SB_TET4:
+    case SB_TET10: return SB_TET4;
+    case SB_HEX8:
+    case SB_HEX20:
+    case SB_HEX27: return SB_HEX8;
+    case SB_CUSTOM: return SB_CUSTOM;
+    case SB_NO_ELEMENT: break;
+    }
+    return SB_NO_ELEMENT;
 }
 /* Corners per element; they are the first nodes. */
 SB_INLINE int sb_element_corner_count(sb_element_type type)
 {
-    switch (type) {
-    case SB_TRI3:
-    case SB_TRI6: return 3;
-    case SB_QUAD4:
-    case SB_TET4:
-    case SB_TET10: return 4;
-    case SB_HEX8: return 8;
-    case SB_NO_ELEMENT: break;
-    }
-    return 0;
+    return sb_element_node_count(sb_element_straight(type));
 }
 /* 2 for a surface, 3 for a volume. */
 SB_INLINE int sb_element_dimension(sb_element_type type)
 {
-    int corners = sb_element_corner_count(type);
-    return corners == 0 ? 0 : (type < SB_TET4 ? 2 : 3);
+    sb_element_type straight = sb_element_straight(type);
+    return straight == SB_NO_ELEMENT ? 0 : (straight < SB_TET4 ? 2 : 3);
 }
 /* Faces per volume element; 0 for surfaces. */
 SB_INLINE int sb_element_face_count(sb_element_type type)
 {
-    return sb_element_dimension(type) != 3 ? 0 : (type == SB_HEX8 ? 6 : 4);
+    sb_element_type straight = sb_element_straight(type);
+    return straight == SB_HEX8 ? 6 : (straight == SB_TET4 ? 4 : 0);
 }
 /* Edges per element. */
 SB_INLINE int sb_element_edge_count(sb_element_type type)
 {
     int corners = sb_element_corner_count(type);
-    return sb_element_dimension(type) == 3 ? (corners == 4 ? 6 : 12) : corners;
+    return sb_element_dimension(type) == 3 ? (corners == 4 ? 6 : (corners == 8 ? 12 : 0)) : corners;
 }
 
 /* ---- names, faces, edges ------------------------------------------------------------------------------- */
 
-/* Name of a type, e.g. "tet4"; "unknown" for none of them. Static storage. */
+/* Name of a type, e.g. "tet4"; "custom" for SB_CUSTOM, "unknown" for none of them. Static storage. */
 SB_API const char *sb_element_name(sb_element_type type);
 
 /* Local node numbers of face `face` in [0, face_count), counter-clockwise seen from outside, and the face's
- * type (tri3, tri6, quad4; face_type may be NULL). Returns the number of nodes, 0 (nothing written) for no
+ * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written) for no
  * such face. */
 SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
                            sb_element_type *face_type);
@@ -1993,12 +2034,12 @@ SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real 
 /* ---- quadrature -----------------------------------------------------------------------------------------*/
 
 /* What a rule must integrate. Surfaces have one rule, good for all four; volumes have no
- * SB_QUADRATURE_FACE. */
+ * SB_QUADRATURE_FACE. hex20 and hex27 have 27 points for all (2 x 2 x 2 leave hex20 six motions without force). */
 typedef enum sb_quadrature_kind {
     SB_QUADRATURE_STIFFNESS = 0,        /* straight sides: tet4 1 point, tet10 4, hex8 8 */
     SB_QUADRATURE_STIFFNESS_CURVED = 1, /* curved sides: tet10 8 (4 fail the patch test), others as above */
     SB_QUADRATURE_MASS = 2,             /* exact consistent mass: tet4 4, tet10 14, hex8 8 */
-    SB_QUADRATURE_FACE = 3              /* surface loads: tri3 3, tri6 6, quad4 4 */
+    SB_QUADRATURE_FACE = 3              /* surface loads: tri3 3, tri6 6, quad4 4, quad8 and quad9 9 */
 } sb_quadrature_kind;
 
 /* Points (parameters xi) and weights of a rule; the weights sum to the parameter domain's measure (tet 1/6,
@@ -2008,6 +2049,89 @@ SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
                                  sb_real points[SB_MAX_QUADRATURE_POINTS][3],
                                  sb_real weights[SB_MAX_QUADRATURE_POINTS]);
 
+/* ---- elements of your own -----------------------------------------------------------------------------------
+ * A mesh of SB_CUSTOM refers to a table that says what its elements are. From there on they are like any others:
+ * bodies, steps, static solves, tractions, boundary, quality and VTK output take them. A table and what it points at
+ * is plain data of yours, only read, and must live as long as the meshes and bodies made with it.
+ * examples/custom_element.c fills one in. */
+
+/* A face: its nodes counter-clockwise seen from outside, in the order of its type (tri3, tri6, quad4, quad8, quad9). */
+typedef struct sb_element_table_face {
+    sb_element_type type;
+    int nodes[SB_MAX_FACE_NODES]; /* local node numbers; those after the type's count are not read */
+} sb_element_table_face;
+
+typedef struct sb_element_table {
+    const char *name;                /* for messages */
+    int node_count;                  /* in [4, SB_MAX_ELEMENT_NODES] */
+    int corner_count;                /* in [4, node_count]; the corners are the first nodes */
+    const sb_real (*node_points)[3]; /* [node_count] parameters xi of the nodes */
+    /* Shape functions and gradients dN/dxi at xi, as sb_element_shape: shape[node_count] or NULL, gradient
+     * [node_count][3] or NULL. Called from one thread, while meshes are checked, bodies are made, and in linearised
+     * steps from the job's threads; same xi, same numbers. Gradients at nodes may be anything where they have no
+     * value (the tip of a pyramid). */
+    void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
+    const void *user;                /* handed to shape */
+    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS] */
+    const sb_real (*points)[3];      /* [point_count] parameters */
+    const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
+    int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */
+    const sb_real (*mass_points)[3]; /* [mass_point_count] */
+    const sb_real *mass_weights;     /* [mass_point_count] */
+    int face_count;                  /* in [4, SB_MAX_ELEMENT_FACES] */
+    const sb_element_table_face *faces; /* [face_count]; together they close around the element. Edges follow from
+                                         * them */
+    int vtk_type;                    /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
+                                      * meshes cannot be written */
+} sb_element_table;
+
+/* Tells whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
+ * of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
+ * inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
+ * that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message
+ * names what, and error->node the local node where there is one. error may be NULL. */
+SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error *error);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- internal: any element ---------------------------------------------------------------------------------- */
+
+/* A type, and for SB_CUSTOM its checked table. Each function below is the one of the same name above. */
+typedef struct sbi_element {
+    sb_element_type type;
+    const sb_element_table *table;
+} sbi_element;
+
+SB_INLINE sbi_element sbi_element_make(sb_element_type type, const sb_element_table *table)
+{
+    sbi_element element;
+    element.type = type;
+    element.table = type == SB_CUSTOM ? table : NULL;
+    return element;
+}
+SB_INLINE int sbi_element_node_count(sbi_element element)
+{
+    return element.table ? element.table->node_count : sb_element_node_count(element.type);
+}
+SB_INLINE int sbi_element_corner_count(sbi_element element)
+{
+    return element.table ? element.table->corner_count : sb_element_corner_count(element.type);
+}
+SB_INLINE int sbi_element_face_count(sbi_element element)
+{
+    return element.table ? element.table->face_count : sb_element_face_count(element.type);
+}
+SBI_API int sbi_element_edge_count(sbi_element element);
+SBI_API const char *sbi_element_name(sbi_element element);
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
+                             sb_element_type *face_type);
+SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3]);
+SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3]);
+SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
+SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
+                                   sb_real points[SB_MAX_QUADRATURE_POINTS][3],
+                                   sb_real weights[SB_MAX_QUADRATURE_POINTS]);
+#endif
+
 #endif /* SB_ELEMENT_H */
 
 /* ==== src/softbody/mesh.h ==== */
@@ -2016,8 +2140,8 @@ SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
 #define SB_MESH_H
 
 
-/* A mesh of one element type: a volume (tet4, tet10, hex8) or a surface (tri3, tri6, quad4). Fill the arrays
- * by hand or let sb_mesh_load / a generator do it. Zero-initialise before first use ({0}). Arrays made by
+/* A mesh of one element type: a volume (tet4, tet10, hex8, hex20, hex27, or custom elements that `table`
+ * describes) or a surface (tri3, tri6, quad4, quad8, quad9). Fill the arrays by hand or let sb_mesh_load / a generator do it. Zero-initialise before first use ({0}). Arrays made by
  * this library come from `allocator` and are released with sb_mesh_free; arrays of your own are yours to
  * release. */
 typedef struct sb_mesh {
@@ -2028,7 +2152,16 @@ typedef struct sb_mesh {
     int *elements;          /* [element_count][nodes per element] node indices */
     int *regions;           /* [element_count] material region of each element, or NULL: all 0 */
     sb_allocator allocator; /* what the arrays came from; zeros: malloc */
+    const sb_element_table *table; /* of SB_CUSTOM elements; borrowed, also by copies and bodies. Others: not read */
 } sb_mesh;
+
+/* Nodes per element: the width of mesh->elements; 0 for an unknown type, or SB_CUSTOM without a table. */
+SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
+{
+    if (mesh->element_type == SB_CUSTOM)
+        return mesh->table ? mesh->table->node_count : 0;
+    return sb_element_node_count(mesh->element_type);
+}
 
 /* Common to all calls below: a NULL allocator means malloc and free. `error` may be NULL. Calls that return
  * an sb_result check counts, type and node indices first, so no content of the arrays makes them read
@@ -2044,8 +2177,8 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
 /* ---- checks ------------------------------------------------------------------------------------------ */
 
 /* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
- * volumes, a positive Jacobian (at the corners; curved tet10 also at its mid-edge nodes, on its faces and
- * inside). SB_ERROR_ARGUMENT, _NOT_FINITE (error->node is the first), _INDEX or _MESH (error->element is the
+ * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
+ * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE (error->node is the first), _INDEX or _MESH (error->element is the
  * first; the message lists up to 8 elements and the total). Allocates nothing; one pass. */
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error);
 
@@ -2058,7 +2191,7 @@ typedef enum sb_mesh_defect {
     SB_MESH_REPEATED_NODE = 3,   /* uses a node twice */
     SB_MESH_INVERTED = 4,        /* volume: negative Jacobian at a corner of the straight-sided element */
     SB_MESH_FLAT = 5,            /* volume or area zero to rounding */
-    SB_MESH_BAD_MIDSIDE = 6,     /* tet10 with sound corners, folded somewhere by its mid-edge nodes */
+    SB_MESH_BAD_MIDSIDE = 6,     /* tet10, hex20, hex27 with sound corners, folded by the nodes between them */
     SB_MESH_DUPLICATE = 7,       /* same corners as an element before it */
     SB_MESH_DEFECT_COUNT = 8
 } sb_mesh_defect;
@@ -2114,8 +2247,9 @@ SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh);
 /* Smallest box around all nodes (m); both corners 0 for a mesh without nodes. */
 SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
 /* Shape of an element: 1 is best, <= 0 inverted or flat. tet4: mean ratio 12 (3V)^(2/3) / sum of squared
- * edges; tet10: that of its corners times min/max of the Jacobian; hex8 and quad4: smallest Jacobian at a
- * corner of edges scaled to length 1; triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
+ * edges; tet10: that of its corners times min/max of the Jacobian; hex8 and quads: smallest Jacobian at a
+ * corner of edges scaled to length 1; hex20, hex27, custom: the same of the columns dx/dxi at all nodes, face
+ * centres and points (custom: points only); triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
 SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
 
 /* ---- repairs, on request only ---------------------------------------------------------------------------
@@ -2124,7 +2258,7 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
  * return may be NULL: not wanted. */
 
 /* Turns inverted volume elements (corner volume negative) by renumbering them; surfaces:
- * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. What cannot be mended that way stays
+ * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. Custom elements are left alone. What cannot be mended that way stays
  * for sb_mesh_validate. */
 SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error);
 /* Orients a surface consistently: floods over the edges of exactly two elements; a closed part is turned
@@ -2163,9 +2297,10 @@ SB_API void sb_index_lists_free(sb_index_lists *lists);
 
 /* The boundary of a volume mesh. Free with sb_boundary_free. */
 typedef struct sb_boundary {
-    sb_mesh surface; /* tri3, tri6 or quad4, oriented outward; regions are those of the volume elements */
+    sb_mesh surface; /* one type of faces, oriented outward; regions are those of the volume elements. Custom elements
+                      * with faces of several types: tri3, into which the faces are cut at their nodes */
     int *elements;   /* [surface.element_count] volume element of each face */
-    int *faces;      /* [surface.element_count] its local face, as in sb_element_face */
+    int *faces;      /* [surface.element_count] its local face, as in sb_element_face or the table */
     int *nodes;      /* [surface.node_count] volume node of each surface node; NULL when not compacted */
 } sb_boundary;
 SB_API void sb_boundary_free(sb_boundary *boundary);
@@ -2195,6 +2330,12 @@ SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *all
  * kept. */
 SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
                                   sb_error *error);
+/* The hex20 or hex27 mesh with straight edges of a hex8 mesh: old nodes first, then one node per edge, and for hex27
+ * one per face and one per element, each in the middle. Regions are kept. */
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
+                                  sb_error *error);
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
+                                  sb_error *error);
 /* Renumbers nodes by reverse Cuthill-McKee and sorts elements by their lowest node: small bandwidth, good
  * cache use. node_map [nodes] and element_map [elements] (each may be NULL) receive the new number of each
  * old one. */
@@ -2206,6 +2347,11 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 /* Counts, type and pointers of a mesh, finite nodes and index range: what every room needs before it walks
  * one. */
 SBI_API sb_result sbi_mesh_check_arrays(const sb_mesh *mesh, sb_error *error);
+/* What the elements of a mesh are. */
+SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
+{
+    return sbi_element_make(mesh->element_type, mesh->table);
+}
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);
@@ -2220,7 +2366,7 @@ SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_coun
 #define SB_MESHGEN_H
 
 
-/* Common to all: type is tet4, tet10 (straight edges) or hex8; the mesh is overwritten, not freed, and its
+/* Common to all: type is tet4, tet10, hex8, hex20 or hex27 (edges are straight); the mesh is overwritten, not freed, and its
  * arrays come from `allocator` (NULL: malloc). SB_ERROR_ARGUMENT for a type, count or size out of range (the
  * node and element counts must fit an int), SB_ERROR_MEMORY; then the mesh is untouched. Same bits on every
  * machine. */
@@ -2322,8 +2468,8 @@ SB_API sb_load_options sb_default_load_options(void);
  *          and the node or element: the cell of the file, counted from 0, or with SB_ERROR_MESH the element
  *          of the mesh it would have become
  *
- * The cells of the highest dimension become the mesh, and must be of one type: tet4, tet10, hex8, or for
- * surfaces tri3, tri6, quad4. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and
+ * The cells of the highest dimension become the mesh, and must be of one type: tet4, tet10, hex8, hex20, hex27, or for
+ * surfaces tri3, tri6, quad4, quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and
  * POLYDATA, become tri3; polygons are cut into a fan at their first corner, which is right for convex ones.
  * Node orders of gmsh and TetGen are turned into VTK's. Regions come from the cell field `region` (VTK), the
  * first physical group of the volume (gmsh; of the surface in a surface file) or the first attribute
@@ -2348,7 +2494,8 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
                                      const char *name, const sb_load_options *options, sb_error *error);
 
 /* ---- writing -----------------------------------------------------------------------------------------
- * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX) and touch no file then. They take
+ * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX; _UNSUPPORTED for custom elements whose table
+ * has no vtk_type) and touch no file then. They take
  * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) no part of a file stays behind; a
  * file that was there before is then empty. */
 
@@ -3365,6 +3512,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
  * serve every element, and whatever else can name its nodes, weights and gradients. */
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
+    const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
     int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
     int node_count;
     int cell_count;
@@ -3380,7 +3528,7 @@ typedef struct sb_domain {
 /* How a domain integrates its elements. */
 typedef enum sb_integration {
     SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
-    SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2 points */
+    SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
     SB_INTEGRATION_CURVED = 2  /* tet10 8 points (degree 3); other elements as standard */
 } sb_integration;
 
@@ -3404,9 +3552,14 @@ typedef enum sb_mass_kind {
 } sb_mass_kind;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The element of the cells. */
+SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
+{
+    return sbi_element_make(domain->element_type, domain->table);
+}
 /* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
  * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
-SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load);
 #endif
 
@@ -3438,7 +3591,8 @@ typedef struct sb_region_material {
 
 /* What a body is made from. Start from sb_default_body_def(), set mesh and material, change what you like. */
 typedef struct sb_body_def {
-    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only */
+    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
+                                       * custom elements, which the body keeps */
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
@@ -3505,7 +3659,7 @@ SB_API const unsigned char *sb_body_supports(const sb_body *body);
 /* ---- loads: dead loads that stay until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
-/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
+/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
 SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
                                       sb_vec3 traction, sb_error *error);
@@ -3804,7 +3958,9 @@ SB_API sb_jobs sb_jobs_openmp(void)
 #endif
 
 /* ==== src/softbody/element.c ==== */
-/* element: tables of faces and edges, shape functions, quadrature. */
+/* element: tables of faces and edges, shape functions, quadrature; tables of custom elements. */
+
+#include <string.h>
 
 /* ---- names, faces, edges ---- */
 
@@ -3814,9 +3970,14 @@ SB_API const char *sb_element_name(sb_element_type type)
     case SB_TRI3: return "tri3";
     case SB_TRI6: return "tri6";
     case SB_QUAD4: return "quad4";
+    case SB_QUAD8: return "quad8";
+    case SB_QUAD9: return "quad9";
     case SB_TET4: return "tet4";
     case SB_TET10: return "tet10";
     case SB_HEX8: return "hex8";
+    case SB_HEX20: return "hex20";
+    case SB_HEX27: return "hex27";
+    case SB_CUSTOM: return "custom";
     case SB_NO_ELEMENT: break;
     }
     return "unknown";
@@ -3825,8 +3986,10 @@ SB_API const char *sb_element_name(sb_element_type type)
 /* Outward faces; the first three columns are the faces of tet4. */
 static const signed char sbi_element_tet_faces[4][6] = {
     {0, 1, 3, 4, 8, 7}, {1, 2, 3, 5, 9, 8}, {2, 0, 3, 6, 7, 9}, {0, 2, 1, 6, 5, 4}};
-static const signed char sbi_element_hex_faces[6][4] = {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4},
-                                                        {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}};
+/* The same of hex27; the first eight columns are those of hex20, the first four those of hex8. */
+static const signed char sbi_element_hex_faces[6][9] = {
+    {0, 4, 7, 3, 16, 15, 19, 11, 20}, {1, 2, 6, 5, 9, 18, 13, 17, 21}, {0, 1, 5, 4, 8, 17, 12, 16, 22},
+    {3, 7, 6, 2, 19, 14, 18, 10, 23}, {0, 3, 2, 1, 11, 10, 9, 8, 24},  {4, 5, 6, 7, 12, 13, 14, 15, 25}};
 
 /* Ends of the edges; mid-edge nodes follow the corners in the order of the edges. */
 static const signed char sbi_element_tri_edges[3][2] = {{0, 1}, {1, 2}, {2, 0}};
@@ -3837,16 +4000,23 @@ static const signed char sbi_element_hex_edges[12][2] = {{0, 1}, {1, 2}, {2, 3},
 
 static const signed char (*sbi_element_edges(sb_element_type type))[2]
 {
-    switch (type) {
-    case SB_TRI3:
-    case SB_TRI6: return sbi_element_tri_edges;
+    switch (sb_element_straight(type)) {
+    case SB_TRI3: return sbi_element_tri_edges;
     case SB_QUAD4: return sbi_element_quad_edges;
-    case SB_TET4:
-    case SB_TET10: return sbi_element_tet_edges;
-    case SB_HEX8: return sbi_element_hex_edges;
-    case SB_NO_ELEMENT: break;
+    case SB_TET4: return sbi_element_tet_edges;
+    default: return sbi_element_hex_edges;
     }
-    return NULL;
+}
+
+static sb_element_type sbi_element_face_type(sb_element_type type)
+{
+    switch (type) {
+    case SB_TET4: return SB_TRI3;
+    case SB_TET10: return SB_TRI6;
+    case SB_HEX8: return SB_QUAD4;
+    case SB_HEX20: return SB_QUAD8;
+    default: return SB_QUAD9;
+    }
 }
 
 SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
@@ -3854,10 +4024,10 @@ SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE
 {
     if (face < 0 || face >= sb_element_face_count(type))
         return 0;
-    sb_element_type of_face = type == SB_HEX8 ? SB_QUAD4 : (type == SB_TET10 ? SB_TRI6 : SB_TRI3);
-    int count = sb_element_node_count(of_face);
+    sb_element_type of_face = sbi_element_face_type(type);
+    int count = sb_element_node_count(of_face), is_tet = sb_element_straight(type) == SB_TET4;
     for (int i = 0; i < count; i++)
-        nodes[i] = type == SB_HEX8 ? sbi_element_hex_faces[face][i] : sbi_element_tet_faces[face][i];
+        nodes[i] = is_tet ? sbi_element_tet_faces[face][i] : sbi_element_hex_faces[face][i];
     if (face_type)
         *face_type = of_face;
     return count;
@@ -3877,24 +4047,50 @@ SB_API int sb_element_edge(sb_element_type type, int edge, int nodes[3])
 
 /* ---- shape functions ---- */
 
+/* 1 for quads and hexes, whose parameters lie in [-1, 1]. */
+static int sbi_element_is_box(sb_element_type type)
+{
+    sb_element_type straight = sb_element_straight(type);
+    return straight == SB_QUAD4 || straight == SB_HEX8;
+}
+
 /* Corners of quad4 (first four, without z) and hex8. */
 static const signed char sbi_element_hex_corners[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
                                                           {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};
 
-SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
+/* Parameters of node `node` of a quad or hex, each -1, 0 or 1: corners, middles of edges, of faces, the centre. */
+static void sbi_element_box_point(sb_element_type type, int node, int at[3])
 {
-    int corners = sb_element_corner_count(type), dimension = sb_element_dimension(type);
-    int ends[3] = {node, node, -1}; /* a corner is the middle of itself and itself */
-    if (node < 0 || node >= sb_element_node_count(type))
-        return 0;
-    if (node >= corners)
+    int corners = sb_element_corner_count(type), edges = sb_element_edge_count(type);
+    int face = node - corners - edges, ends[3] = {node, node, -1}; /* a corner is the middle of itself and itself */
+    if (node >= corners && face < 0)
         sb_element_edge(type, node - corners, ends);
     for (int k = 0; k < 3; k++) {
-        if (type == SB_HEX8 || type == SB_QUAD4)
-            xi[k] = k < dimension ? (sb_real)sbi_element_hex_corners[node][k] : (sb_real)0;
+        if (face >= 0)
+            at[k] = corners == 8 && face < 6 && face / 2 == k ? 2 * (face % 2) - 1 : 0;
         else
-            xi[k] = (sb_real)0.5 * (sb_real)((ends[0] == k + 1) + (ends[1] == k + 1));
+            at[k] = k == 2 && corners == 4
+                        ? 0
+                        : (sbi_element_hex_corners[ends[0]][k] + sbi_element_hex_corners[ends[1]][k]) / 2;
     }
+}
+
+SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
+{
+    int corners = sb_element_corner_count(type), at[3];
+    int ends[3] = {node, node, -1};
+    if (node < 0 || node >= sb_element_node_count(type))
+        return 0;
+    if (sbi_element_is_box(type)) {
+        sbi_element_box_point(type, node, at);
+        for (int k = 0; k < 3; k++)
+            xi[k] = (sb_real)at[k];
+        return 1;
+    }
+    if (node >= corners)
+        sb_element_edge(type, node - corners, ends);
+    for (int k = 0; k < 3; k++)
+        xi[k] = (sb_real)0.5 * (sb_real)((ends[0] == k + 1) + (ends[1] == k + 1));
     return 1;
 }
 
@@ -3948,11 +4144,70 @@ static void sbi_element_shape_box(int dimension, const sb_real xi[3], sb_real *s
     }
 }
 
+/* quad9 and hex27: products of Lagrange's l_-1 = x (x - 1) / 2, l_0 = 1 - x^2, l_1 = x (x + 1) / 2. */
+static void sbi_element_shape_lagrange(sb_element_type type, const sb_real xi[3], sb_real *shape,
+                                       sb_real (*gradient)[3])
+{
+    int nodes = sb_element_node_count(type), dimension = sb_element_dimension(type);
+    sb_real value[3][3], slope[3][3]; /* [axis][l_-1, l_0, l_1] */
+    const sb_real half = (sb_real)0.5;
+    for (int k = 0; k < 3; k++) {
+        sb_real x = k < dimension ? xi[k] : (sb_real)0;
+        value[k][0] = half * x * (x - 1), slope[k][0] = x - half;
+        value[k][1] = 1 - x * x, slope[k][1] = -2 * x;
+        value[k][2] = half * x * (x + 1), slope[k][2] = x + half;
+    }
+    for (int a = 0; a < nodes; a++) {
+        int at[3];
+        sbi_element_box_point(type, a, at);
+        const sb_real *x = value[0] + at[0] + 1, *y = value[1] + at[1] + 1, *z = value[2] + at[2] + 1;
+        if (shape)
+            shape[a] = *x * *y * *z;
+        if (gradient) {
+            gradient[a][0] = slope[0][at[0] + 1] * *y * *z;
+            gradient[a][1] = *x * slope[1][at[1] + 1] * *z;
+            gradient[a][2] = dimension == 3 ? *x * *y * slope[2][at[2] + 1] : (sb_real)0;
+        }
+    }
+}
+
+/* quad8 and hex20 in d = 2, 3 dimensions: the product of (1 + c_k xi_k) / 2 over the k with c_k != 0, times
+ * c . xi - (d - 1) at corners and 1 - xi_k^2 on the edge with c_k = 0. */
+static void sbi_element_shape_serendipity(sb_element_type type, const sb_real xi[3], sb_real *shape,
+                                          sb_real (*gradient)[3])
+{
+    int nodes = sb_element_node_count(type), dimension = sb_element_dimension(type);
+    const sb_real half = (sb_real)0.5;
+    for (int a = 0; a < nodes; a++) {
+        int at[3], corner = a < sb_element_corner_count(type);
+        sb_real factor[3] = {1, 1, 1}, slope[3] = {0, 0, 0}, sum = (sb_real)(1 - dimension);
+        sbi_element_box_point(type, a, at);
+        for (int k = 0; k < dimension; k++) {
+            sb_real c = (sb_real)at[k];
+            factor[k] = at[k] ? half + half * c * xi[k] : 1 - xi[k] * xi[k];
+            slope[k] = at[k] ? half * c : -2 * xi[k];
+            sum += c * xi[k];
+        }
+        if (shape)
+            shape[a] = factor[0] * factor[1] * factor[2] * (corner ? sum : (sb_real)1);
+        for (int k = 0; gradient && k < 3; k++) {
+            sb_real others = factor[(k + 1) % 3] * factor[(k + 2) % 3];
+            gradient[a][k] = corner ? others * (slope[k] * sum + factor[k] * (sb_real)at[k]) : others * slope[k];
+        }
+    }
+    for (int a = 0; gradient && dimension == 2 && a < nodes; a++)
+        gradient[a][2] = 0;
+}
+
 SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
                              sb_real (*gradient)[3])
 {
     if (type == SB_HEX8 || type == SB_QUAD4)
         sbi_element_shape_box(sb_element_dimension(type), xi, shape, gradient);
+    else if (type == SB_HEX20 || type == SB_QUAD8)
+        sbi_element_shape_serendipity(type, xi, shape, gradient);
+    else if (type == SB_HEX27 || type == SB_QUAD9)
+        sbi_element_shape_lagrange(type, xi, shape, gradient);
     else
         sbi_element_shape_simplex(type, xi, shape, gradient);
 }
@@ -4036,7 +4291,21 @@ static void sbi_element_rule_box(sbi_element_rule *rule, int dimension)
                              dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
 }
 
-/* Surfaces: tri3 degree 2, tri6 degree 4 (a follower pressure needs it), quad4 degree 3. */
+/* Gauss points -sqrt(3/5), 0, sqrt(3/5) per direction, xi fastest: degree 5. */
+static void sbi_element_rule_box3(sbi_element_rule *rule, int dimension)
+{
+    static const double point[3] = {-0.77459666924148337704, 0, 0.77459666924148337704};
+    static const double weight[3] = {5.0 / 9, 8.0 / 9, 5.0 / 9};
+    for (int i = 0; i < (dimension == 2 ? 9 : 27); i++) {
+        int x = i % 3, y = i / 3 % 3, z = i / 9;
+        double third = dimension == 2 ? 1 : weight[z];
+        sbi_element_rule_add(rule, (sb_real)point[x], (sb_real)point[y],
+                             dimension == 2 ? (sb_real)0 : (sb_real)point[z],
+                             (sb_real)(weight[x] * weight[y] * third));
+    }
+}
+
+/* Surfaces: tri3 degree 2, tri6 degree 4 (a follower pressure needs it), quad4 degree 3, quad8 and quad9 degree 5. */
 static void sbi_element_rule_surface(sbi_element_rule *rule, sb_element_type type)
 {
     if (type == SB_TRI3) {
@@ -4044,8 +4313,10 @@ static void sbi_element_rule_surface(sbi_element_rule *rule, sb_element_type typ
     } else if (type == SB_TRI6) {
         sbi_element_rule_triangle(rule, 0.445948490915965, 0.223381589678011);
         sbi_element_rule_triangle(rule, 0.091576213509771, 0.109951743655322);
-    } else {
+    } else if (type == SB_QUAD4) {
         sbi_element_rule_box(rule, 2);
+    } else {
+        sbi_element_rule_box3(rule, 2);
     }
 }
 
@@ -4070,15 +4341,374 @@ SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
     rule.points = points;
     rule.weights = weights;
     rule.count = 0;
-    if (kind < SB_QUADRATURE_STIFFNESS || kind > SB_QUADRATURE_FACE)
+    if (kind < SB_QUADRATURE_STIFFNESS || kind > SB_QUADRATURE_FACE || type == SB_CUSTOM)
         return 0;
     if (dimension == 2)
         sbi_element_rule_surface(&rule, type);
     else if (dimension == 3 && tet_points > 0 && type == SB_HEX8)
         sbi_element_rule_box(&rule, 3);
+    else if (dimension == 3 && tet_points > 0 && sbi_element_is_box(type))
+        sbi_element_rule_box3(&rule, 3);
     else if (dimension == 3 && tet_points > 0)
         sbi_element_rule_tet(&rule, tet_points);
     return rule.count;
+}
+
+/* ---- any element ---- */
+
+/* The edges of a custom element follow from its faces: every edge is a side of two of them, run through both ways, and
+ * is listed where it ascends. Fills nodes with both ends and the middle or -1; 0 when there is no such edge. */
+static int sbi_element_table_edge(const sb_element_table *table, int edge, int nodes[3])
+{
+    for (int f = 0, next = 0; f < table->face_count; f++) {
+        const sb_element_table_face *face = &table->faces[f];
+        for (int side = 0, local[3]; sb_element_edge(face->type, side, local); side++) {
+            int a = face->nodes[local[0]], b = face->nodes[local[1]];
+            if (a > b || next++ != edge)
+                continue;
+            nodes[0] = a;
+            nodes[1] = b;
+            nodes[2] = local[2] < 0 ? -1 : face->nodes[local[2]];
+            return local[2] < 0 ? 2 : 3;
+        }
+    }
+    return 0;
+}
+
+SBI_API int sbi_element_edge_count(sbi_element element)
+{
+    int sides = 0;
+    if (!element.table)
+        return sb_element_edge_count(element.type);
+    for (int f = 0; f < element.table->face_count; f++)
+        sides += sb_element_edge_count(element.table->faces[f].type);
+    return sides / 2;
+}
+
+SBI_API const char *sbi_element_name(sbi_element element)
+{
+    return element.table ? element.table->name : sb_element_name(element.type);
+}
+
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
+                             sb_element_type *face_type)
+{
+    int count;
+    if (!element.table)
+        return sb_element_face(element.type, face, nodes, face_type);
+    if (face < 0 || face >= element.table->face_count)
+        return 0;
+    count = sb_element_node_count(element.table->faces[face].type);
+    memcpy(nodes, element.table->faces[face].nodes, (size_t)count * sizeof(int));
+    if (face_type)
+        *face_type = element.table->faces[face].type;
+    return count;
+}
+
+SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3])
+{
+    return element.table ? sbi_element_table_edge(element.table, edge, nodes)
+                         : sb_element_edge(element.type, edge, nodes);
+}
+
+SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3])
+{
+    if (!element.table)
+        return sb_element_node_point(element.type, node, xi);
+    if (node < 0 || node >= element.table->node_count)
+        return 0;
+    memcpy(xi, element.table->node_points[node], 3 * sizeof(sb_real));
+    return 1;
+}
+
+SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
+{
+    if (element.table)
+        element.table->shape(element.table->user, xi, shape, gradient);
+    else
+        sb_element_shape(element.type, xi, shape, gradient);
+}
+
+SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
+                                   sb_real points[SB_MAX_QUADRATURE_POINTS][3],
+                                   sb_real weights[SB_MAX_QUADRATURE_POINTS])
+{
+    const sb_element_table *table = element.table;
+    int of_mass = kind == SB_QUADRATURE_MASS, count;
+    if (!table)
+        return sb_element_quadrature(element.type, kind, points, weights);
+    if (kind < SB_QUADRATURE_STIFFNESS || kind > SB_QUADRATURE_MASS)
+        return 0;
+    count = of_mass ? table->mass_point_count : table->point_count;
+    memcpy(points, of_mass ? table->mass_points : table->points, (size_t)count * sizeof points[0]);
+    memcpy(weights, of_mass ? table->mass_weights : table->weights, (size_t)count * sizeof weights[0]);
+    return count;
+}
+
+/* ---- checking the table of a custom element ---- */
+
+/* How far numbers of the table may be off: users round them to as few as seven digits. */
+static sb_real sbi_element_table_tolerance(void) { return SB_REAL_IS_FLOAT ? (sb_real)1e-4 : (sb_real)1e-6; }
+
+static sb_result sbi_element_table_check_counts(const sb_element_table *table, sb_error *error)
+{
+    if (!table)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of custom elements has no element table");
+    if (!table->name || !table->node_points || !table->shape || !table->points || !table->weights ||
+        !table->mass_points || !table->mass_weights || !table->faces)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %s is NULL", table->name ? table->name : "",
+                        !table->name          ? "name"
+                        : !table->node_points ? "node_points"
+                        : !table->shape       ? "shape"
+                        : !table->points || !table->weights ? "points or weights"
+                        : !table->faces                     ? "faces"
+                                                            : "mass_points or mass_weights");
+    if (table->node_count < 4 || table->node_count > SB_MAX_ELEMENT_NODES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %d nodes are not in [4, %d]", table->name,
+                        table->node_count, SB_MAX_ELEMENT_NODES);
+    if (table->corner_count < 4 || table->corner_count > table->node_count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %d corners are not in [4, %d]", table->name,
+                        table->corner_count, table->node_count);
+    if (table->point_count < 1 || table->point_count > SB_MAX_QUADRATURE_POINTS || table->mass_point_count < 1 ||
+        table->mass_point_count > SB_MAX_QUADRATURE_POINTS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %d points and %d mass points are not in [1, %d]",
+                        table->name, table->point_count, table->mass_point_count, SB_MAX_QUADRATURE_POINTS);
+    if (table->face_count < 4 || table->face_count > SB_MAX_ELEMENT_FACES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %d faces are not in [4, %d]", table->name,
+                        table->face_count, SB_MAX_ELEMENT_FACES);
+    if (table->vtk_type < 0 || table->vtk_type > 255)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: vtk_type %d is none of VTK's", table->name,
+                        table->vtk_type);
+    return SB_OK;
+}
+
+/* The nodes of a face: corners of the element at its corners, other nodes elsewhere, none twice. */
+static sb_result sbi_element_table_check_face(const sb_element_table *table, int face, sb_error *error)
+{
+    const sb_element_table_face *f = &table->faces[face];
+    int count = sb_element_node_count(f->type), corners = sb_element_corner_count(f->type);
+    if (sb_element_dimension(f->type) != 2)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: face %d is no tri3, tri6, quad4, quad8 or quad9",
+                        table->name, face);
+    for (int i = 0; i < count; i++) {
+        int low = i < corners ? 0 : table->corner_count, high = i < corners ? table->corner_count : table->node_count;
+        if (f->nodes[i] < low || f->nodes[i] >= high)
+            return sbi_fail_node(error, SB_ERROR_INDEX, f->nodes[i],
+                                 "element table %s: node %d of face %d is %d, not one of %d to %d", table->name, i,
+                                 face, f->nodes[i], low, high - 1);
+        for (int j = 0; j < i; j++)
+            if (f->nodes[j] == f->nodes[i])
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, f->nodes[i],
+                                     "element table %s: face %d has node %d twice", table->name, face, f->nodes[i]);
+    }
+    return SB_OK;
+}
+
+/* Every side of a face is a side of exactly one other, run through the other way, with the same middle. */
+static sb_result sbi_element_table_check_closed(const sb_element_table *table, sb_error *error)
+{
+    signed char middle[SB_MAX_ELEMENT_NODES][SB_MAX_ELEMENT_NODES]; /* of directed sides: -2 none, -1 straight */
+    sbi_element element = sbi_element_make(SB_CUSTOM, table);
+    memset(middle, -2, sizeof middle);
+    for (int f = 0; f < table->face_count; f++)
+        for (int side = 0, local[3]; sb_element_edge(table->faces[f].type, side, local); side++) {
+            const int *nodes = table->faces[f].nodes;
+            int a = nodes[local[0]], b = nodes[local[1]];
+            if (middle[a][b] != -2)
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, a,
+                                     "element table %s: two faces run from node %d to %d: one of them looks inward",
+                                     table->name, a, b);
+            middle[a][b] = (signed char)(local[2] < 0 ? -1 : nodes[local[2]]);
+        }
+    for (int a = 0; a < table->corner_count; a++)
+        for (int b = 0; b < table->corner_count; b++)
+            if (middle[a][b] != middle[b][a])
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, a,
+                                     "element table %s: the faces do not fit together between nodes %d and %d",
+                                     table->name, a, b);
+    if (sbi_element_edge_count(element) > SB_MAX_ELEMENT_EDGES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %d edges are more than %d", table->name,
+                        sbi_element_edge_count(element), SB_MAX_ELEMENT_EDGES);
+    return SB_OK;
+}
+
+/* Volume that the faces enclose in the parameter domain: the flux of xi / 3 through them. */
+static sb_real sbi_element_table_volume(const sb_element_table *table)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], volume = 0;
+    for (int f = 0; f < table->face_count; f++) {
+        const sb_element_table_face *face = &table->faces[f];
+        int n = sb_element_node_count(face->type);
+        int count = sb_element_quadrature(face->type, SB_QUADRATURE_FACE, points, weights);
+        for (int q = 0; q < count; q++) {
+            sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3];
+            sb_vec3 x = {0, 0, 0}, r = {0, 0, 0}, s = {0, 0, 0};
+            sb_element_shape(face->type, points[q], shape, gradient);
+            for (int a = 0; a < n; a++) {
+                const sb_real *xi = table->node_points[face->nodes[a]];
+                sb_vec3 at = sb_v3(xi[0], xi[1], xi[2]);
+                x = sb_v3_madd(x, shape[a], at);
+                r = sb_v3_madd(r, gradient[a][0], at);
+                s = sb_v3_madd(s, gradient[a][1], at);
+            }
+            volume += weights[q] * sb_v3_dot(x, sb_v3_cross(r, s)) / 3;
+        }
+    }
+    return volume;
+}
+
+static sb_result sbi_element_table_check_rule(const sb_element_table *table, int count, const sb_real (*points)[3],
+                                              const sb_real *weights, const char *what, sb_error *error)
+{
+    sb_real sum = 0, volume = sbi_element_table_volume(table);
+    for (int q = 0; q < count; q++) {
+        if (!sb_is_finite(points[q][0]) || !sb_is_finite(points[q][1]) || !sb_is_finite(points[q][2]) ||
+            !sb_is_finite(weights[q]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "element table %s: %s point %d is not finite", table->name,
+                            what, q);
+        if (!(weights[q] > 0))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %s weight %d is %g, not positive", table->name,
+                            what, q, (double)weights[q]);
+        sum += weights[q];
+    }
+    if (!(volume > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "element table %s: the faces enclose the volume %g: they look inward, or node_points are wrong",
+                        table->name, (double)volume);
+    if (!(sb_abs(sum - volume) <= sbi_element_table_tolerance() * volume))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "element table %s: the %s weights sum to %.9g, but the faces enclose %.9g", table->name, what,
+                        (double)sum, (double)volume);
+    return SB_OK;
+}
+
+/* N_a(xi_b) = 1 for a = b, else 0. */
+static sb_result sbi_element_table_check_nodes(const sb_element_table *table, sb_error *error)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES];
+    for (int b = 0; b < table->node_count; b++) {
+        const sb_real *xi = table->node_points[b];
+        if (!sb_is_finite(xi[0]) || !sb_is_finite(xi[1]) || !sb_is_finite(xi[2]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, b, "element table %s: node_points[%d] is not finite",
+                                 table->name, b);
+        table->shape(table->user, xi, shape, NULL);
+        for (int a = 0; a < table->node_count; a++)
+            if (!(sb_abs(shape[a] - (sb_real)(a == b)) <= sbi_element_table_tolerance()))
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, a,
+                                     "element table %s: shape function %d is %g at node %d, not %d", table->name, a,
+                                     (double)shape[a], b, a == b);
+    }
+    return SB_OK;
+}
+
+/* Largest extent of the parameter domain. */
+static sb_real sbi_element_table_extent(const sb_element_table *table)
+{
+    sb_real extent = 0;
+    for (int a = 1; a < table->node_count; a++)
+        for (int k = 0; k < 3; k++)
+            extent = sb_max(extent, sb_abs(table->node_points[a][k] - table->node_points[0][k]));
+    return extent;
+}
+
+/* Sums at a point: of N to 1, of dN to 0, of N_a xi_a to xi. */
+static sb_result sbi_element_table_check_sums(const sb_element_table *table, const sb_real xi[3], sb_error *error)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3], sum = 0;
+    sb_real slope[3] = {0, 0, 0}, at[3] = {0, 0, 0};
+    sb_real tolerance = sbi_element_table_tolerance(), extent = sbi_element_table_extent(table);
+    table->shape(table->user, xi, shape, gradient);
+    for (int a = 0; a < table->node_count; a++) {
+        sum += shape[a];
+        for (int k = 0; k < 3; k++) {
+            slope[k] += gradient[a][k];
+            at[k] += shape[a] * table->node_points[a][k];
+        }
+    }
+    if (!(sb_abs(sum - 1) <= tolerance))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1",
+                        table->name, (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
+    for (int k = 0; k < 3; k++) {
+        if (!(sb_abs(slope[k]) * extent <= tolerance))
+            return sbi_fail(error, SB_ERROR_ARGUMENT,
+                            "element table %s: the gradients sum to %g along axis %d at (%g, %g, %g), not 0",
+                            table->name, (double)slope[k], k, (double)xi[0], (double)xi[1], (double)xi[2]);
+        if (!(sb_abs(at[k] - xi[k]) <= tolerance * extent))
+            return sbi_fail(error, SB_ERROR_ARGUMENT,
+                            "element table %s: linear fields are not reproduced: sum N_a xi_a is %g along axis %d, "
+                            "not %g",
+                            table->name, (double)at[k], k, (double)xi[k]);
+    }
+    return SB_OK;
+}
+
+/* Gradients against central differences, whose own error is of order h^2, and of rounding over h. */
+static sb_result sbi_element_table_check_slopes(const sb_element_table *table, const sb_real xi[3], sb_error *error)
+{
+    sb_real gradient[SB_MAX_ELEMENT_NODES][3], up[SB_MAX_ELEMENT_NODES], down[SB_MAX_ELEMENT_NODES];
+    sb_real step = SB_REAL_IS_FLOAT ? (sb_real)(1.0 / 128) : (sb_real)(1.0 / 8192);
+    sb_real tolerance = SB_REAL_IS_FLOAT ? (sb_real)2e-2 : (sb_real)1e-5;
+    sb_real extent = sbi_element_table_extent(table), h = step * extent;
+    table->shape(table->user, xi, NULL, gradient);
+    for (int k = 0; k < 3; k++) {
+        sb_real beside[3] = {xi[0], xi[1], xi[2]};
+        beside[k] = xi[k] + h;
+        table->shape(table->user, beside, up, NULL);
+        beside[k] = xi[k] - h;
+        table->shape(table->user, beside, down, NULL);
+        for (int a = 0; a < table->node_count; a++) {
+            sb_real difference = (up[a] - down[a]) / (2 * h);
+            if (!(sb_abs(gradient[a][k] - difference) * extent <= tolerance * (1 + sb_abs(difference) * extent)))
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, a,
+                                     "element table %s: gradient %d of node %d is %g, but the slope of its shape "
+                                     "function is %g",
+                                     table->name, k, a, (double)gradient[a][k], (double)difference);
+        }
+    }
+    return SB_OK;
+}
+
+/* Without a value at any mass point a node would have no mass. */
+static sb_result sbi_element_table_check_mass(const sb_element_table *table, sb_error *error)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], largest[SB_MAX_ELEMENT_NODES];
+    memset(largest, 0, sizeof largest);
+    for (int q = 0; q < table->mass_point_count; q++) {
+        table->shape(table->user, table->mass_points[q], shape, NULL);
+        for (int a = 0; a < table->node_count; a++)
+            largest[a] = sb_max(largest[a], sb_abs(shape[a]));
+    }
+    for (int a = 0; a < table->node_count; a++)
+        if (!(largest[a] > sbi_element_table_tolerance()))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, a,
+                                 "element table %s: shape function %d is 0 at all mass points: the node has no mass",
+                                 table->name, a);
+    return SB_OK;
+}
+
+SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error *error)
+{
+    sb_result result = sbi_element_table_check_counts(table, error);
+    for (int f = 0; result == SB_OK && f < table->face_count; f++)
+        result = sbi_element_table_check_face(table, f, error);
+    if (result == SB_OK)
+        result = sbi_element_table_check_closed(table, error);
+    if (result == SB_OK)
+        result = sbi_element_table_check_nodes(table, error);
+    if (result == SB_OK)
+        result = sbi_element_table_check_rule(table, table->point_count, table->points, table->weights, "stiffness",
+                                              error);
+    if (result == SB_OK)
+        result = sbi_element_table_check_rule(table, table->mass_point_count, table->mass_points, table->mass_weights,
+                                              "mass", error);
+    for (int q = 0; result == SB_OK && q < table->point_count; q++) {
+        result = sbi_element_table_check_sums(table, table->points[q], error);
+        if (result == SB_OK)
+            result = sbi_element_table_check_slopes(table, table->points[q], error);
+    }
+    for (int q = 0; result == SB_OK && q < table->mass_point_count; q++)
+        result = sbi_element_table_check_sums(table, table->mass_points[q], error);
+    return result == SB_OK ? sbi_element_table_check_mass(table, error) : result;
 }
 
 /* ==== src/softbody/mesh.c ==== */
@@ -4101,7 +4731,7 @@ static sb_result sbi_mesh_no_memory(sb_error *error)
 
 static const int *sbi_mesh_element(const sb_mesh *mesh, int element)
 {
-    return mesh->elements + (size_t)element * (size_t)sb_element_node_count(mesh->element_type);
+    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
 
 /* ---- life ---- */
@@ -4123,17 +4753,19 @@ static void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *all
         *target = *allocator;
 }
 
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator)
+/* sbi_mesh_allocate for any element. */
+static int sbi_mesh_allocate_kind(sb_mesh *mesh, sbi_element element, int node_count, int element_count,
+                                  int with_regions, const sb_allocator *allocator)
 {
-    size_t per_element = sizeof(int) * (size_t)sb_element_node_count(type);
+    size_t per_element = sizeof(int) * (size_t)sbi_element_node_count(element);
     memset(mesh, 0, sizeof *mesh);
     sbi_mesh_set_allocator(&mesh->allocator, allocator);
     mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)node_count, sizeof(sb_vec3));
     mesh->elements = (int *)sbi_alloc(allocator, (size_t)element_count, per_element);
     if (with_regions)
         mesh->regions = (int *)sbi_alloc(allocator, (size_t)element_count, sizeof(int));
-    mesh->element_type = type;
+    mesh->element_type = element.type;
+    mesh->table = element.table;
     mesh->node_count = node_count;
     mesh->element_count = element_count;
     if (mesh->nodes && mesh->elements && (mesh->regions || !with_regions))
@@ -4142,12 +4774,24 @@ SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_coun
     return 0;
 }
 
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
+                              int with_regions, const sb_allocator *allocator)
+{
+    return sbi_mesh_allocate_kind(mesh, sbi_element_make(type, NULL), node_count, element_count, with_regions,
+                                  allocator);
+}
+
 /* Counts, type and pointers; what the arrays hold is not looked at. */
 static sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
 {
     if (!mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh is NULL");
-    if (sb_element_node_count(mesh->element_type) == 0)
+    if (mesh->element_type == SB_CUSTOM) {
+        sb_result result = sb_element_table_check(mesh->table, error);
+        if (result != SB_OK)
+            return result;
+    }
+    if (sb_mesh_element_width(mesh) == 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has unknown element type %d",
                         (int)mesh->element_type);
     if (mesh->node_count < 0 || mesh->element_count < 0)
@@ -4175,7 +4819,7 @@ static sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 static int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     for (int a = 0; a < n; a++) {
         if (nodes[a] < 0 || nodes[a] >= mesh->node_count) {
             *index = nodes[a];
@@ -4208,10 +4852,10 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
         return result;
     if (!copy)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "copy is NULL");
-    if (!sbi_mesh_allocate(&made, mesh->element_type, mesh->node_count, mesh->element_count,
-                           mesh->regions != NULL, allocator))
+    if (!sbi_mesh_allocate_kind(&made, sbi_mesh_element_kind(mesh), mesh->node_count, mesh->element_count,
+                                mesh->regions != NULL, allocator))
         return sbi_mesh_no_memory(error);
-    nodes_per_element = (size_t)sb_element_node_count(mesh->element_type);
+    nodes_per_element = (size_t)sb_mesh_element_width(mesh);
     memcpy(made.nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
     memcpy(made.elements, mesh->elements, sizeof(int) * nodes_per_element * (size_t)mesh->element_count);
     if (mesh->regions)
@@ -4222,7 +4866,8 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
 
 /* ---- Jacobians ---- */
 
-enum { SBI_MESH_SAMPLES = 28, SBI_MESH_NODES = 10 };
+/* hex27 has the most: its nodes and its 27 points. */
+enum { SBI_MESH_SAMPLES = SB_MAX_ELEMENT_NODES + SB_MAX_QUADRATURE_POINTS, SBI_MESH_NODES = SB_MAX_ELEMENT_NODES };
 
 /* Shape functions at a set of points, made once for all elements. */
 typedef struct sbi_mesh_table {
@@ -4232,43 +4877,49 @@ typedef struct sbi_mesh_table {
     sb_real gradient[SBI_MESH_SAMPLES][SBI_MESH_NODES][3];
 } sbi_mesh_table;
 
-static void sbi_mesh_table_add(sbi_mesh_table *table, sb_element_type type, const sb_real xi[3],
-                               sb_real weight)
+static void sbi_mesh_table_add(sbi_mesh_table *table, sbi_element element, const sb_real xi[3], sb_real weight)
 {
-    sb_element_shape(type, xi, table->shape[table->count], table->gradient[table->count]);
+    sbi_element_shape(element, xi, table->shape[table->count], table->gradient[table->count]);
     table->weight[table->count++] = weight;
 }
 
-static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sb_element_type type, sb_quadrature_kind kind)
+static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, sb_quadrature_kind kind)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int count = sb_element_quadrature(type, kind, points, weights);
+    int count = sbi_element_quadrature(element, kind, points, weights);
     for (int i = 0; i < count; i++)
-        sbi_mesh_table_add(table, type, points[i], weights[i]);
+        sbi_mesh_table_add(table, element, points[i], weights[i]);
 }
 
-/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3). */
-static void sbi_mesh_table_for_volume(sbi_mesh_table *table, sb_element_type type)
+/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3; custom: the mass points). */
+static void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
-    sbi_mesh_table_add_rule(table, type, SB_QUADRATURE_STIFFNESS_CURVED);
+    sbi_mesh_table_add_rule(table, element,
+                            element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
 /* The points where a Jacobian must be positive: all nodes first; tet10: also the face centroids (the last
- * four of its 8-point rule) and the 14 points of its mass rule; hex8: also Gauss points. */
-static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sb_element_type type)
+ * four of its 8-point rule) and the 14 points of its mass rule; hexes: also Gauss points, hex20 at the nodes of hex27.
+ * Custom elements: their points only, since gradients may have no value at nodes. Quads: the corners alone. */
+static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
 {
     sb_real xi[3] = {0, 0, 0}, points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_element_type type = element.type, sampled = type == SB_HEX20 ? SB_HEX27 : type;
     table->count = 0;
-    for (int a = 0; sb_element_node_point(type, a, xi); a++)
-        sbi_mesh_table_add(table, type, xi, 0);
+    if (sb_element_straight(type) == SB_QUAD4)
+        element = sbi_element_make(SB_QUAD4, NULL), sampled = SB_QUAD4;
+    for (int a = 0; sb_element_node_point(sampled, a, xi); a++)
+        sbi_mesh_table_add(table, element, xi, 0);
     if (type == SB_TET10) {
         sb_element_quadrature(type, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
         for (int i = 4; i < 8; i++)
-            sbi_mesh_table_add(table, type, points[i], 0);
+            sbi_mesh_table_add(table, element, points[i], 0);
     }
-    if (type == SB_TET10 || type == SB_HEX8)
-        sbi_mesh_table_add_rule(table, type, SB_QUADRATURE_MASS);
+    if (type == SB_CUSTOM)
+        sbi_mesh_table_add_rule(table, element, SB_QUADRATURE_STIFFNESS);
+    if (sb_element_dimension(type) == 3 && type != SB_TET4)
+        sbi_mesh_table_add_rule(table, element, SB_QUADRATURE_MASS);
 }
 
 /* An element's nodes relative to its first and divided by its largest extent `size` (m), so that no product
@@ -4284,7 +4935,7 @@ static sb_real sbi_mesh_max_abs(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(s
 static void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     sb_vec3 origin = mesh->nodes[nodes[0]];
     sb_real magnitude = 0;
     local->size = 0;
@@ -4321,6 +4972,22 @@ static sb_real sbi_mesh_corner_det(const sb_vec3 *x)
 
 /* ---- defects of one element ---- */
 
+/* Smallest Jacobian at a corner of the hex8 with these corners: an eighth of the triple product of its edges there. */
+static sb_real sbi_mesh_hex_corner_det(const sb_vec3 *x)
+{
+    static const signed char beside[8][3] = {{1, 3, 4}, {2, 0, 5}, {3, 1, 6}, {0, 2, 7},
+                                             {7, 5, 0}, {4, 6, 1}, {5, 7, 2}, {6, 4, 3}};
+    sb_real least = SB_REAL_MAX;
+    for (int a = 0; a < 8; a++) {
+        sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[beside[a][0]], x[a]), sb_v3_sub(x[beside[a][1]], x[a]),
+                                      sb_v3_sub(x[beside[a][2]], x[a]));
+        sb_real det = sb_m3_det(edges) / 8;
+        if (!(det >= least))
+            least = det;
+    }
+    return least;
+}
+
 static sb_mesh_defect sbi_mesh_defect_of_sign(sb_real det, sb_real rounding)
 {
     if (det > rounding)
@@ -4347,19 +5014,24 @@ static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int n
 
 static sb_mesh_defect sbi_mesh_shape_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
+    int n = sb_mesh_element_width(mesh);
     sb_mesh_defect defect;
     sbi_mesh_local local;
     sbi_mesh_local_make(mesh, element, &local);
     if (sb_element_dimension(mesh->element_type) == 2) {
-        sb_vec3 across = mesh->element_type == SB_QUAD4 ? sb_v3_sub(local.x[3], local.x[1]) : local.x[1];
+        int is_quad = sb_element_straight(mesh->element_type) == SB_QUAD4;
+        sb_vec3 across = is_quad ? sb_v3_sub(local.x[3], local.x[1]) : local.x[1];
         return sb_v3_norm(sb_v3_cross(local.x[2], across)) > local.rounding ? SB_MESH_SOUND : SB_MESH_FLAT;
     }
-    if (mesh->element_type == SB_HEX8)
-        return sbi_mesh_sampled_defect(table, 8, &local);
-    defect = sbi_mesh_defect_of_sign(sbi_mesh_corner_det(local.x), local.rounding);
+    if (mesh->element_type == SB_HEX8 || mesh->element_type == SB_CUSTOM)
+        return sbi_mesh_sampled_defect(table, n, &local);
+    defect = sbi_mesh_defect_of_sign(sb_element_straight(mesh->element_type) == SB_HEX8
+                                         ? sbi_mesh_hex_corner_det(local.x)
+                                         : sbi_mesh_corner_det(local.x),
+                                     local.rounding);
     if (defect != SB_MESH_SOUND || mesh->element_type == SB_TET4)
         return defect;
-    return sbi_mesh_sampled_defect(table, 10, &local) == SB_MESH_SOUND ? SB_MESH_SOUND : SB_MESH_BAD_MIDSIDE;
+    return sbi_mesh_sampled_defect(table, n, &local) == SB_MESH_SOUND ? SB_MESH_SOUND : SB_MESH_BAD_MIDSIDE;
 }
 
 static int sbi_mesh_has_repeated_node(const int *nodes, int count)
@@ -4375,7 +5047,7 @@ static int sbi_mesh_has_repeated_node(const int *nodes, int count)
 static sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type), index;
+    int n = sb_mesh_element_width(mesh), index;
     if (sbi_mesh_index_out_of_range(mesh, element, &index))
         return SB_MESH_INDEX_RANGE;
     for (int a = 0; a < n; a++)
@@ -4440,7 +5112,7 @@ SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
     if (result != SB_OK)
         return result;
     memset(found, 0, sizeof found);
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
         if (found[defect].count < SBI_MESH_LISTED)
@@ -4467,7 +5139,7 @@ typedef enum sbi_mesh_part {
 typedef struct sbi_mesh_keys {
     int count; /* parts */
     int per_element;
-    int width;  /* corners per part */
+    int width;  /* corners per part; a part with fewer repeats its highest */
     int sorted; /* parts in `order`: those of elements that were not skipped */
     int *keys;  /* [count][width] corner nodes, ascending */
     int *order; /* [sorted] parts sorted by key, equal keys by part */
@@ -4481,30 +5153,30 @@ static void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *key
 }
 
 /* Local corner numbers of a part of an element; returns how many. */
-static int sbi_mesh_part_corners(sb_element_type type, sbi_mesh_part part, int index,
+static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index,
                                  int corners[SB_MAX_ELEMENT_NODES])
 {
     sb_element_type face_type = SB_NO_ELEMENT;
     if (part == SBI_MESH_WHOLE) {
-        int count = sb_element_corner_count(type);
+        int count = sbi_element_corner_count(element);
         for (int a = 0; a < count; a++)
             corners[a] = a;
         return count;
     }
-    if (part == SBI_MESH_EDGES || sb_element_dimension(type) == 2) {
-        sb_element_edge(type, index, corners);
+    if (part == SBI_MESH_EDGES || sb_element_dimension(element.type) == 2) {
+        sbi_element_edge(element, index, corners);
         return 2;
     }
-    sb_element_face(type, index, corners, &face_type);
+    sbi_element_face(element, index, corners, &face_type);
     return sb_element_corner_count(face_type);
 }
 
-static int sbi_mesh_parts_per_element(sb_element_type type, sbi_mesh_part part)
+static int sbi_mesh_parts_per_element(sbi_element element, sbi_mesh_part part)
 {
     if (part == SBI_MESH_WHOLE)
         return 1;
-    return part == SBI_MESH_EDGES || sb_element_dimension(type) == 2 ? sb_element_edge_count(type)
-                                                                     : sb_element_face_count(type);
+    return part == SBI_MESH_EDGES || sb_element_dimension(element.type) == 2 ? sbi_element_edge_count(element)
+                                                                             : sbi_element_face_count(element);
 }
 
 static void sbi_mesh_insertion_sort(int *values, int count)
@@ -4520,18 +5192,20 @@ static void sbi_mesh_insertion_sort(int *values, int count)
 static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
                                sbi_mesh_keys *keys)
 {
-    int corners[12][SB_MAX_ELEMENT_NODES];
+    int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES], count[SB_MAX_ELEMENT_EDGES];
     for (int i = 0; i < keys->per_element; i++)
-        sbi_mesh_part_corners(mesh->element_type, part, i, corners[i]);
+        count[i] = sbi_mesh_part_corners(sbi_mesh_element_kind(mesh), part, i, corners[i]);
     keys->sorted = 0;
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
         for (int i = 0; i < keys->per_element && !(skip && skip[e]); i++) {
             int p = e * keys->per_element + i;
             int *key = keys->keys + (size_t)p * (size_t)keys->width;
-            for (int k = 0; k < keys->width; k++)
+            for (int k = 0; k < count[i]; k++)
                 key[k] = nodes[corners[i][k]];
-            sbi_mesh_insertion_sort(key, keys->width);
+            sbi_mesh_insertion_sort(key, count[i]);
+            for (int k = count[i]; k < keys->width; k++)
+                key[k] = key[k - 1];
             keys->order[keys->sorted++] = p;
         }
     }
@@ -4573,9 +5247,11 @@ static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const uns
                               const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_NODES];
+    sbi_element element = sbi_mesh_element_kind(mesh);
     memset(keys, 0, sizeof *keys);
-    keys->per_element = sbi_mesh_parts_per_element(mesh->element_type, part);
-    keys->width = sbi_mesh_part_corners(mesh->element_type, part, 0, corners);
+    keys->per_element = sbi_mesh_parts_per_element(element, part);
+    for (int i = 0; i < keys->per_element; i++)
+        keys->width = sbi_max_int(keys->width, sbi_mesh_part_corners(element, part, i, corners));
     if (mesh->element_count > INT_MAX / keys->per_element)
         return 0;
     keys->count = mesh->element_count * keys->per_element;
@@ -4647,7 +5323,7 @@ static void sbi_mesh_unite(int *parent, int a, int b)
  * scratch: [node_count]. Returns the number of parts. */
 static int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch)
 {
-    int n = sb_element_node_count(mesh->element_type), count = 0;
+    int n = sb_mesh_element_width(mesh), count = 0;
     for (int v = 0; v < mesh->node_count; v++)
         scratch[v] = -1;
     for (int e = 0; e < mesh->element_count; e++) {
@@ -4806,7 +5482,7 @@ static int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, cons
 static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     sb_vec3 x[SBI_MESH_NODES];
     sb_real volume = 0;
     for (int a = 0; a < n; a++)
@@ -4823,7 +5499,7 @@ static void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *ta
                                    sb_vec3 origin, double *area, double *flux)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     sb_vec3 x[SBI_MESH_NODES], offset = sb_v3_sub(mesh->nodes[nodes[0]], origin);
     *area = *flux = 0;
     for (int a = 0; a < n; a++)
@@ -4841,7 +5517,7 @@ static void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *ta
 static int sbi_mesh_has_element(const sb_mesh *mesh, int element)
 {
     return mesh && mesh->nodes && mesh->elements && element >= 0 && element < mesh->element_count &&
-           sb_element_node_count(mesh->element_type) > 0;
+           sb_mesh_element_width(mesh) > 0;
 }
 
 SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
@@ -4849,7 +5525,7 @@ SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
     sbi_mesh_table table;
     if (!sbi_mesh_has_element(mesh, element) || sb_element_dimension(mesh->element_type) != 3)
         return 0;
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_volume_of(mesh, &table, element);
 }
 
@@ -4861,7 +5537,7 @@ static void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, doub
     sb_vec3 origin = sb_v3(0, 0, 0);
     int has_origin = 0;
     *area = *volume = 0;
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         double element_area = 0, element_volume = 0;
         if (bad && bad[e])
@@ -4923,16 +5599,17 @@ static sb_real sbi_mesh_tet_quality(const sb_vec3 *x)
     return (det < 0 ? -12 : 12) * root * root / sbi_mesh_edge_squares(SB_TET4, x);
 }
 
-/* Smallest triple product of the edges at a corner, scaled to length 1; a quad's third edge is its mean
- * normal. */
-static sb_real sbi_mesh_box_quality(const sbi_mesh_table *table, int corners, const sb_vec3 *x)
+/* Smallest triple product of the columns dx/dxi at `count` points of the table, scaled to length 1; the third column of
+ * a quad is its mean normal. */
+static sb_real sbi_mesh_scaled_jacobian(const sbi_mesh_table *table, int count, int nodes, int is_quad,
+                                        const sb_vec3 *x)
 {
-    sb_vec3 mean = corners == 4 ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
+    sb_vec3 mean = is_quad ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
     sb_real worst = 1;
-    for (int i = 0; i < corners; i++) {
-        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, corners, x);
+    for (int i = 0; i < count; i++) {
+        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, nodes, x);
         sb_vec3 a = sb_m3_column(jacobian, 0), b = sb_m3_column(jacobian, 1),
-                c = corners == 4 ? mean : sb_m3_column(jacobian, 2);
+                c = is_quad ? mean : sb_m3_column(jacobian, 2);
         sb_real lengths = sb_v3_norm(a) * sb_v3_norm(b) * sb_v3_norm(c);
         sb_real quality = lengths > 0 ? sb_v3_dot(c, sb_v3_cross(a, b)) / lengths : (sb_real)0;
         worst = sb_min(worst, quality);
@@ -4958,7 +5635,7 @@ static sb_real sbi_mesh_jacobian_ratio(const sbi_mesh_table *table, const sb_vec
     return high > 0 ? low / high : (sb_real)0;
 }
 
-/* table: sbi_mesh_table_for_checks, whose first points are the nodes. */
+/* table: sbi_mesh_table_for_checks, whose first points are the nodes (custom: the integration points). */
 static sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     sb_real quality;
@@ -4971,8 +5648,14 @@ static sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *ta
     case SB_TET10:
         quality = sbi_mesh_tet_quality(local.x);
         return quality > 0 ? quality * sbi_mesh_jacobian_ratio(table, local.x) : quality;
-    case SB_HEX8: return sbi_mesh_box_quality(table, 8, local.x);
-    case SB_QUAD4: return sbi_mesh_box_quality(table, 4, local.x);
+    case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
+    case SB_HEX20:
+    case SB_HEX27:
+    case SB_CUSTOM:
+        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_QUAD4:
+    case SB_QUAD8:
+    case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
     case SB_TRI3:
     case SB_TRI6: return sbi_mesh_triangle_quality(local.x);
     case SB_NO_ELEMENT: break;
@@ -4985,7 +5668,7 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
     sbi_mesh_table table;
     if (!sbi_mesh_has_element(mesh, element))
         return 0;
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_quality_of(mesh, &table, element);
 }
 
@@ -5035,7 +5718,7 @@ static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allo
 {
     sbi_mesh_table table;
     sbi_mesh_keys *whole = &scratch->whole;
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
         scratch->defect[e] = (unsigned char)defect;
@@ -5073,7 +5756,7 @@ static int sbi_mesh_check_list_bad(const sb_mesh *mesh, const unsigned char *def
 static int sbi_mesh_check_nodes_of_report(const sb_mesh *mesh, const sb_allocator *allocator,
                                           sbi_mesh_check_scratch *scratch, sb_mesh_report *report)
 {
-    int n = sb_element_node_count(mesh->element_type), *used = scratch->per_node;
+    int n = sb_mesh_element_width(mesh), *used = scratch->per_node;
     report->first_not_finite_node = report->first_unreferenced_node = -1;
     memset(used, 0, sizeof(int) * (size_t)mesh->node_count);
     for (int e = 0; e < mesh->element_count; e++) {
@@ -5097,7 +5780,7 @@ static int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int ends[3] = {0, 0, 0};
-    sb_element_edge(mesh->element_type, side, ends);
+    sb_element_edge(mesh->element_type, side, ends); /* of a surface: never custom */
     return nodes[ends[0]] < nodes[ends[1]];
 }
 
@@ -5157,7 +5840,7 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
         const int *nodes = sbi_mesh_element(mesh, e);
         if (defect[e] >= SB_MESH_INDEX_RANGE && defect[e] <= SB_MESH_REPEATED_NODE)
             continue;
-        for (int i = 0; sb_element_edge(mesh->element_type, i, ends); i++) {
+        for (int i = 0; sbi_element_edge(sbi_mesh_element_kind(mesh), i, ends); i++) {
             sb_real length = sb_v3_norm(sb_v3_sub(mesh->nodes[nodes[ends[1]]], mesh->nodes[nodes[ends[0]]]));
             report->min_edge = found ? sb_min(report->min_edge, length) : length;
             report->max_edge = found ? sb_max(report->max_edge, length) : length;
@@ -5171,7 +5854,7 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
     sbi_mesh_table table;
     double area, volume;
     report->worst_element = -1;
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         sb_real quality = defect[e] == SB_MESH_SOUND ? sbi_mesh_quality_of(mesh, &table, e) : (sb_real)0;
         if (defect[e] == SB_MESH_SOUND && (report->worst_element < 0 || quality < report->worst_quality)) {
@@ -5244,6 +5927,12 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         sbi_mesh_swap(nodes, 3, 5); /* edges 01 and 20 */
         break;
     case SB_QUAD4: sbi_mesh_swap(nodes, 1, 3); break;
+    case SB_QUAD8:
+    case SB_QUAD9:
+        sbi_mesh_swap(nodes, 1, 3);
+        sbi_mesh_swap(nodes, 4, 7); /* edges 01 and 30 */
+        sbi_mesh_swap(nodes, 5, 6);
+        break;
     case SB_TET10:
         sbi_mesh_swap(nodes, 1, 2);
         sbi_mesh_swap(nodes, 4, 6); /* edges 01 and 02 */
@@ -5251,26 +5940,33 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         break;
     case SB_TRI3:
     case SB_TET4: sbi_mesh_swap(nodes, 1, 2); break;
+    case SB_HEX27: sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
+    /* fall through */
+    case SB_HEX20:
+        for (int a = 8; a < 12; a++)
+            sbi_mesh_swap(nodes, a, a + 4); /* edges of z- and z+ */
+    /* fall through */
     case SB_HEX8:
         for (int a = 0; a < 4; a++)
             sbi_mesh_swap(nodes, a, a + 4);
         break;
+    case SB_CUSTOM: /* its numbering is nobody's business */
     case SB_NO_ELEMENT: break;
     }
 }
 
 static int *sbi_mesh_element_to_edit(sb_mesh *mesh, int element)
 {
-    return mesh->elements + (size_t)element * (size_t)sb_element_node_count(mesh->element_type);
+    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
 
-/* Sign of the straight-sided volume without over- or underflow. */
+/* Sign of the straight-sided volume without over- or underflow; table: that of its straight element. */
 static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     sbi_mesh_local local;
     sb_real volume = 0;
     sbi_mesh_local_make(mesh, element, &local);
-    if (mesh->element_type != SB_HEX8)
+    if (sb_element_straight(mesh->element_type) != SB_HEX8)
         return sbi_mesh_corner_det(local.x) < 0;
     for (int i = 0; i < table->count; i++)
         volume += sb_m3_det(sbi_mesh_jacobian(table, i, 8, local.x));
@@ -5286,8 +5982,8 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
         return result;
     if (sb_element_dimension(mesh->element_type) == 2)
         return sb_mesh_orient_surface(mesh, flipped, error);
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
-    for (int e = 0; e < mesh->element_count; e++) {
+    sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
+    for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
             sbi_mesh_mirror(mesh->element_type, sbi_mesh_element_to_edit(mesh, e));
             count++;
@@ -5362,7 +6058,7 @@ static int sbi_mesh_flood_all(const sb_mesh *mesh, sbi_mesh_flood *flood)
 {
     sbi_mesh_table table;
     int count = 0, end = 0;
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
     memset(flood->flip, -1, (size_t)mesh->element_count);
     for (int e = 0; e < mesh->element_count; e++) {
         int begin = end;
@@ -5417,7 +6113,7 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
  * overwritten. keep[v] <= v. Returns the number of nodes removed. */
 static int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep)
 {
-    size_t indices = (size_t)mesh->element_count * (size_t)sb_element_node_count(mesh->element_type);
+    size_t indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
     int kept = 0, removed;
     for (int v = 0; v < mesh->node_count; v++) {
         if (keep[v] == v) {
@@ -5464,7 +6160,7 @@ SB_API sb_result sb_mesh_remove_unreferenced(sb_mesh *mesh, int *removed, sb_err
     keep = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->node_count, sizeof(int));
     if (!keep)
         return sbi_mesh_no_memory(error);
-    indices = (size_t)mesh->element_count * (size_t)sb_element_node_count(mesh->element_type);
+    indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
     for (int v = 0; v < mesh->node_count; v++)
         keep[v] = -1;
     for (size_t i = 0; i < indices; i++)
@@ -5479,7 +6175,7 @@ SB_API sb_result sb_mesh_remove_unreferenced(sb_mesh *mesh, int *removed, sb_err
 /* Keeps the elements that `drop` does not mark, with their regions. */
 static void sbi_mesh_compact_elements(sb_mesh *mesh, const unsigned char *drop)
 {
-    size_t n = (size_t)sb_element_node_count(mesh->element_type);
+    size_t n = (size_t)sb_mesh_element_width(mesh);
     int kept = 0;
     for (int e = 0; e < mesh->element_count; e++) {
         if (drop[e])
@@ -5586,38 +6282,90 @@ static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, 
     return sbi_mesh_check_arrays(mesh, error);
 }
 
-static int sbi_mesh_count_alone(const int *mate, int count)
+/* How a face is cut into triangles with its nodes as corners; returns how many. */
+static int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
 {
-    int alone = 0;
-    for (int p = 0; p < count; p++)
-        alone += mate[p] == SBI_MESH_ALONE;
-    return alone;
+    static const signed char tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
+    static const signed char quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};
+    static const signed char quad8[6][3] = {{0, 4, 7}, {4, 1, 5}, {5, 2, 6}, {6, 3, 7}, {4, 5, 6}, {4, 6, 7}};
+    static const signed char quad9[8][3] = {{0, 4, 8}, {4, 1, 8}, {1, 5, 8}, {5, 2, 8},
+                                            {2, 6, 8}, {6, 3, 8}, {3, 7, 8}, {7, 0, 8}};
+    switch (type) {
+    case SB_TRI6: *triangles = tri6; return 4;
+    case SB_QUAD4: *triangles = quad4; return 2;
+    case SB_QUAD8: *triangles = quad8; return 6;
+    case SB_QUAD9: *triangles = quad9; return 8;
+    default: *triangles = quad4; return 1; /* tri3: 0 1 2 */
+    }
 }
 
-/* Copies face `face` of element e to row `row` of the boundary. */
-static void sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, sb_boundary *boundary)
+/* Type of the boundary's elements: that of the faces, or tri3 when they are of several. */
+static sb_element_type sbi_mesh_boundary_type(sbi_element element)
 {
     int local[SB_MAX_FACE_NODES];
-    int n = sb_element_face(mesh->element_type, face, local, NULL);
-    int *nodes = sbi_mesh_element_to_edit(&boundary->surface, row);
-    for (int a = 0; a < n; a++)
-        nodes[a] = sbi_mesh_element(mesh, e)[local[a]];
-    boundary->elements[row] = e;
-    boundary->faces[row] = face;
-    if (mesh->regions)
-        boundary->surface.regions[row] = mesh->regions[e];
+    sb_element_type first = SB_NO_ELEMENT, type = SB_NO_ELEMENT;
+    sbi_element_face(element, 0, local, &first);
+    for (int face = 1; sbi_element_face(element, face, local, &type); face++)
+        if (type != first)
+            return SB_TRI3;
+    return first;
+}
+
+/* Rows that face `face` takes in a boundary of `type`. */
+static int sbi_mesh_boundary_parts(sbi_element element, int face, sb_element_type type)
+{
+    const signed char(*triangles)[3];
+    int local[SB_MAX_FACE_NODES];
+    sb_element_type of_face = SB_NO_ELEMENT;
+    sbi_element_face(element, face, local, &of_face);
+    return of_face == type ? 1 : sbi_mesh_face_triangles(of_face, &triangles);
+}
+
+/* Rows of the boundary; -1 when they do not fit an int. */
+static int sbi_mesh_count_rows(const sb_mesh *mesh, const int *mate, sb_element_type type)
+{
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int per = sbi_element_face_count(element), parts[SB_MAX_ELEMENT_FACES];
+    int64_t rows = 0;
+    for (int face = 0; face < per; face++)
+        parts[face] = sbi_mesh_boundary_parts(element, face, type);
+    for (int p = 0; p < mesh->element_count * per; p++)
+        if (mate[p] == SBI_MESH_ALONE)
+            rows += parts[p % per];
+    return rows <= INT_MAX ? (int)rows : -1;
+}
+
+/* Copies face `face` of element e to the boundary from row `row` on; returns the row after. */
+static int sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, sb_boundary *boundary)
+{
+    const signed char(*triangles)[3] = NULL;
+    int local[SB_MAX_FACE_NODES], parts = 1;
+    sb_element_type type = SB_NO_ELEMENT, of_row = boundary->surface.element_type;
+    sbi_element_face(sbi_mesh_element_kind(mesh), face, local, &type);
+    if (type != of_row)
+        parts = sbi_mesh_face_triangles(type, &triangles);
+    for (int part = 0; part < parts; part++, row++) {
+        int *nodes = sbi_mesh_element_to_edit(&boundary->surface, row);
+        for (int a = 0; a < sb_element_node_count(of_row); a++)
+            nodes[a] = sbi_mesh_element(mesh, e)[local[triangles ? triangles[part][a] : a]];
+        boundary->elements[row] = e;
+        boundary->faces[row] = face;
+        if (mesh->regions)
+            boundary->surface.regions[row] = mesh->regions[e];
+    }
+    return row;
 }
 
 /* The surface with all nodes of the volume; 0 when memory is short. */
 static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map,
                                   const sb_allocator *allocator, sb_boundary *boundary)
 {
-    int per = sb_element_face_count(mesh->element_type), sides = mesh->element_count * per;
-    int rows = sbi_mesh_count_alone(mate, sides), row = 0, local[SB_MAX_FACE_NODES];
-    sb_element_type face_type = SB_NO_ELEMENT;
-    sb_element_face(mesh->element_type, 0, local, &face_type);
-    if (!sbi_mesh_allocate(&boundary->surface, face_type, mesh->node_count, rows, mesh->regions != NULL,
-                           allocator))
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    sb_element_type type = sbi_mesh_boundary_type(element);
+    int per = sbi_element_face_count(element), sides = mesh->element_count * per;
+    int rows = sbi_mesh_count_rows(mesh, mate, type), row = 0;
+    if (rows < 0 || !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL,
+                                       allocator))
         return 0;
     boundary->elements = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
     boundary->faces = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
@@ -5628,7 +6376,7 @@ static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with
     memcpy(boundary->surface.nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
     for (int p = 0; p < sides; p++)
         if (mate[p] == SBI_MESH_ALONE)
-            sbi_mesh_boundary_row(mesh, p / per, p % per, row++, boundary);
+            row = sbi_mesh_boundary_row(mesh, p / per, p % per, row, boundary);
     return 1;
 }
 
@@ -5741,7 +6489,7 @@ SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocato
  * -1. */
 static void sbi_mesh_lists_fill(const sb_mesh *mesh, sb_index_lists *lists, int *last, int counting)
 {
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
         for (int a = 0; a < n; a++) {
@@ -5768,7 +6516,7 @@ static int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocato
     int count = mesh->node_count, *last;
     memset(lists, 0, sizeof *lists);
     sbi_mesh_set_allocator(&lists->allocator, allocator);
-    if (mesh->element_count > INT_MAX / sb_element_node_count(mesh->element_type))
+    if (mesh->element_count > INT_MAX / sb_mesh_element_width(mesh))
         return 0;
     lists->count = count;
     last = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
@@ -5827,71 +6575,142 @@ SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *all
     return result;
 }
 
-/* ---- tet4 to tet10 ---- */
+/* ---- tet4 to tet10, hex8 to hex20 and hex27 ---- */
 
-/* number[part]: node of each edge, numbered from `first` in the order the edges appear. Returns the end. A
+/* number[part]: node of each edge or face, numbered from `first` in the order they appear. Returns the end. A
  * run of equal keys starts with its smallest part, so that one is met first. */
-static int sbi_mesh_number_edges(const sbi_mesh_keys *edges, int first, int *number)
+static int sbi_mesh_number_parts(const sbi_mesh_keys *parts, int first, int *number)
 {
     int next = first;
-    for (int begin = 0, end; begin < edges->sorted; begin = end) {
-        end = sbi_mesh_run_end(edges, begin);
+    for (int begin = 0, end; begin < parts->sorted; begin = end) {
+        end = sbi_mesh_run_end(parts, begin);
         for (int i = begin; i < end; i++)
-            number[edges->order[i]] = edges->order[begin];
+            number[parts->order[i]] = parts->order[begin];
     }
-    for (int p = 0; p < edges->count; p++)
+    for (int p = 0; p < parts->count; p++)
         number[p] = number[p] == p ? next++ : number[number[p]];
     return next;
 }
 
-static void sbi_mesh_tet10_fill(const sb_mesh *mesh, const int *number, sb_mesh *tet10)
+/* The nodes a conversion adds. */
+typedef struct sbi_mesh_raising {
+    sbi_mesh_keys edges, faces;
+    int *edge_number, *face_number; /* [parts]; face_number NULL: no nodes on faces and in centres */
+    int nodes;                      /* together with the old ones, without centres */
+} sbi_mesh_raising;
+
+static void sbi_mesh_raising_free(const sb_allocator *allocator, sbi_mesh_raising *raising)
 {
-    int ends[3] = {0, 0, 0};
-    memcpy(tet10->nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
-    if (mesh->regions)
-        memcpy(tet10->regions, mesh->regions, sizeof(int) * (size_t)mesh->element_count);
-    for (int e = 0; e < mesh->element_count; e++) {
-        const int *from = sbi_mesh_element(mesh, e);
-        int *to = sbi_mesh_element_to_edit(tet10, e);
-        memcpy(to, from, 4 * sizeof(int));
-        for (int i = 0; i < 6; i++) {
-            sb_vec3 p, q;
-            sb_element_edge(SB_TET4, i, ends);
-            p = mesh->nodes[from[ends[0]]], q = mesh->nodes[from[ends[1]]];
-            to[4 + i] = number[e * 6 + i];
-            tet10->nodes[to[4 + i]] = sb_v3(p.x / 2 + q.x / 2, p.y / 2 + q.y / 2, p.z / 2 + q.z / 2);
-        }
+    sbi_free(allocator, raising->edge_number);
+    sbi_free(allocator, raising->face_number);
+    sbi_mesh_keys_free(allocator, &raising->edges);
+    sbi_mesh_keys_free(allocator, &raising->faces);
+}
+
+/* Numbers the nodes on edges, and with_faces those on faces; 0 when memory is short or they do not fit an int. */
+static int sbi_mesh_raising_make(const sb_mesh *mesh, int with_faces, const sb_allocator *allocator,
+                                 sbi_mesh_raising *raising)
+{
+    memset(raising, 0, sizeof *raising);
+    if (!sbi_mesh_keys_make(mesh, SBI_MESH_EDGES, NULL, allocator, &raising->edges) ||
+        sbi_mesh_count_runs(&raising->edges) > INT_MAX - mesh->node_count)
+        return 0;
+    raising->edge_number = (int *)sbi_alloc(allocator, (size_t)raising->edges.count, sizeof(int));
+    if (!raising->edge_number)
+        return 0;
+    raising->nodes = sbi_mesh_number_parts(&raising->edges, mesh->node_count, raising->edge_number);
+    if (!with_faces)
+        return 1;
+    if (!sbi_mesh_keys_make(mesh, SBI_MESH_SIDES, NULL, allocator, &raising->faces) ||
+        sbi_mesh_count_runs(&raising->faces) > INT_MAX - raising->nodes)
+        return 0;
+    raising->face_number = (int *)sbi_alloc(allocator, (size_t)raising->faces.count, sizeof(int));
+    if (!raising->face_number)
+        return 0;
+    raising->nodes = sbi_mesh_number_parts(&raising->faces, raising->nodes, raising->face_number);
+    return raising->nodes <= INT_MAX - mesh->element_count;
+}
+
+/* Mean of some of an element's nodes; each takes its share first, so that no sum overflows. */
+static sb_vec3 sbi_mesh_middle(const sb_mesh *mesh, const int *element, const int *local, int count)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    sb_real share = 1 / (sb_real)count;
+    for (int i = 0; i < count; i++) {
+        sb_vec3 x = mesh->nodes[element[local[i]]];
+        sum = sb_v3(sum.x + share * x.x, sum.y + share * x.y, sum.z + share * x.z);
     }
+    return sum;
+}
+
+/* Element e of the raised mesh: corners, nodes on edges, on faces, and the centre. */
+static void sbi_mesh_raise_element(const sb_mesh *mesh, const sbi_mesh_raising *raising, int e, sb_mesh *raised)
+{
+    static const int all[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    sb_element_type type = mesh->element_type;
+    int corners = sb_element_corner_count(type), edges = sb_element_edge_count(type), local[SB_MAX_FACE_NODES];
+    const int *from = sbi_mesh_element(mesh, e);
+    int *to = sbi_mesh_element_to_edit(raised, e), next = corners;
+    memcpy(to, from, (size_t)corners * sizeof(int));
+    for (int i = 0; sb_element_edge(type, i, local); i++) {
+        to[next] = raising->edge_number[e * edges + i];
+        raised->nodes[to[next++]] = sbi_mesh_middle(mesh, from, local, 2);
+    }
+    if (!raising->face_number)
+        return;
+    for (int i = 0, count; (count = sb_element_face(type, i, local, NULL)) > 0; i++) {
+        to[next] = raising->face_number[e * raising->faces.per_element + i];
+        raised->nodes[to[next++]] = sbi_mesh_middle(mesh, from, local, count);
+    }
+    to[next] = raising->nodes + e;
+    raised->nodes[to[next]] = sbi_mesh_middle(mesh, from, all, corners);
+}
+
+/* The mesh of the straight type `from` with the nodes that `type` has besides. */
+static sb_result sbi_mesh_raise(const sb_mesh *mesh, sb_element_type from, sb_element_type type,
+                                const sb_allocator *allocator, sb_mesh *raised, sb_error *error)
+{
+    sb_mesh made;
+    sbi_mesh_raising raising;
+    int with_faces = type == SB_HEX27;
+    sb_result result = sbi_mesh_check_output(mesh, raised, error);
+    if (result != SB_OK)
+        return result;
+    if (mesh->element_type != from)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot become %s: %s is needed",
+                        sbi_element_name(sbi_mesh_element_kind(mesh)), sb_element_name(type), sb_element_name(from));
+    if (sbi_mesh_raising_make(mesh, with_faces, allocator, &raising) &&
+        sbi_mesh_allocate(&made, type, raising.nodes + (with_faces ? mesh->element_count : 0), mesh->element_count,
+                          mesh->regions != NULL, allocator)) {
+        memcpy(made.nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
+        if (mesh->regions)
+            memcpy(made.regions, mesh->regions, sizeof(int) * (size_t)mesh->element_count);
+        for (int e = 0; e < mesh->element_count; e++)
+            sbi_mesh_raise_element(mesh, &raising, e, &made);
+        *raised = made;
+    } else {
+        result = sbi_mesh_no_memory(error);
+    }
+    sbi_mesh_raising_free(allocator, &raising);
+    return result;
 }
 
 SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
                                   sb_error *error)
 {
-    sb_mesh made;
-    sbi_mesh_keys edges;
-    int *number = NULL, nodes = 0, ok = 0;
-    sb_result result = sbi_mesh_check_output(mesh, tet10, error);
-    if (result != SB_OK)
-        return result;
-    if (mesh->element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot become tet10: tet4 is needed",
-                        sb_element_name(mesh->element_type));
-    if (sbi_mesh_keys_make(mesh, SBI_MESH_EDGES, NULL, allocator, &edges) &&
-        sbi_mesh_count_runs(&edges) <= INT_MAX - mesh->node_count)
-        number = (int *)sbi_alloc(allocator, (size_t)edges.count, sizeof(int));
-    if (number) {
-        nodes = sbi_mesh_number_edges(&edges, mesh->node_count, number);
-        ok = sbi_mesh_allocate(&made, SB_TET10, nodes, mesh->element_count, mesh->regions != NULL, allocator);
-    }
-    if (ok) {
-        sbi_mesh_tet10_fill(mesh, number, &made);
-        *tet10 = made;
-    } else {
-        result = sbi_mesh_no_memory(error);
-    }
-    sbi_free(allocator, number);
-    sbi_mesh_keys_free(allocator, &edges);
-    return result;
+    return sbi_mesh_raise(mesh, SB_TET4, SB_TET10, allocator, tet10, error);
+}
+
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
+                                  sb_error *error)
+{
+    return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX20, allocator, hex20, error);
+}
+
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
+                                  sb_error *error)
+{
+    return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }
 
 /* ---- reverse Cuthill-McKee ----
@@ -5937,7 +6756,7 @@ static void sbi_mesh_sort_by_degree(const sbi_mesh_graph *graph, int *nodes, int
 /* Appends the unseen neighbours of a node to the order at `end`; returns the new end. */
 static int sbi_mesh_graph_visit(sbi_mesh_graph *graph, int node, int end)
 {
-    int n = sb_element_node_count(graph->mesh->element_type), begin = end;
+    int n = sb_mesh_element_width(graph->mesh), begin = end;
     for (int i = graph->elements.offsets[node]; i < graph->elements.offsets[node + 1]; i++) {
         const int *nodes = sbi_mesh_element(graph->mesh, graph->elements.items[i]);
         for (int a = 0; a < n; a++) {
@@ -6052,7 +6871,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
     r->start = (int *)sbi_alloc(allocator, nodes + 1, sizeof(int));
     r->nodes = (sb_vec3 *)sbi_alloc(allocator, nodes, sizeof(sb_vec3));
     r->elements = (int *)sbi_alloc(allocator, elements,
-                                   sizeof(int) * (size_t)sb_element_node_count(mesh->element_type));
+                                   sizeof(int) * (size_t)sb_mesh_element_width(mesh));
     if (mesh->regions)
         r->regions = (int *)sbi_alloc(allocator, elements, sizeof(int));
     return r->graph.degree && r->graph.mark && r->graph.order && r->node_map && r->element_map && r->start &&
@@ -6063,7 +6882,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
 /* New element numbers by lowest new node, ties by old number: a counting sort. */
 static void sbi_mesh_renumber_elements(const sb_mesh *mesh, sbi_mesh_renumbering *r)
 {
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     memset(r->start, 0, sizeof(int) * ((size_t)mesh->node_count + 1));
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
@@ -6081,7 +6900,7 @@ static void sbi_mesh_renumber_elements(const sb_mesh *mesh, sbi_mesh_renumbering
 
 static void sbi_mesh_renumbering_apply(sb_mesh *mesh, sbi_mesh_renumbering *r)
 {
-    size_t n = (size_t)sb_element_node_count(mesh->element_type);
+    size_t n = (size_t)sb_mesh_element_width(mesh);
     for (int v = 0; v < mesh->node_count; v++)
         r->nodes[r->node_map[v]] = mesh->nodes[v];
     for (int e = 0; e < mesh->element_count; e++) {
@@ -6133,7 +6952,7 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 /* ---- building ---- */
 
 typedef struct sbi_meshgen_builder {
-    sb_mesh mesh; /* tet4 or hex8; made tet10 at the end */
+    sb_mesh mesh; /* tet4 or hex8; made quadratic at the end */
     int next;     /* elements written */
 } sbi_meshgen_builder;
 
@@ -6148,12 +6967,12 @@ static int64_t sbi_meshgen_product(int64_t a, int64_t b)
 static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes,
                                    int64_t cells, const sb_allocator *allocator, sb_error *error)
 {
-    int64_t elements = sbi_meshgen_product(cells, type == SB_HEX8 ? 1 : 6);
+    sb_element_type straight = sb_element_straight(type);
+    int64_t elements = sbi_meshgen_product(cells, straight == SB_HEX8 ? 1 : 6);
     if (nodes > INT_MAX || elements > INT_MAX)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "too many cells: the nodes or elements do not fit an int");
     builder->next = 0;
-    if (!sbi_mesh_allocate(&builder->mesh, type == SB_HEX8 ? SB_HEX8 : SB_TET4, (int)nodes, (int)elements, 0,
-                           allocator))
+    if (!sbi_mesh_allocate(&builder->mesh, straight, (int)nodes, (int)elements, 0, allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes", (int)nodes);
     return SB_OK;
 }
@@ -6162,25 +6981,30 @@ static sb_result sbi_meshgen_check(sb_element_type type, const sb_mesh *mesh, sb
 {
     if (!mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh is NULL");
-    if (type != SB_TET4 && type != SB_TET10 && type != SB_HEX8)
+    if (sb_element_straight(type) != SB_TET4 && sb_element_straight(type) != SB_HEX8)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "cannot generate elements of type %d", (int)type);
     return SB_OK;
 }
 
 static int sbi_meshgen_is_length(sb_real length) { return length > 0 && sb_is_finite(length); }
 
-/* Hands the mesh over, as tet10 when that was asked for. */
+/* Hands the mesh over, as the quadratic element that was asked for. */
 static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh,
                                     sb_error *error)
 {
     sb_result result = SB_OK;
     sb_allocator allocator = builder->mesh.allocator;
-    if (type == SB_TET10) {
-        result = sb_mesh_to_tet10(&builder->mesh, &allocator, mesh, error);
-        sb_mesh_free(&builder->mesh);
-    } else {
+    if (type == builder->mesh.element_type) {
         *mesh = builder->mesh;
+        return SB_OK;
     }
+    if (type == SB_TET10)
+        result = sb_mesh_to_tet10(&builder->mesh, &allocator, mesh, error);
+    else if (type == SB_HEX20)
+        result = sb_mesh_to_hex20(&builder->mesh, &allocator, mesh, error);
+    else
+        result = sb_mesh_to_hex27(&builder->mesh, &allocator, mesh, error);
+    sb_mesh_free(&builder->mesh);
     return result;
 }
 
@@ -6698,7 +7522,8 @@ typedef enum sbi_node_order {
     SBI_ORDER_SAME = 0,
     SBI_ORDER_PIXEL = 1, /* VTK's pixel: rows instead of round */
     SBI_ORDER_VOXEL = 2,
-    SBI_ORDER_GMSH_TET10 = 3 /* the last two mid-edge nodes exchanged */
+    SBI_ORDER_GMSH_TET10 = 3, /* the last two mid-edge nodes exchanged */
+    SBI_ORDER_GMSH_HEX = 4    /* hex20 and hex27: edges by their lower corner, faces z- y- x- x+ y+ z+ */
 } sbi_node_order;
 
 /* A kind of cell that some format knows. New element types: fill in `type` (and the order, if it is not
@@ -7420,17 +8245,17 @@ SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind)
         {"tri15 (order 5)", SB_NO_ELEMENT, 2, 15, -1, 24, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tri21", SB_NO_ELEMENT, 2, 21, -1, 25, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"quad6", SB_NO_ELEMENT, 2, 6, 30, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad8", SB_NO_ELEMENT, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad9", SB_NO_ELEMENT, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"quad8", SB_QUAD8, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"quad9", SB_QUAD9, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"quadratic polygon", SB_NO_ELEMENT, 2, 0, 36, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"Lagrange triangle", SB_NO_ELEMENT, 2, 0, 69, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"Lagrange quadrilateral", SB_NO_ELEMENT, 2, 0, 70, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tet20", SB_NO_ELEMENT, 3, 20, -1, 29, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tet35", SB_NO_ELEMENT, 3, 35, -1, 30, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tet56", SB_NO_ELEMENT, 3, 56, -1, 31, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex20", SB_NO_ELEMENT, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"hex20", SB_HEX20, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
         {"hex24", SB_NO_ELEMENT, 3, 24, 33, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex27", SB_NO_ELEMENT, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"hex27", SB_HEX27, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
         {"hex64", SB_NO_ELEMENT, 3, 64, -1, 92, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"hex125", SB_NO_ELEMENT, 3, 125, -1, 93, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"wedge6", SB_NO_ELEMENT, 3, 6, 13, 6, SBI_ORDER_SAME, SBI_ORDER_SAME},
@@ -7472,10 +8297,13 @@ static int sbi_node_order_at(sbi_node_order order, int i)
 {
     static const unsigned char voxel[8] = {0, 1, 3, 2, 4, 5, 7, 6}; /* its first four are a pixel's */
     static const unsigned char gmsh_tet10[10] = {0, 1, 2, 3, 4, 5, 6, 7, 9, 8};
+    static const unsigned char gmsh_hex[27] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
+                                               19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26};
     switch (order) {
     case SBI_ORDER_PIXEL:
     case SBI_ORDER_VOXEL: return voxel[i];
     case SBI_ORDER_GMSH_TET10: return gmsh_tet10[i];
+    case SBI_ORDER_GMSH_HEX: return gmsh_hex[i];
     case SBI_ORDER_SAME: break;
     }
     return i;
@@ -8066,15 +8894,8 @@ static sb_result sbi_meshio_accept_volume(sb_mesh *mesh, int fix_orientation, in
 
 static sb_result sbi_meshio_accept(sb_mesh *mesh, int fix_orientation, int *flipped, sb_error *error)
 {
-    switch (mesh->element_type) {
-    case SB_TRI3:
-    case SB_TRI6:
-    case SB_QUAD4: return fix_orientation ? sb_mesh_orient_surface(mesh, flipped, error) : SB_OK;
-    case SB_NO_ELEMENT:
-    case SB_TET4:
-    case SB_TET10:
-    case SB_HEX8: break;
-    }
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return fix_orientation ? sb_mesh_orient_surface(mesh, flipped, error) : SB_OK;
     return sbi_meshio_accept_volume(mesh, fix_orientation, flipped, error);
 }
 
@@ -8472,9 +9293,12 @@ static void sbi_export_data(sbi_export *out, const sb_mesh *mesh, const sb_field
             sbi_export_field(out, &fields[i], rows);
 }
 
-/* VTK's number of an element type. */
-static int sbi_export_vtk_type(sb_element_type type)
+/* VTK's number of a mesh's element type; 0: none. */
+static int sbi_export_vtk_type(const sb_mesh *mesh)
 {
+    sb_element_type type = mesh->element_type;
+    if (type == SB_CUSTOM)
+        return mesh->table->vtk_type;
     for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
         if (sbi_cell_kind_at(kind)->type == type)
             return sbi_cell_kind_at(kind)->vtk;
@@ -8483,7 +9307,7 @@ static int sbi_export_vtk_type(sb_element_type type)
 
 static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
 {
-    int nodes = sb_element_node_count(mesh->element_type), type = sbi_export_vtk_type(mesh->element_type);
+    int nodes = sb_mesh_element_width(mesh), type = sbi_export_vtk_type(mesh);
     sbi_export_text(out, "# vtk DataFile Version 3.0\nsoftbody mesh (metre)\n");
     sbi_export_text(out, out->binary ? "BINARY\n" : "ASCII\n");
     sbi_export_text(out, "DATASET UNSTRUCTURED_GRID\n");
@@ -8517,6 +9341,9 @@ static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s",
                         field_count < 0 ? "a negative number of fields" : "path, mesh or fields is NULL");
     result = sbi_mesh_check_arrays(mesh, error);
+    if (!result && sbi_export_vtk_type(mesh) == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "VTK has no cell for the element %s: its table has no vtk_type",
+                        sbi_element_name(sbi_mesh_element_kind(mesh)));
     for (int i = 0; i < field_count && !result; i++)
         result = sbi_export_check_field(&fields[i], mesh, error);
     if (!result)
@@ -8553,9 +9380,9 @@ static sb_result sbi_export_check_surface(const char *path, const sb_mesh *mesh,
         return result;
     if (mesh->element_type == SB_TRI3 || mesh->element_type == SB_QUAD4)
         return SB_OK;
-    if (mesh->element_type == SB_TRI6)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "curved triangles (tri6) cannot be written as a surface file");
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "curved faces (%s) cannot be written as a surface file",
+                        sb_element_name(mesh->element_type));
     return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                     "a volume mesh cannot be written as a surface file: write its sb_mesh_boundary");
 }
@@ -13135,9 +13962,10 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
-    int n = domain->nodes_per_cell, q = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
-        sb_element_shape(mesh->element_type, points[p], NULL, local[p]);
+        sbi_element_shape(element, points[p], NULL, local[p]);
     for (int e = 0; e < mesh->element_count; e++) {
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
         sbi_domain_gather(mesh, e, n, x);
@@ -13210,8 +14038,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.single_rotation = single_rotation != 0;
     made.node_count = mesh->node_count;
     made.cell_count = mesh->element_count;
-    made.nodes_per_cell = sb_element_node_count(mesh->element_type);
-    made.points_per_cell = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    made.table = sbi_mesh_element_kind(mesh).table;
+    made.nodes_per_cell = sb_mesh_element_width(mesh);
+    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights);
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(mesh, kind, &made, error);
@@ -13226,17 +14055,17 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
-static sb_real sbi_domain_integrate_mass(sb_element_type type, sb_quadrature_kind kind, const sb_vec3 *x,
+static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x,
                                          sb_real *mass, sb_real *load)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
-    int n = sb_element_node_count(type), q = sb_element_quadrature(type, kind, points, weights);
+    int n = sbi_element_node_count(element), q = sbi_element_quadrature(element, kind, points, weights);
     sb_real volume = 0;
     memset(mass, 0, (size_t)(n * n) * sizeof *mass);
     memset(load, 0, (size_t)n * sizeof *load);
     for (int p = 0; p < q; p++) {
-        sb_element_shape(type, points[p], shape, local);
+        sbi_element_shape(element, points[p], shape, local);
         sb_real w = weights[p] * sb_m3_det(sbi_domain_jacobian(n, x, (const sb_real(*)[3])local));
         volume += w;
         for (int a = 0; a < n; a++) {
@@ -13248,14 +14077,15 @@ static sb_real sbi_domain_integrate_mass(sb_element_type type, sb_quadrature_kin
     return volume;
 }
 
-SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load)
 {
     sb_real load[SB_MAX_ELEMENT_NODES];
-    int n = sb_element_node_count(type);
-    sb_real volume = sbi_domain_integrate_mass(type, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
+    int n = sbi_element_node_count(element);
+    sb_real volume =
+        sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
-        sbi_domain_integrate_mass(type, SB_QUADRATURE_STIFFNESS, x, mass, load);
+        sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
     if (kind == SB_MASS_LUMPED) {
         sb_real trace = 0;
         for (int a = 0; a < n; a++)
@@ -13619,19 +14449,20 @@ static int sbi_cell_is_twisted(const sb_quat *rotation, int q)
 static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3 *u)
 {
     const sb_domain *domain = assembly->domain;
+    sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell;
     const int *cell = domain->cells + (size_t)e * (size_t)n;
     for (int k = 0; k < n; k++) {
         sb_real xi[3] = {0, 0, 0}, gradient[SB_MAX_ELEMENT_NODES][3];
         sb_vec3 column[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
-        sb_element_node_point(domain->element_type, k, xi);
-        sb_element_shape(domain->element_type, xi, NULL, gradient);
+        sbi_element_node_point(element, k, xi);
+        sbi_element_shape(element, xi, NULL, gradient);
         for (int a = 0; a < n; a++) {
             sb_vec3 x = sb_v3_add(assembly->reference[cell[a]], u[cell[a]]);
             for (int j = 0; j < 3; j++)
                 column[j] = sb_v3_madd(column[j], gradient[a][j], x);
         }
-        if (!(sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) > 0))
+        if (sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) <= 0) /* NaN where a custom element has no slope */
             return 1;
     }
     return 0;
@@ -14082,6 +14913,8 @@ static void sbi_edge_diagonals(void *user, int index)
         }                                                                                                       \
         break;                                                                                                  \
     case SB_HEX8: CALL(8, 8, 0); break;                                                                         \
+    case SB_HEX20: CALL(20, 27, 0); break;                                                                      \
+    case SB_HEX27: CALL(27, 27, 0); break;                                                                      \
     default: CALL(domain->nodes_per_cell, domain->points_per_cell, 0); break;                                   \
     }
 
@@ -14519,6 +15352,7 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     mesh.node_count = body->domain.node_count;
     mesh.nodes = body->reference;
     mesh.element_type = body->domain.element_type;
+    mesh.table = body->domain.table;
     mesh.element_count = body->domain.cell_count;
     mesh.elements = body->domain.cells;
     return mesh;
@@ -14570,10 +15404,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sb_real density = body->materials[body->cell_material[e]].density;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_element_mass(body->domain.element_type, body->mass_kind, x, mass, load);
+            sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density);
         }
-        sbi_element_mass(body->domain.element_type, SB_MASS_LUMPED, x, mass, load);
+        sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -15006,12 +15840,12 @@ static int sbi_body_find_face(const sb_body *body, const int *corners, int count
                               sb_element_type *face_type)
 {
     const sb_index_lists *lists = &body->node_elements;
-    sb_element_type type = body->domain.element_type;
+    sbi_element element = sbi_domain_element(&body->domain);
     int n = body->domain.nodes_per_cell;
     for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
         const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        for (int face = 0; face < sb_element_face_count(type); face++) {
-            int local[SB_MAX_FACE_NODES], face_nodes = sb_element_face(type, face, local, face_type);
+        for (int face = 0; face < sbi_element_face_count(element); face++) {
+            int local[SB_MAX_FACE_NODES], face_nodes = sbi_element_face(element, face, local, face_type);
             if (sb_element_corner_count(*face_type) != count ||
                 !sbi_body_has_corners(corners, cell, local, count))
                 continue;
@@ -15314,9 +16148,11 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
 static int sbi_body_is_duplicate(const sb_body *body, int element)
 {
     const sb_index_lists *lists = &body->node_elements;
-    int n = body->domain.nodes_per_cell, corners = sb_element_corner_count(body->domain.element_type);
+    int n = body->domain.nodes_per_cell, corners = sbi_element_corner_count(sbi_domain_element(&body->domain));
     const int *cell = body->domain.cells + (size_t)element * (size_t)n;
-    static const int local[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    int local[SB_MAX_ELEMENT_NODES];
+    for (int a = 0; a < corners; a++)
+        local[a] = a;
     for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
         if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
             return 1;

@@ -151,7 +151,7 @@ typedef struct case_treatment {
 
 static const case_treatment case_treatments[] = {
     {"tet4", SB_TET4, 0}, {"tet10", SB_TET10, 0},         {"tet10sr", SB_TET10, 1},
-    {"hex8", SB_HEX8, 0}, {"hex8bbar", SB_NO_ELEMENT, 0}, {"hex20", SB_NO_ELEMENT, 0},
+    {"hex8", SB_HEX8, 0}, {"hex8bbar", SB_NO_ELEMENT, 0}, {"hex20", SB_HEX20, 0}, {"hex27", SB_HEX27, 0},
 };
 enum { CASE_TREATMENT_COUNT = (int)(sizeof case_treatments / sizeof case_treatments[0]) };
 
@@ -802,7 +802,7 @@ static inline int case_find_face(const case_file *c, const int *nodes, int count
 }
 
 /* Corners of a face of the mesh's elements. */
-static inline int case_face_corners(const case_file *c) { return c->mesh.element_type == SB_HEX8 ? 4 : 3; }
+static inline int case_face_corners(const case_file *c) { return sb_element_straight(c->mesh.element_type) == SB_HEX8 ? 4 : 3; }
 
 static inline int case_add_face(case_file *c, case_statement *s, int element, int face)
 {

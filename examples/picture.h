@@ -195,8 +195,17 @@ static inline int picture_split(sb_element_type type, const int (**triangles)[3]
 {
     static const int tri3[1][3] = {{0, 1, 2}}, quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};
     static const int tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
-    *triangles = type == SB_TRI6 ? tri6 : (type == SB_QUAD4 ? quad4 : tri3);
-    return type == SB_TRI6 ? 4 : (type == SB_QUAD4 ? 2 : (type == SB_TRI3 ? 1 : 0));
+    static const int quad8[6][3] = {{0, 4, 7}, {4, 1, 5}, {5, 2, 6}, {6, 3, 7}, {4, 5, 6}, {4, 6, 7}};
+    static const int quad9[8][3] = {{0, 4, 8}, {4, 1, 8}, {1, 5, 8}, {5, 2, 8},
+                                    {2, 6, 8}, {6, 3, 8}, {3, 7, 8}, {7, 0, 8}};
+    switch (type) {
+    case SB_TRI3: *triangles = tri3; return 1;
+    case SB_TRI6: *triangles = tri6; return 4;
+    case SB_QUAD4: *triangles = quad4; return 2;
+    case SB_QUAD8: *triangles = quad8; return 6;
+    case SB_QUAD9: *triangles = quad9; return 8;
+    default: *triangles = tri3; return 0;
+    }
 }
 
 /* Normal times twice the area. */

@@ -98,7 +98,7 @@ wrong_mesh 'a mesh that is not there' nowhere.vtk 'nowhere.vtk'
 wrong_mesh 'a folder for a mesh' out 'out'
 wrong_mesh 'a mesh that is none' x0 'x0'
 wrong_mesh 'a surface' surface.vtk 'surface of tri3'
-wrong_mesh 'hex20' hex20.vtk 'not supported'
+wrong_mesh 'a hex20 with a node twice' hex20.vtk 'used twice: 0'
 wrong_mesh 'a missing word' '' 'word is missing; expected: mesh FILE'
 wrong_mesh 'a word too many' 'cube.vtk cube.vtk' 'unexpected word cube.vtk'
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs examples/hello.c and examples/demo.c as a user would, with good and bad arguments and files:
+# Runs examples/hello.c, custom_element.c and demo.c as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -69,6 +69,20 @@ expect_data 0 'sags by [0-9.]* mm, .*stress is [0-9]* Pa' hello volumes/liver_a_
 expect 1 'no-such-file.vtk' hello no-such-file.vtk
 expect_data 1 'nan_coordinate.vtk:9: ' hello bad/nan_coordinate.vtk
 expect_data 1 'volume' hello surfaces/liver_a.obj
+
+# ---- custom_element ----
+expect 0 'patch test: 54 distorted wedges, a linear field is met to [0-9.]*e-1[56] of itself' custom_element
+check "custom_element names its file" grep -q 'beam: 216 wedges, .*: custom_element.vtk$' output.txt
+check "216 VTK wedges" [ "$(grep -c '^13$' custom_element.vtk)" = 216 ]
+check "with displacement and stress" grep -q '^SCALARS von_mises' custom_element.vtk
+expect 0 'beam: 8 wedges, .*coarse.vtk' custom_element -n 1 -o coarse.vtk
+expect 0 '^custom_element \[-n CELLS\]' custom_element --help
+expect 2 'from 1 to 20, not 0' custom_element -n 0
+expect 2 'from 1 to 20, not 3x' custom_element -n 3x
+expect 2 '-o needs a value' custom_element -o
+expect 2 'wedge.vtk is no option' custom_element wedge.vtk
+expect 3 'no-such-folder/x.vtk: the file cannot be opened' custom_element -n 1 -o no-such-folder/x.vtk
+expect 1 'hello: .*wedge6 elements are not supported' hello coarse.vtk
 
 # ---- demo without a file: everything is written and named ----
 expect 0 'Hz' demo -o plain --frames 20 --every 5

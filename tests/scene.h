@@ -19,7 +19,7 @@ static inline sb_mesh scene_box(sb_element_type type, int nx, int ny, int nz, sb
     sb_mesh mesh;
     unsigned long long seed = 7;
     memset(&mesh, 0, sizeof mesh);
-    if (sb_mesh_beam(type == SB_TET10 ? SB_TET4 : type, nx, ny, nz, size, NULL, &mesh, NULL) != SB_OK)
+    if (sb_mesh_beam(sb_element_straight(type), nx, ny, nz, size, NULL, &mesh, NULL) != SB_OK)
         return mesh;
     for (int i = 0; shake > 0 && i < mesh.node_count; i++) {
         sb_vec3 *x = mesh.nodes + i;
@@ -31,10 +31,15 @@ static inline sb_mesh scene_box(sb_element_type type, int nx, int ny, int nz, sb
         x->y += REAL(check_random_in(&seed, -shake, shake)) * size.y / REAL(ny);
         x->z += REAL(check_random_in(&seed, -shake, shake)) * size.z / REAL(nz);
     }
-    if (type == SB_TET10) {
+    if (type != mesh.element_type) {
         sb_mesh straight = mesh;
         memset(&mesh, 0, sizeof mesh);
-        sb_mesh_to_tet10(&straight, NULL, &mesh, NULL);
+        if (type == SB_TET10)
+            sb_mesh_to_tet10(&straight, NULL, &mesh, NULL);
+        else if (type == SB_HEX20)
+            sb_mesh_to_hex20(&straight, NULL, &mesh, NULL);
+        else
+            sb_mesh_to_hex27(&straight, NULL, &mesh, NULL);
         sb_mesh_free(&straight);
     }
     return mesh;

@@ -4,8 +4,8 @@
 #include "check.h"
 #include "scene.h"
 
-static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8};
-enum { ELEMENT_TYPES = 3 };
+static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
+enum { ELEMENT_TYPES = 5 };
 
 static sb_material test_material(int model)
 {
@@ -71,10 +71,10 @@ static void test_patch(void)
     patch_test(SB_TET10, 1, 1);
 }
 
-/* Curved interior sides: the 8-point rule must pass, as the formula sheet says it does. */
-static void test_patch_curved(void)
+/* Curved interior sides: the 8-point rule of tet10 must pass, as the formula sheet says it does, and hexes with 27. */
+static void patch_test_curved(sb_element_type type, int model, int points)
 {
-    sb_mesh mesh = scene_box(SB_TET10, 2, 2, 2, sb_v3(1, 1, 1), 0);
+    sb_mesh mesh = scene_box(type, 2, 2, 2, sb_v3(1, 1, 1), 0);
     sb_body_def def = sb_default_body_def();
     sb_static_options options = sb_default_static_options();
     sb_vec3 *expected = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
@@ -90,9 +90,9 @@ static void test_patch_curved(void)
         }
     }
     def.mesh = &mesh;
-    def.material = test_material(4);
+    def.material = test_material(model);
     body = scene_body(&def);
-    CHECK_INT(sb_body_point_count(body), 8);
+    CHECK_INT(sb_body_point_count(body), points);
     options.tolerance = REAL(1e-13);
     scene_fix_boundary(body, &mesh);
     for (int i = 0; i < mesh.node_count; i++) {
@@ -106,6 +106,15 @@ static void test_patch_curved(void)
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
     free(expected);
+}
+
+static void test_patch_curved(void)
+{
+    patch_test_curved(SB_TET10, 4, 8);
+    for (int m = 0; m < MODELS; m++) {
+        patch_test_curved(SB_HEX20, m, 27);
+        patch_test_curved(SB_HEX27, m, 27);
+    }
 }
 
 /* ---- manufactured solution: order of convergence in L2 ---- */
@@ -208,8 +217,8 @@ static double manufactured_error(sb_element_type type, int cells)
 
 static void test_manufactured(void)
 {
-    static const int cells[ELEMENT_TYPES][2] = {{8, 16}, {4, 8}, {6, 12}};
-    static const double least[ELEMENT_TYPES] = {1.9, 2.8, 1.9};
+    static const int cells[ELEMENT_TYPES][2] = {{8, 16}, {4, 8}, {6, 12}, {4, 6}, {4, 6}};
+    static const double least[ELEMENT_TYPES] = {1.9, 2.8, 1.9, 2.9, 2.9};
     if (SB_REAL_IS_FLOAT) { /* rounding hides the order of the finer meshes */
         CHECK_SKIP("convergence orders need double");
         return;

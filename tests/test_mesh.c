@@ -99,7 +99,14 @@ static void mesh_bend(sb_mesh *mesh)
     }
 }
 
-static const sb_element_type mesh_volume_types[] = {SB_TET4, SB_TET10, SB_HEX8};
+static const sb_element_type mesh_volume_types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
+enum { MESH_VOLUMES = 5 };
+
+static int mesh_is_quadratic(sb_element_type type)
+{
+    return sb_element_node_count(type) > sb_element_corner_count(type);
+}
+static int mesh_is_hex(sb_element_type type) { return sb_element_corner_count(type) == 8; }
 
 /* ---- life ---- */
 
@@ -214,7 +221,7 @@ static void test_validate_inverted(void)
 static void test_validate_flat(void)
 {
     sb_error error;
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh mesh = mesh_beam(mesh_volume_types[t], 1, 1, 1);
         for (int v = 0; v < mesh.node_count; v++)
             mesh.nodes[v].z = MREAL(0.3) * mesh.nodes[v].x + MREAL(0.1) * mesh.nodes[v].y;
@@ -250,6 +257,36 @@ static void test_validate_midside(void)
     CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_MESH);
     CHECK(strstr(error.message, "mid-edge") != NULL);
     sb_mesh_free(&mesh);
+}
+
+/* Quadratic hexes: a crossed face is inverted, a node out of place folds them; the centre's too. */
+static void test_validate_quadratic_hex(void)
+{
+    for (int t = 3; t < MESH_VOLUMES; t++) {
+        sb_mesh mesh = mesh_beam(mesh_volume_types[t], 2, 2, 2);
+        int moved[] = {16, 18, mesh_width(&mesh) - 1}; /* two edges along z, and one or the centre */
+        double straight = (double)sb_mesh_element_quality(&mesh, 3);
+        sb_error error;
+        CHECK_NEAR(straight, 1, mesh_eps(64));
+        mesh_bend(&mesh);
+        CHECK_OK(sb_mesh_validate(&mesh, &error)); /* curved, but sound */
+        CHECK((double)sb_mesh_element_quality(&mesh, 3) < 0.99 && sb_mesh_element_quality(&mesh, 3) > 0);
+        mesh_swap_nodes(mesh_nodes_of(&mesh, 4), 6, 7);
+        CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_MESH);
+        CHECK_INT(error.element, 4);
+        CHECK(strstr(error.message, "inverted") != NULL);
+        mesh_swap_nodes(mesh_nodes_of(&mesh, 4), 6, 7);
+        for (int i = 0; i < 3; i++) {
+            sb_vec3 *x = &mesh.nodes[mesh_nodes_of(&mesh, 5)[moved[i]]], keep = *x;
+            x->z += MREAL(0.008); /* cells are 0.01 high */
+            CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_MESH);
+            CHECK(strstr(error.message, "mid-edge") != NULL);
+            CHECK(sb_mesh_element_quality(&mesh, 5) <= 0);
+            *x = keep;
+        }
+        CHECK_OK(sb_mesh_validate(&mesh, &error));
+        sb_mesh_free(&mesh);
+    }
 }
 
 static void test_validate_surface(void)
@@ -516,25 +553,33 @@ static void test_bad_files_nodes(void)
 
 /* A quadratic map of determinant 1 keeps the volume of quadratic elements exactly, and of the surface around
  * them. */
-static void test_volume_curved(void)
+static void volume_curved(sb_element_type type, sb_element_type face)
 {
-    sb_mesh mesh = mesh_beam(SB_TET10, 3, 3, 2), surface;
+    sb_mesh mesh = mesh_beam(type, 3, 3, 2), surface;
     double total = 0;
     mesh_bend(&mesh);
+    CHECK_OK(sb_mesh_validate(&mesh, NULL));
     CHECK_NEAR(sb_mesh_volume(&mesh), 2.4e-5, 2.4e-5 * mesh_eps(256));
     for (int e = 0; e < mesh.element_count; e++) {
         total += (double)sb_mesh_element_volume(&mesh, e);
-        CHECK_NEAR(sb_mesh_element_volume(&mesh, e), 2.4e-5 / 108, 1e-6 * mesh_eps(64));
+        CHECK_NEAR(sb_mesh_element_volume(&mesh, e), 2.4e-5 / mesh.element_count, 1e-6 * mesh_eps(64));
     }
     CHECK_NEAR(total, 2.4e-5, 2.4e-5 * mesh_eps(256));
     surface = mesh_skin(&mesh);
-    CHECK_INT(surface.element_type, SB_TRI6);
+    CHECK_INT(surface.element_type, face);
     CHECK_NEAR(sb_mesh_volume(&surface), 2.4e-5, 2.4e-5 * mesh_eps(1024));
     CHECK_INT(sb_mesh_element_volume(&surface, 0) == 0, 1);
     CHECK_INT(sb_mesh_element_volume(&mesh, -1) == 0, 1);
     CHECK_INT(sb_mesh_element_volume(&mesh, mesh.element_count) == 0, 1);
     sb_mesh_free(&surface);
     sb_mesh_free(&mesh);
+}
+
+static void test_volume_curved(void)
+{
+    volume_curved(SB_TET10, SB_TRI6);
+    volume_curved(SB_HEX20, SB_QUAD8);
+    volume_curved(SB_HEX27, SB_QUAD9);
 }
 
 static void test_volume_hex(void)
@@ -555,7 +600,7 @@ static void test_volume_hex(void)
 
 static void test_area_and_bounds(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh mesh = mesh_beam(mesh_volume_types[t], 4, 3, 2), surface = mesh_skin(&mesh);
         sb_vec3 low, high;
         sb_mesh_report report = mesh_report(&surface);
@@ -646,12 +691,12 @@ static void mesh_mirror(sb_mesh *mesh, int e)
 
 static void test_orient_volume(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh mesh = mesh_beam(mesh_volume_types[t], 3, 2, 2);
         sb_error error;
         unsigned long long seed = 3;
         int mirrored = 0, flipped = -1;
-        if (t == 1)
+        if (mesh_is_quadratic(mesh.element_type))
             mesh_bend(&mesh);
         for (int e = 0; e < mesh.element_count; e++) {
             if (check_random(&seed) < 0.4) {
@@ -672,12 +717,12 @@ static void test_orient_volume(void)
 
 static void test_orient_surface(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh volume = mesh_beam(mesh_volume_types[t], 4, 3, 3), mesh;
         unsigned long long seed = 4;
         int mirrored = 0, flipped = -1;
         sb_mesh_report report;
-        if (t == 1)
+        if (mesh_is_quadratic(volume.element_type))
             mesh_bend(&volume);
         mesh = mesh_skin(&volume);
         for (int e = 0; e < mesh.element_count; e++) {
@@ -841,14 +886,14 @@ static void test_scale(void)
 
 static void test_boundary(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh mesh = mesh_beam(mesh_volume_types[t], 4, 3, 2);
         sb_boundary all, compact;
         int n, local[SB_MAX_FACE_NODES];
         mesh_add_regions(&mesh);
         CHECK_OK(sb_mesh_boundary(&mesh, 0, NULL, &all, NULL));
         CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &compact, NULL));
-        CHECK_INT(all.surface.element_count, (t == 2 ? 1 : 2) * 2 * (12 + 8 + 6));
+        CHECK_INT(all.surface.element_count, (mesh_is_hex(mesh.element_type) ? 1 : 2) * 2 * (12 + 8 + 6));
         CHECK_INT(all.surface.node_count, mesh.node_count);
         CHECK(all.nodes == NULL);
         CHECK(compact.surface.node_count < mesh.node_count);
@@ -888,19 +933,20 @@ static int mesh_shared_corners(const sb_mesh *mesh, int e, int f)
 /* Against the definition: neighbours share the corners of a face, and there are no others. */
 static void test_neighbours(void)
 {
-    for (int t = 0; t < 4; t++) {
-        sb_mesh mesh = mesh_beam(t < 3 ? mesh_volume_types[t] : SB_TET4, 3, 2, 2);
+    for (int t = 0; t <= MESH_VOLUMES; t++) {
+        int is_surface = t == MESH_VOLUMES;
+        sb_mesh mesh = mesh_beam(is_surface ? SB_TET4 : mesh_volume_types[t], 3, 2, 2);
         sb_index_table table;
         int corners, pairs = 0, expected = 0;
-        if (t == 3) {
+        if (is_surface) {
             sb_mesh surface = mesh_skin(&mesh);
             sb_mesh_free(&mesh);
             mesh = surface;
         }
-        corners = t == 2 ? 4 : (t == 3 ? 2 : 3);
+        corners = is_surface ? 2 : (mesh_is_hex(mesh.element_type) ? 4 : 3);
         CHECK_OK(sb_mesh_neighbours(&mesh, NULL, &table, NULL));
         CHECK_INT(table.rows, mesh.element_count);
-        CHECK_INT(table.columns, t == 2 ? 6 : (t == 3 ? 3 : 4));
+        CHECK_INT(table.columns, is_surface ? 3 : (mesh_is_hex(mesh.element_type) ? 6 : 4));
         for (int e = 0; e < table.rows; e++) {
             for (int f = 0; f < table.columns; f++) {
                 int other = table.items[e * table.columns + f], back = 0;
@@ -949,7 +995,7 @@ static void test_neighbours_crowded(void)
 
 static void test_edges(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         int nx = 3, ny = 2, nz = 2;
         sb_mesh mesh = mesh_beam(mesh_volume_types[t], nx, ny, nz);
         sb_index_table edges;
@@ -958,7 +1004,7 @@ static void test_edges(void)
         int faces = (nx + 1) * ny * nz + nx * (ny + 1) * nz + nx * ny * (nz + 1);
         CHECK_OK(sb_mesh_edges(&mesh, NULL, &edges, NULL));
         CHECK_INT(edges.columns, 2);
-        CHECK_INT(edges.rows, t == 2 ? axis : axis + faces + nx * ny * nz);
+        CHECK_INT(edges.rows, mesh_is_hex(mesh.element_type) ? axis : axis + faces + nx * ny * nz);
         for (int i = 0; i < edges.rows; i++) {
             const int *edge = edges.items + 2 * i;
             CHECK(edge[0] < edge[1]);
@@ -1056,6 +1102,49 @@ static void test_to_tet10(void)
     sb_mesh_free(&mesh);
 }
 
+/* Every new node stands where the hex8 it came from maps its parameters, and neighbours share it. */
+static void test_to_quadratic_hex(void)
+{
+    for (int t = 3; t < MESH_VOLUMES; t++) {
+        sb_mesh mesh = mesh_beam(SB_HEX8, 3, 2, 2), raised = mesh_none(), none = mesh_none();
+        sb_element_type type = mesh_volume_types[t];
+        sb_index_table edges;
+        unsigned long long seed = 8;
+        int faces = 4 * 2 * 2 + 3 * 3 * 2 + 3 * 2 * 3; /* of the 3 x 2 x 2 cells, in the three directions */
+        for (int v = 0; v < mesh.node_count; v++)
+            mesh.nodes[v].y += MREAL(check_random_in(&seed, -1e-3, 1e-3));
+        mesh_add_regions(&mesh);
+        CHECK_OK(sb_mesh_edges(&mesh, NULL, &edges, NULL));
+        CHECK_OK(type == SB_HEX20 ? sb_mesh_to_hex20(&mesh, NULL, &raised, NULL)
+                                  : sb_mesh_to_hex27(&mesh, NULL, &raised, NULL));
+        CHECK_INT(raised.element_type, type);
+        CHECK_INT(raised.node_count,
+                  mesh.node_count + edges.rows + (type == SB_HEX27 ? faces + mesh.element_count : 0));
+        CHECK(memcmp(raised.nodes, mesh.nodes, sizeof(sb_vec3) * (size_t)mesh.node_count) == 0);
+        CHECK(memcmp(raised.regions, mesh.regions, sizeof(int) * (size_t)mesh.element_count) == 0);
+        CHECK_OK(sb_mesh_validate(&raised, NULL));
+        for (int e = 0; e < mesh.element_count; e++)
+            for (int a = 0; a < mesh_width(&raised); a++) {
+                sb_real xi[3] = {0, 0, 0}, shape[8];
+                sb_vec3 expected = sb_v3(0, 0, 0);
+                sb_element_node_point(type, a, xi);
+                sb_element_shape(SB_HEX8, xi, shape, NULL);
+                for (int c = 0; c < 8; c++)
+                    expected = sb_v3_madd(expected, shape[c], mesh.nodes[mesh_nodes_of(&mesh, e)[c]]);
+                CHECK_NEAR(sb_v3_norm(sb_v3_sub(raised.nodes[mesh_nodes_of(&raised, e)[a]], expected)), 0,
+                           mesh_eps(0.2));
+            }
+        CHECK_NEAR(sb_mesh_volume(&raised), sb_mesh_volume(&mesh), 2.4e-5 * mesh_eps(64));
+        CHECK_RESULT(sb_mesh_to_hex20(&raised, NULL, &none, NULL), SB_ERROR_ARGUMENT);
+        CHECK_RESULT(sb_mesh_to_hex27(&raised, NULL, &none, NULL), SB_ERROR_ARGUMENT);
+        CHECK_RESULT(sb_mesh_to_hex27(&mesh, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
+        CHECK(none.nodes == NULL);
+        sb_index_table_free(&edges);
+        sb_mesh_free(&raised);
+        sb_mesh_free(&mesh);
+    }
+}
+
 static int mesh_bandwidth(const sb_mesh *mesh)
 {
     int widest = 0;
@@ -1088,7 +1177,7 @@ static void mesh_shuffle(sb_mesh *mesh, unsigned long long seed)
 
 static void test_reorder(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh mesh = mesh_none(), old = mesh_none();
         int *node_map, *element_map, lowest_before = -1;
         CHECK_OK(sb_mesh_beam(mesh_volume_types[t], 20, 3, 3, sb_v3(MREAL(0.2), MREAL(0.03), MREAL(0.03)),
@@ -1100,8 +1189,9 @@ static void test_reorder(void)
         element_map = (int *)malloc(sizeof(int) * (size_t)mesh.element_count);
         CHECK_OK(sb_mesh_reorder(&mesh, node_map, element_map, NULL));
         CHECK_OK(sb_mesh_validate(&mesh, NULL));
-        /* two slices of 4 x 4 nodes for linear elements; quadratic ones have nodes between them */
-        CHECK(mesh_bandwidth(&mesh) <= (t == 1 ? 170 : 45));
+        /* two slices of 4 x 4 nodes for linear elements; quadratic ones have nodes between them: hex20 three times 56,
+         * hex27 three times 98 */
+        CHECK(mesh_bandwidth(&mesh) <= (t == 1 || t == 3 ? 170 : (t == 4 ? 294 : 45)));
         CHECK(mesh_bandwidth(&old) > mesh.node_count / 2);
         for (int v = 0; v < old.node_count; v++)
             CHECK(memcmp(&mesh.nodes[node_map[v]], &old.nodes[v], sizeof(sb_vec3)) == 0);
@@ -1276,12 +1366,13 @@ static void test_null_outputs(void)
  * coordinates. */
 static sb_mesh mesh_random(unsigned long long *seed)
 {
-    static const sb_element_type types[] = {SB_TRI3, SB_TRI6, SB_QUAD4, SB_TET4, SB_TET10, SB_HEX8};
+    static const sb_element_type types[] = {SB_TRI3, SB_TRI6,  SB_QUAD4, SB_QUAD8, SB_QUAD9,
+                                            SB_TET4, SB_TET10, SB_HEX8,  SB_HEX20, SB_HEX27};
     static const double specials[] = {0, 1, -1, 1e-30, 1e30, 1e-38, 3e38, 0.5};
     sb_mesh mesh = mesh_none();
     volatile sb_real zero = 0;
     double wildness = check_random(seed);
-    mesh.element_type = types[(int)(check_random(seed) * 6)];
+    mesh.element_type = types[(int)(check_random(seed) * 10)];
     mesh.node_count = 1 + (int)(check_random(seed) * 40);
     mesh.element_count = 1 + (int)(check_random(seed) * 60);
     mesh.nodes = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)mesh.node_count);
@@ -1348,6 +1439,7 @@ CHECK_SUITE(mesh, {"free and copy", test_free_and_copy}, {"validate: counts", te
             {"validate: inverted at any scale", test_validate_inverted},
             {"validate: flat", test_validate_flat}, {"validate: crossed hex", test_validate_hex},
             {"validate: mid-edge nodes", test_validate_midside},
+            {"validate: quadratic hexes", test_validate_quadratic_hex},
             {"validate: surfaces", test_validate_surface}, {"report of a sound mesh", test_report_sound},
             {"report lists every bad element", test_report_lists_every_bad_element},
             {"bad files: elements", test_bad_files_elements},
@@ -1360,7 +1452,7 @@ CHECK_SUITE(mesh, {"free and copy", test_free_and_copy}, {"validate: counts", te
             {"scale", test_scale}, {"boundary", test_boundary}, {"neighbours", test_neighbours},
             {"neighbours at crowded edges", test_neighbours_crowded}, {"edges", test_edges},
             {"elements of nodes", test_node_elements}, {"components", test_components},
-            {"tet4 to tet10", test_to_tet10}, {"reorder", test_reorder},
+            {"tet4 to tet10", test_to_tet10}, {"hex8 to hex20 and hex27", test_to_quadratic_hex}, {"reorder", test_reorder},
             {"reorder parts and unused nodes", test_reorder_parts},
             {"every allocation failing", test_allocation_failures}, {"null outputs", test_null_outputs},
             {"hostile meshes", test_hostile});

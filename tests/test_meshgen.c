@@ -5,7 +5,13 @@
 
 #include "check.h"
 
-static const sb_element_type meshgen_types[] = {SB_TET4, SB_TET10, SB_HEX8};
+static const sb_element_type meshgen_types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
+enum { MESHGEN_TYPES = 5 };
+static int meshgen_is_hex(int t) { return sb_element_corner_count(meshgen_types[t]) == 8; }
+static int meshgen_is_quadratic(sb_element_type type)
+{
+    return sb_element_node_count(type) > sb_element_corner_count(type);
+}
 #define GREAL(x) ((sb_real)(x))
 static double meshgen_eps(double factor) { return factor * (double)SB_EPSILON; }
 
@@ -31,7 +37,7 @@ static double meshgen_check_solid(const sb_mesh *mesh)
         CHECK_INT(skin.nonmanifold_vertices + skin.duplicate_nodes, 0);
         CHECK_INT(skin.components, 1);
         /* Euler: a sphere has nodes - edges + faces = 2 (corner nodes) */
-        if (mesh->element_type != SB_TET10)
+        if (!meshgen_is_quadratic(mesh->element_type))
             CHECK_INT(boundary.surface.node_count -
                           boundary.surface.element_count *
                               sb_element_edge_count(boundary.surface.element_type) / 2 +
@@ -52,16 +58,19 @@ static double meshgen_check_solid(const sb_mesh *mesh)
 
 static void test_beam(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESHGEN_TYPES; t++) {
         sb_mesh mesh = meshgen_none();
         sb_vec3 low, high;
         int corners = 6 * 4 * 3;
         CHECK_OK(sb_mesh_beam(meshgen_types[t], 5, 3, 2, sb_v3(GREAL(0.1), GREAL(0.06), GREAL(0.04)), NULL,
                               &mesh, NULL));
         CHECK_INT(mesh.element_type, meshgen_types[t]);
-        CHECK_INT(mesh.element_count, t == 2 ? 30 : 180);
-        CHECK(t == 1 ? mesh.node_count > corners : mesh.node_count == corners);
-        CHECK(meshgen_check_solid(&mesh) > (t == 2 ? 0.99 : 0.75));
+        CHECK_INT(mesh.element_count, meshgen_is_hex(t) ? 30 : 180);
+        if (meshgen_types[t] == SB_HEX27)
+            CHECK_INT(mesh.node_count, 11 * 7 * 5);
+        else
+            CHECK(meshgen_is_quadratic(mesh.element_type) ? mesh.node_count > corners : mesh.node_count == corners);
+        CHECK(meshgen_check_solid(&mesh) > (meshgen_is_hex(t) ? 0.99 : 0.75));
         CHECK_NEAR(sb_mesh_volume(&mesh), 2.4e-4, 2.4e-4 * meshgen_eps(64));
         sb_mesh_bounds(&mesh, &low, &high);
         CHECK(low.x == 0 && low.y == 0 && low.z == 0);
@@ -80,14 +89,14 @@ static void test_beam(void)
 static void test_cylinder(void)
 {
     static const int across[] = {4, 5, 6, 7, 8, 16};
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESHGEN_TYPES; t++) {
         for (int i = 0; i < 6; i++) {
             sb_mesh mesh = meshgen_none();
             sb_vec3 low, high;
             int axis = i % 3;
             CHECK_OK(sb_mesh_cylinder(meshgen_types[t], axis, GREAL(0.02), GREAL(0.04), across[i],
                                       across[i] - 1, NULL, &mesh, NULL));
-            CHECK(meshgen_check_solid(&mesh) > (t == 2 ? 0.6 : 0.4));
+            CHECK(meshgen_check_solid(&mesh) > (meshgen_is_hex(t) ? 0.6 : 0.4));
             sb_mesh_bounds(&mesh, &low, &high);
             CHECK_NEAR(axis == 0 ? high.x : (axis == 1 ? high.y : high.z), 0.04, meshgen_eps(1));
             CHECK_NEAR(axis == 0 ? low.x : (axis == 1 ? low.y : low.z), 0, 0);
@@ -130,15 +139,15 @@ static void test_volume_order(void)
 
 static void test_ellipsoid(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESHGEN_TYPES; t++) {
         for (int cells = 4; cells <= 13; cells++) {
             sb_mesh mesh = meshgen_none();
             sb_boundary boundary;
             CHECK_OK(sb_mesh_ellipsoid(meshgen_types[t], sb_v3(GREAL(0.03), GREAL(0.02), GREAL(0.04)), cells,
                                        NULL, &mesh, NULL));
-            CHECK(meshgen_check_solid(&mesh) > (t == 2 ? 0.4 : 0.25));
+            CHECK(meshgen_check_solid(&mesh) > (meshgen_is_hex(t) ? 0.4 : 0.25));
             CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &boundary, NULL));
-            for (int v = 0; t != 1 && v < boundary.surface.node_count; v++) {
+            for (int v = 0; !meshgen_is_quadratic(meshgen_types[t]) && v < boundary.surface.node_count; v++) {
                 sb_vec3 x = boundary.surface.nodes[v];
                 sb_vec3 u = sb_v3(x.x / GREAL(0.03), x.y / GREAL(0.02), x.z / GREAL(0.04));
                 CHECK_NEAR(sb_v3_norm(u), 1, meshgen_eps(8));
@@ -153,11 +162,11 @@ static void test_ellipsoid(void)
 static void test_organ(void)
 {
     static const int cells[] = {4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 22, 31};
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESHGEN_TYPES; t++) {
         for (size_t i = 0; i < sizeof cells / sizeof cells[0]; i++) {
             sb_mesh mesh = meshgen_none();
             double volume;
-            if (cells[i] > (t == 1 ? 10 : (t == 0 ? 22 : 31)))
+            if (cells[i] > (meshgen_is_quadratic(meshgen_types[t]) ? 10 : (t == 0 ? 22 : 31)))
                 continue;
             CHECK_OK(sb_mesh_organ(meshgen_types[t], cells[i], NULL, &mesh, NULL));
             CHECK(meshgen_check_solid(&mesh) > 0.2);
@@ -215,7 +224,7 @@ static void test_organ_shape(void)
 
 static void test_same_bits(void)
 {
-    for (int t = 0; t < 3; t++) {
+    for (int t = 0; t < MESHGEN_TYPES; t++) {
         sb_mesh a = meshgen_none(), b = meshgen_none();
         CHECK_OK(sb_mesh_organ(meshgen_types[t], 8, NULL, &a, NULL));
         CHECK_OK(sb_mesh_organ(meshgen_types[t], 8, NULL, &b, NULL));

@@ -651,6 +651,67 @@ static void test_gmsh_tet10(void)
     sb_mesh_free(&mesh);
 }
 
+/* The nodes of the cube [0, 2]^3 in gmsh's order of hex27: corners, edges by their lower corner, faces z- y- x- x+ y+
+ * z+, the centre (documentation of gmsh, "Node ordering"). Read as hex20 and hex27 they must stand where our element
+ * has them. */
+static void test_gmsh_hexes(void)
+{
+    static const int at[27][3] = {{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {0, 0, 2}, {2, 0, 2}, {2, 2, 2},
+                                  {0, 2, 2}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {2, 1, 0}, {2, 0, 1}, {1, 2, 0},
+                                  {2, 2, 1}, {0, 2, 1}, {1, 0, 2}, {0, 1, 2}, {2, 1, 2}, {1, 2, 2}, {1, 1, 0},
+                                  {1, 0, 1}, {0, 1, 1}, {2, 1, 1}, {1, 2, 1}, {1, 1, 2}, {1, 1, 1}};
+    for (int nodes = 20; nodes <= 27; nodes += 7) {
+        char text[2000];
+        int used = snprintf(text, sizeof text, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n%d\n", nodes);
+        sb_mesh mesh;
+        for (int i = 0; i < nodes; i++)
+            used += snprintf(text + used, sizeof text - (size_t)used, "%d %d %d %d\n", i + 1, at[i][0], at[i][1],
+                             at[i][2]);
+        used += snprintf(text + used, sizeof text - (size_t)used, "$EndNodes\n$Elements\n1\n1 %d 2 0 1",
+                         nodes == 20 ? 17 : 12);
+        for (int i = 0; i < nodes; i++)
+            used += snprintf(text + used, sizeof text - (size_t)used, " %d", i + 1);
+        snprintf(text + used, sizeof text - (size_t)used, "\n$EndElements\n");
+        if (!CHECK_OK(load_text(&mesh, text, SB_FILE_AUTO, NULL)))
+            continue;
+        CHECK_INT(mesh.element_type, nodes == 20 ? SB_HEX20 : SB_HEX27);
+        for (int a = 0; a < nodes; a++) {
+            sb_real xi[3] = {0, 0, 0};
+            sb_vec3 x = mesh.nodes[mesh.elements[a]];
+            sb_element_node_point(mesh.element_type, a, xi);
+            CHECK(x.x == 1 + xi[0] && x.y == 1 + xi[1] && x.z == 1 + xi[2]);
+        }
+        CHECK_NEAR(sb_mesh_volume(&mesh), 8, 100 * SB_EPSILON);
+        sb_mesh_free(&mesh);
+    }
+}
+
+/* gmsh's quad8 (16) and quad9 (10) have our order; so has VTK's 29 for hex27. */
+static void test_quadratic_texts(void)
+{
+#define QUAD9_NODES "1 0 0 0\n2 2 0 0\n3 2 2 0\n4 0 2 0\n5 1 0 0\n6 2 1 0\n7 1 2 0\n8 0 1 0\n9 1 1 0\n"
+    sb_mesh mesh;
+    expect_text("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n9\n" QUAD9_NODES "$EndNodes\n$Elements\n1\n"
+                "1 10 2 0 1 1 2 3 4 5 6 7 8 9\n$EndElements\n",
+                SB_FILE_AUTO, SB_QUAD9, 9, 1, 0);
+    expect_text("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n9\n" QUAD9_NODES "$EndNodes\n$Elements\n1\n"
+                "1 16 2 0 1 1 2 3 4 5 6 7 8\n$EndElements\n",
+                SB_FILE_AUTO, SB_QUAD8, 9, 1, 0);
+    if (CHECK_OK(load_text(&mesh,
+                           "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n9\n" QUAD9_NODES "$EndNodes\n$Elements\n1\n"
+                           "1 10 2 0 1 1 2 3 4 5 6 7 8 9\n$EndElements\n",
+                           SB_FILE_AUTO, NULL)))
+        CHECK_NEAR(sb_mesh_surface_area(&mesh), 4, 32 * SB_EPSILON);
+    sb_mesh_free(&mesh);
+    /* a hex27 by VTK's vtkTriQuadraticHexahedron: 0-19 as hex20, then x- x+ y- y+ z- z+, the centre */
+    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\nPOINTS 27 float\n0 0 0 2 0 0 2 2 0 0 2 0 0 0 2 2 0 2 2 2 2 0 2 2\n"
+                         "1 0 0 2 1 0 1 2 0 0 1 0 1 0 2 2 1 2 1 2 2 0 1 2 0 0 1 2 0 1 2 2 1 0 2 1\n"
+                         "0 1 1 2 1 1 1 0 1 1 2 1 1 1 0 1 1 2 1 1 1\nCELLS 1 28\n27 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 "
+                         "17 18 19 20 21 22 23 24 25 26\nCELL_TYPES 1\n29\n",
+                SB_FILE_VTK, SB_HEX27, 27, 1, 0);
+#undef QUAD9_NODES
+}
+
 static void test_surface_texts(void)
 {
     /* a polygon of 5, faces before their vertices, old Macintosh line ends */
@@ -940,6 +1001,13 @@ static const struct bad_text {
     {SB_FILE_VTK,
      VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 2 12\n4 0 1 2 4\n6 0 1 2 4 5 6\nCELL_TYPES 2\n10 13\n",
      SB_ERROR_UNSUPPORTED, 0, 1, "wedge6"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_FORMAT, 10, 0, "a hex20 has 20"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n29\n", SB_ERROR_FORMAT, 10, 0, "a hex27 has 27"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_MESH, 0, 0,
+     "used twice"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 4\nCELL_TYPES 1\n25\n", SB_ERROR_INDEX, 0, 0,
+     "node 4"},
+    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 17 2 0 0 1 2 3 4\n$EndElements\n", SB_ERROR_FORMAT, 0, 0, ""},
     {SB_FILE_GMSH, "$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", SB_ERROR_UNSUPPORTED, 2, -1, "4.0"},
     {SB_FILE_GMSH, "$NOD\n1\n1 0 0 0\n$ENDNOD\n", SB_ERROR_UNSUPPORTED, 1, -1, "version 1"},
     {SB_FILE_GMSH, GMSH_NODES, SB_ERROR_FORMAT, 1, -1, "$MeshFormat"},
@@ -1266,6 +1334,9 @@ static const struct good_file {
                   {"volumes/beam_caribou_tet4.vtk", SB_TET4, 81, 192, 18, 0},
                   {"volumes/beam_caribou_tet10.vtk", SB_TET10, 425, 192, 18, 0},
                   {"volumes/beam_caribou_hex8.vtk", SB_HEX8, 81, 32, 18, 0},
+                  {"volumes/beam_caribou_hex20.vtk", SB_HEX20, 261, 32, 18, 0},
+                  {"volumes/beam_hex20.vtk", SB_HEX20, 321, 40, 40, 0},
+                  {"volumes/cylinder_hex20.vtk", SB_HEX20, 2341, 480, 0, 0},
                   {"volumes/cylinder_caribou_tet4.vtk", SB_TET4, 221, 558, 0, 0},
                   {"volumes/beam_tet4.vtk", SB_TET4, 99, 240, 40, 0},
                   {"volumes/cylinder_tet4.vtk", SB_TET4, 408, 1388, 0, 0},
@@ -1446,17 +1517,17 @@ static void test_locale(void)
 /* Surfaces come back bit by bit through every surface format, and through VTK. */
 static void test_round_trip_surfaces(void)
 {
-    static const sb_element_type types[3] = {SB_TRI3, SB_QUAD4, SB_TRI6};
+    static const sb_element_type types[5] = {SB_TRI3, SB_QUAD4, SB_TRI6, SB_QUAD8, SB_QUAD9};
     static const char *const endings[5] = {".vtk", "_b.vtk", ".obj", ".ply", ".stl"};
     unsigned long long state = 12345;
-    for (int i = 0; i < 3 * 5; i++) {
-        sb_vec3 x[7];
-        int cells[5 * 6], regions[5] = {0, 4, -1, 2147483647, 4}, format = i % 5;
+    for (int i = 0; i < 5 * 5; i++) {
+        sb_vec3 x[11];
+        int cells[5 * 9], regions[5] = {0, 4, -1, 2147483647, 4}, format = i % 5;
         sb_mesh mesh, loaded;
         sb_error error;
         const char *path = temporary(endings[format]);
         sb_result result;
-        fill_mesh(&mesh, types[i / 5], 7, 5, x, cells, &state);
+        fill_mesh(&mesh, types[i / 5], i < 15 ? 7 : 11, 5, x, cells, &state);
         mesh.regions = regions;
         if (format < 2)
             result = format ? sb_mesh_save_vtk_binary(path, &mesh, NULL, 0, &error)
@@ -1466,7 +1537,7 @@ static void test_round_trip_surfaces(void)
         else
             result =
                 format == 3 ? sb_mesh_save_ply(path, &mesh, &error) : sb_mesh_save_stl(path, &mesh, &error);
-        if (types[i / 5] == SB_TRI6 && format >= 2) {
+        if (i >= 10 && format >= 2) { /* curved */
             CHECK_RESULT(result, SB_ERROR_UNSUPPORTED);
             CHECK(!file_exists(path));
             continue;
@@ -1525,6 +1596,27 @@ static void test_round_trip_volumes(void)
         CHECK_RESULT(sb_mesh_save_stl(copy, &mesh, NULL), SB_ERROR_UNSUPPORTED);
         CHECK_RESULT(sb_mesh_save_ply(copy, &mesh, NULL), SB_ERROR_UNSUPPORTED);
         remove(copy);
+        sb_mesh_free(&mesh);
+    }
+}
+
+/* Quadratic hexes of our own making, curved, come back to the last bit. */
+static void test_round_trip_hexes(void)
+{
+    for (int i = 0; i < 4; i++) {
+        sb_mesh mesh, loaded;
+        const char *path = temporary(".vtk");
+        CHECK_OK(sb_mesh_beam(i < 2 ? SB_HEX20 : SB_HEX27, 3, 2, 2, sb_v3(3, 2, 2), NULL, &mesh, NULL));
+        for (int v = 0; v < mesh.node_count; v++)
+            mesh.nodes[v].x += (sb_real)0.1 * mesh.nodes[v].z * mesh.nodes[v].z;
+        CHECK_OK(i % 2 ? sb_mesh_save_vtk_binary(path, &mesh, NULL, 0, NULL)
+                       : sb_mesh_save_vtk(path, &mesh, NULL, 0, NULL));
+        if (CHECK_OK(sb_mesh_load(&loaded, path, NULL, NULL))) {
+            CHECK(same_nodes(&mesh, &loaded) && same_elements(&mesh, &loaded));
+            CHECK_NEAR(sb_mesh_volume(&loaded), 12, 12 * 64 * SB_EPSILON);
+            sb_mesh_free(&loaded);
+        }
+        remove(path);
         sb_mesh_free(&mesh);
     }
 }
@@ -1945,14 +2037,16 @@ static void test_mutations(void)
 
 CHECK_SUITE(meshio, {"every variant of every format", test_variants}, {"vtk number types", test_vtk_types},
             {"vtk cells", test_vtk_cells}, {"vtk regions", test_vtk_regions},
-            {"gmsh tet10 order", test_gmsh_tet10}, {"surface texts", test_surface_texts},
+            {"gmsh tet10 order", test_gmsh_tet10}, {"gmsh hex20 and hex27 order", test_gmsh_hexes},
+            {"quadratic elements in texts", test_quadratic_texts}, {"surface texts", test_surface_texts},
             {"numbers are read exactly", test_numbers_exact}, {"what is no number", test_numbers_refused},
             {"locale", test_locale}, {"tetgen", test_tetgen}, {"errors say where", test_errors},
             {"arguments", test_arguments}, {"orientation", test_orientation}, {"bad files", test_bad_files},
             {"bad elements are named", test_bad_elements}, {"good files", test_good_files},
             {"one mesh in two formats", test_same_mesh}, {"regions of the phantom", test_phantom_regions},
             {"surfaces there and back", test_round_trip_surfaces},
-            {"volumes there and back", test_round_trip_volumes}, {"fields", test_fields},
+            {"volumes there and back", test_round_trip_volumes},
+            {"quadratic hexes there and back", test_round_trip_hexes}, {"fields", test_fields},
             {"writer errors", test_writer_errors}, {"failing memory", test_memory_failures},
             {"huge counts", test_huge_counts}, {"no slow files", test_no_slow_files},
             {"mutations", test_mutations});

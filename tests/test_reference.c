@@ -263,6 +263,12 @@ static void test_neo_hookean_tet4(void) { compare_static("nh_cantilever_tet4", 1
 static void test_neo_hookean_tet10(void) { compare_static("nh_cantilever_tet10", 1e-5, 1e-4); }
 static void test_neo_hookean_hex8(void) { compare_static("nh_cantilever_hex8", 1e-5, 1e-4); }
 static void test_uniaxial(void) { compare_static("nh_uniaxial_tet10", 1e-5, 1e-4); }
+static void test_linear_hex20(void) { compare_static("lin_cantilever_hex20", 1e-5, 0.05); }
+static void test_neo_hookean_hex20(void) { compare_static("nh_cantilever_hex20", 1e-5, 1e-4); }
+static void test_svk_hex20(void) { compare_static("svk_cantilever_hex20", 1e-5, 1e-4); }
+static void test_twist_hex20(void) { compare_static("twist90_hex20", 1e-5, 1e-4); }
+static void test_stretch_hex20(void) { compare_static("cylinder_stretch3_hex20", 1e-5, 1e-4); }
+static void test_release_hex20(void) { compare_dynamic("dyn_gravity_hex20"); }
 static void test_svk_tet4(void) { compare_static("svk_cantilever_tet4", 1e-5, 1e-4); }
 static void test_svk_tet10(void) { compare_static("svk_cantilever_tet10", 1e-5, 1e-4); }
 static void test_twist(void) { compare_static("twist90_tet10", 1e-5, 1e-4); }
@@ -292,4 +298,8 @@ CHECK_SUITE(reference, {"linear cantilever, tet4", test_linear_tet4},
             {"stretched cylinder", test_stretch}, {"phantom with two regions, tet4", test_phantom_tet4},
             {"phantom with two regions, tet10", test_phantom_tet10},
             {"released cantilever, tet4", test_release_tet4},
-            {"released cantilever, tet10", test_release_tet10});
+            {"released cantilever, tet10", test_release_tet10}, {"linear cantilever, hex20", test_linear_hex20},
+            {"neo-Hookean cantilever, hex20", test_neo_hookean_hex20},
+            {"St. Venant-Kirchhoff cantilever, hex20", test_svk_hex20},
+            {"twist by 90 degrees, hex20", test_twist_hex20}, {"stretched cylinder, hex20", test_stretch_hex20},
+            {"released cantilever, hex20", test_release_hex20});

@@ -8,8 +8,8 @@
 #include "check.h"
 #include "scene.h"
 
-static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8};
-enum { ELEMENT_TYPES = 3 };
+static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
+enum { ELEMENT_TYPES = 5 };
 
 /* ---- free bodies ---- */
 
@@ -586,10 +586,10 @@ static int recover(beaten_body *b)
     return failures;
 }
 
-static void violence(sb_element_type type, int single_rotation, unsigned seed)
+static void violence(sb_element_type type, int single_rotation, unsigned seed, int steps)
 {
     sb_mesh mesh = scene_box(type, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
-    int n = mesh.node_count, failures = 0, steps = getenv("CHECK_QUICK") ? 1000 : 10000;
+    int n = mesh.node_count, failures = 0;
     sb_body_def def = sb_default_body_def();
     beaten_body b;
     double size = 0.2, left;
@@ -598,7 +598,7 @@ static void violence(sb_element_type type, int single_rotation, unsigned seed)
     b.u = (sb_vec3 *)malloc((size_t)n * sizeof(sb_vec3));
     b.seed = seed;
     b.models = single_rotation ? 1 : 3;
-    b.stiffest = type == SB_TET10 ? 0.499 : 0.45;
+    b.stiffest = sb_element_node_count(type) > sb_element_corner_count(type) ? 0.499 : 0.45;
     b.tool = -1;
     def.mesh = &mesh;
     def.material = tough_material(0, 5e3, 0.4);
@@ -629,9 +629,17 @@ static void violence(sb_element_type type, int single_rotation, unsigned seed)
 
 static void test_violence(void)
 {
-    for (int t = 0; t < ELEMENT_TYPES; t++)
-        violence(element_types[t], 0, 99);
-    violence(SB_TET10, 1, 99);
+    int steps = getenv("CHECK_QUICK") ? 1000 : 10000;
+    violence(SB_TET4, 0, 99, steps);
+    violence(SB_TET10, 0, 99, steps);
+    violence(SB_HEX8, 0, 99, steps);
+    violence(SB_TET10, 1, 99, steps);
+}
+
+static void test_violence_hexes(void)
+{
+    violence(SB_HEX20, 0, 99, 1000);
+    violence(SB_HEX27, 0, 99, 1000);
 }
 
 /* ---- threads ---- */
@@ -754,6 +762,7 @@ CHECK_SUITE(step, {"free fall", test_free_fall}, {"rest for 10,000 steps", test_
             {"a failed step is undone", test_failed_step_is_undone}, {"an undone step leaves no trace", test_undo_leaves_no_trace},
             {"a linearised step refuses inversion", test_linearised_step_refuses_inversion},
             {"inverted start", test_inverted_start},
-            {"10,000 steps of violence", test_violence}, {"same bits for any threads", test_threads},
+            {"10,000 steps of violence", test_violence},
+            {"1,000 steps of violence, quadratic hexes", test_violence_hexes}, {"same bits for any threads", test_threads},
             {"moving supports", test_moving_supports}, {"damping changes between steps", test_damping_changes},
             {"iteration cap", test_cap});

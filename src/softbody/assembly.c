@@ -283,19 +283,20 @@ static int sbi_cell_is_twisted(const sb_quat *rotation, int q)
 static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3 *u)
 {
     const sb_domain *domain = assembly->domain;
+    sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell;
     const int *cell = domain->cells + (size_t)e * (size_t)n;
     for (int k = 0; k < n; k++) {
         sb_real xi[3] = {0, 0, 0}, gradient[SB_MAX_ELEMENT_NODES][3];
         sb_vec3 column[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
-        sb_element_node_point(domain->element_type, k, xi);
-        sb_element_shape(domain->element_type, xi, NULL, gradient);
+        sbi_element_node_point(element, k, xi);
+        sbi_element_shape(element, xi, NULL, gradient);
         for (int a = 0; a < n; a++) {
             sb_vec3 x = sb_v3_add(assembly->reference[cell[a]], u[cell[a]]);
             for (int j = 0; j < 3; j++)
                 column[j] = sb_v3_madd(column[j], gradient[a][j], x);
         }
-        if (!(sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) > 0))
+        if (sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) <= 0) /* NaN where a custom element has no slope */
             return 1;
     }
     return 0;
@@ -746,6 +747,8 @@ static void sbi_edge_diagonals(void *user, int index)
         }                                                                                                       \
         break;                                                                                                  \
     case SB_HEX8: CALL(8, 8, 0); break;                                                                         \
+    case SB_HEX20: CALL(20, 27, 0); break;                                                                      \
+    case SB_HEX27: CALL(27, 27, 0); break;                                                                      \
     default: CALL(domain->nodes_per_cell, domain->points_per_cell, 0); break;                                   \
     }
 

@@ -216,6 +216,7 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     mesh.node_count = body->domain.node_count;
     mesh.nodes = body->reference;
     mesh.element_type = body->domain.element_type;
+    mesh.table = body->domain.table;
     mesh.element_count = body->domain.cell_count;
     mesh.elements = body->domain.cells;
     return mesh;
@@ -267,10 +268,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sb_real density = body->materials[body->cell_material[e]].density;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_element_mass(body->domain.element_type, body->mass_kind, x, mass, load);
+            sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density);
         }
-        sbi_element_mass(body->domain.element_type, SB_MASS_LUMPED, x, mass, load);
+        sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -703,12 +704,12 @@ static int sbi_body_find_face(const sb_body *body, const int *corners, int count
                               sb_element_type *face_type)
 {
     const sb_index_lists *lists = &body->node_elements;
-    sb_element_type type = body->domain.element_type;
+    sbi_element element = sbi_domain_element(&body->domain);
     int n = body->domain.nodes_per_cell;
     for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
         const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        for (int face = 0; face < sb_element_face_count(type); face++) {
-            int local[SB_MAX_FACE_NODES], face_nodes = sb_element_face(type, face, local, face_type);
+        for (int face = 0; face < sbi_element_face_count(element); face++) {
+            int local[SB_MAX_FACE_NODES], face_nodes = sbi_element_face(element, face, local, face_type);
             if (sb_element_corner_count(*face_type) != count ||
                 !sbi_body_has_corners(corners, cell, local, count))
                 continue;
@@ -1011,9 +1012,11 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
 static int sbi_body_is_duplicate(const sb_body *body, int element)
 {
     const sb_index_lists *lists = &body->node_elements;
-    int n = body->domain.nodes_per_cell, corners = sb_element_corner_count(body->domain.element_type);
+    int n = body->domain.nodes_per_cell, corners = sbi_element_corner_count(sbi_domain_element(&body->domain));
     const int *cell = body->domain.cells + (size_t)element * (size_t)n;
-    static const int local[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    int local[SB_MAX_ELEMENT_NODES];
+    for (int a = 0; a < corners; a++)
+        local[a] = a;
     for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
         if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
             return 1;

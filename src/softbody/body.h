@@ -27,7 +27,8 @@ typedef struct sb_region_material {
 
 /* What a body is made from. Start from sb_default_body_def(), set mesh and material, change what you like. */
 typedef struct sb_body_def {
-    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only */
+    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
+                                       * custom elements, which the body keeps */
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
@@ -94,7 +95,7 @@ SB_API const unsigned char *sb_body_supports(const sb_body *body);
 /* ---- loads: dead loads that stay until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
-/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
+/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
 SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
                                       sb_vec3 traction, sb_error *error);

@@ -86,9 +86,10 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
-    int n = domain->nodes_per_cell, q = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
-        sb_element_shape(mesh->element_type, points[p], NULL, local[p]);
+        sbi_element_shape(element, points[p], NULL, local[p]);
     for (int e = 0; e < mesh->element_count; e++) {
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
         sbi_domain_gather(mesh, e, n, x);
@@ -161,8 +162,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.single_rotation = single_rotation != 0;
     made.node_count = mesh->node_count;
     made.cell_count = mesh->element_count;
-    made.nodes_per_cell = sb_element_node_count(mesh->element_type);
-    made.points_per_cell = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    made.table = sbi_mesh_element_kind(mesh).table;
+    made.nodes_per_cell = sb_mesh_element_width(mesh);
+    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights);
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(mesh, kind, &made, error);
@@ -177,17 +179,17 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
-static sb_real sbi_domain_integrate_mass(sb_element_type type, sb_quadrature_kind kind, const sb_vec3 *x,
+static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x,
                                          sb_real *mass, sb_real *load)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
-    int n = sb_element_node_count(type), q = sb_element_quadrature(type, kind, points, weights);
+    int n = sbi_element_node_count(element), q = sbi_element_quadrature(element, kind, points, weights);
     sb_real volume = 0;
     memset(mass, 0, (size_t)(n * n) * sizeof *mass);
     memset(load, 0, (size_t)n * sizeof *load);
     for (int p = 0; p < q; p++) {
-        sb_element_shape(type, points[p], shape, local);
+        sbi_element_shape(element, points[p], shape, local);
         sb_real w = weights[p] * sb_m3_det(sbi_domain_jacobian(n, x, (const sb_real(*)[3])local));
         volume += w;
         for (int a = 0; a < n; a++) {
@@ -199,14 +201,15 @@ static sb_real sbi_domain_integrate_mass(sb_element_type type, sb_quadrature_kin
     return volume;
 }
 
-SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load)
 {
     sb_real load[SB_MAX_ELEMENT_NODES];
-    int n = sb_element_node_count(type);
-    sb_real volume = sbi_domain_integrate_mass(type, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
+    int n = sbi_element_node_count(element);
+    sb_real volume =
+        sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
-        sbi_domain_integrate_mass(type, SB_QUADRATURE_STIFFNESS, x, mass, load);
+        sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
     if (kind == SB_MASS_LUMPED) {
         sb_real trace = 0;
         for (int a = 0; a < n; a++)

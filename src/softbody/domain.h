@@ -11,6 +11,7 @@
  * serve every element, and whatever else can name its nodes, weights and gradients. */
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
+    const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
     int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
     int node_count;
     int cell_count;
@@ -26,7 +27,7 @@ typedef struct sb_domain {
 /* How a domain integrates its elements. */
 typedef enum sb_integration {
     SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
-    SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2 points */
+    SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
     SB_INTEGRATION_CURVED = 2  /* tet10 8 points (degree 3); other elements as standard */
 } sb_integration;
 
@@ -50,9 +51,14 @@ typedef enum sb_mass_kind {
 } sb_mass_kind;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The element of the cells. */
+SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
+{
+    return sbi_element_make(domain->element_type, domain->table);
+}
 /* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
  * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
-SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load);
 #endif
 

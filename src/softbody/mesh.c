@@ -18,7 +18,7 @@ static sb_result sbi_mesh_no_memory(sb_error *error)
 
 static const int *sbi_mesh_element(const sb_mesh *mesh, int element)
 {
-    return mesh->elements + (size_t)element * (size_t)sb_element_node_count(mesh->element_type);
+    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
 
 /* ---- life ---- */
@@ -40,17 +40,19 @@ static void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *all
         *target = *allocator;
 }
 
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator)
+/* sbi_mesh_allocate for any element. */
+static int sbi_mesh_allocate_kind(sb_mesh *mesh, sbi_element element, int node_count, int element_count,
+                                  int with_regions, const sb_allocator *allocator)
 {
-    size_t per_element = sizeof(int) * (size_t)sb_element_node_count(type);
+    size_t per_element = sizeof(int) * (size_t)sbi_element_node_count(element);
     memset(mesh, 0, sizeof *mesh);
     sbi_mesh_set_allocator(&mesh->allocator, allocator);
     mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)node_count, sizeof(sb_vec3));
     mesh->elements = (int *)sbi_alloc(allocator, (size_t)element_count, per_element);
     if (with_regions)
         mesh->regions = (int *)sbi_alloc(allocator, (size_t)element_count, sizeof(int));
-    mesh->element_type = type;
+    mesh->element_type = element.type;
+    mesh->table = element.table;
     mesh->node_count = node_count;
     mesh->element_count = element_count;
     if (mesh->nodes && mesh->elements && (mesh->regions || !with_regions))
@@ -59,12 +61,24 @@ SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_coun
     return 0;
 }
 
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
+                              int with_regions, const sb_allocator *allocator)
+{
+    return sbi_mesh_allocate_kind(mesh, sbi_element_make(type, NULL), node_count, element_count, with_regions,
+                                  allocator);
+}
+
 /* Counts, type and pointers; what the arrays hold is not looked at. */
 static sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
 {
     if (!mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh is NULL");
-    if (sb_element_node_count(mesh->element_type) == 0)
+    if (mesh->element_type == SB_CUSTOM) {
+        sb_result result = sb_element_table_check(mesh->table, error);
+        if (result != SB_OK)
+            return result;
+    }
+    if (sb_mesh_element_width(mesh) == 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has unknown element type %d",
                         (int)mesh->element_type);
     if (mesh->node_count < 0 || mesh->element_count < 0)
@@ -92,7 +106,7 @@ static sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 static int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     for (int a = 0; a < n; a++) {
         if (nodes[a] < 0 || nodes[a] >= mesh->node_count) {
             *index = nodes[a];
@@ -125,10 +139,10 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
         return result;
     if (!copy)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "copy is NULL");
-    if (!sbi_mesh_allocate(&made, mesh->element_type, mesh->node_count, mesh->element_count,
-                           mesh->regions != NULL, allocator))
+    if (!sbi_mesh_allocate_kind(&made, sbi_mesh_element_kind(mesh), mesh->node_count, mesh->element_count,
+                                mesh->regions != NULL, allocator))
         return sbi_mesh_no_memory(error);
-    nodes_per_element = (size_t)sb_element_node_count(mesh->element_type);
+    nodes_per_element = (size_t)sb_mesh_element_width(mesh);
     memcpy(made.nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
     memcpy(made.elements, mesh->elements, sizeof(int) * nodes_per_element * (size_t)mesh->element_count);
     if (mesh->regions)
@@ -139,7 +153,8 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
 
 /* ---- Jacobians ---- */
 
-enum { SBI_MESH_SAMPLES = 28, SBI_MESH_NODES = 10 };
+/* hex27 has the most: its nodes and its 27 points. */
+enum { SBI_MESH_SAMPLES = SB_MAX_ELEMENT_NODES + SB_MAX_QUADRATURE_POINTS, SBI_MESH_NODES = SB_MAX_ELEMENT_NODES };
 
 /* Shape functions at a set of points, made once for all elements. */
 typedef struct sbi_mesh_table {
@@ -149,43 +164,49 @@ typedef struct sbi_mesh_table {
     sb_real gradient[SBI_MESH_SAMPLES][SBI_MESH_NODES][3];
 } sbi_mesh_table;
 
-static void sbi_mesh_table_add(sbi_mesh_table *table, sb_element_type type, const sb_real xi[3],
-                               sb_real weight)
+static void sbi_mesh_table_add(sbi_mesh_table *table, sbi_element element, const sb_real xi[3], sb_real weight)
 {
-    sb_element_shape(type, xi, table->shape[table->count], table->gradient[table->count]);
+    sbi_element_shape(element, xi, table->shape[table->count], table->gradient[table->count]);
     table->weight[table->count++] = weight;
 }
 
-static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sb_element_type type, sb_quadrature_kind kind)
+static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, sb_quadrature_kind kind)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int count = sb_element_quadrature(type, kind, points, weights);
+    int count = sbi_element_quadrature(element, kind, points, weights);
     for (int i = 0; i < count; i++)
-        sbi_mesh_table_add(table, type, points[i], weights[i]);
+        sbi_mesh_table_add(table, element, points[i], weights[i]);
 }
 
-/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3). */
-static void sbi_mesh_table_for_volume(sbi_mesh_table *table, sb_element_type type)
+/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3; custom: the mass points). */
+static void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
-    sbi_mesh_table_add_rule(table, type, SB_QUADRATURE_STIFFNESS_CURVED);
+    sbi_mesh_table_add_rule(table, element,
+                            element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
 /* The points where a Jacobian must be positive: all nodes first; tet10: also the face centroids (the last
- * four of its 8-point rule) and the 14 points of its mass rule; hex8: also Gauss points. */
-static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sb_element_type type)
+ * four of its 8-point rule) and the 14 points of its mass rule; hexes: also Gauss points, hex20 at the nodes of hex27.
+ * Custom elements: their points only, since gradients may have no value at nodes. Quads: the corners alone. */
+static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
 {
     sb_real xi[3] = {0, 0, 0}, points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_element_type type = element.type, sampled = type == SB_HEX20 ? SB_HEX27 : type;
     table->count = 0;
-    for (int a = 0; sb_element_node_point(type, a, xi); a++)
-        sbi_mesh_table_add(table, type, xi, 0);
+    if (sb_element_straight(type) == SB_QUAD4)
+        element = sbi_element_make(SB_QUAD4, NULL), sampled = SB_QUAD4;
+    for (int a = 0; sb_element_node_point(sampled, a, xi); a++)
+        sbi_mesh_table_add(table, element, xi, 0);
     if (type == SB_TET10) {
         sb_element_quadrature(type, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
         for (int i = 4; i < 8; i++)
-            sbi_mesh_table_add(table, type, points[i], 0);
+            sbi_mesh_table_add(table, element, points[i], 0);
     }
-    if (type == SB_TET10 || type == SB_HEX8)
-        sbi_mesh_table_add_rule(table, type, SB_QUADRATURE_MASS);
+    if (type == SB_CUSTOM)
+        sbi_mesh_table_add_rule(table, element, SB_QUADRATURE_STIFFNESS);
+    if (sb_element_dimension(type) == 3 && type != SB_TET4)
+        sbi_mesh_table_add_rule(table, element, SB_QUADRATURE_MASS);
 }
 
 /* An element's nodes relative to its first and divided by its largest extent `size` (m), so that no product
@@ -201,7 +222,7 @@ static sb_real sbi_mesh_max_abs(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(s
 static void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     sb_vec3 origin = mesh->nodes[nodes[0]];
     sb_real magnitude = 0;
     local->size = 0;
@@ -238,6 +259,22 @@ static sb_real sbi_mesh_corner_det(const sb_vec3 *x)
 
 /* ---- defects of one element ---- */
 
+/* Smallest Jacobian at a corner of the hex8 with these corners: an eighth of the triple product of its edges there. */
+static sb_real sbi_mesh_hex_corner_det(const sb_vec3 *x)
+{
+    static const signed char beside[8][3] = {{1, 3, 4}, {2, 0, 5}, {3, 1, 6}, {0, 2, 7},
+                                             {7, 5, 0}, {4, 6, 1}, {5, 7, 2}, {6, 4, 3}};
+    sb_real least = SB_REAL_MAX;
+    for (int a = 0; a < 8; a++) {
+        sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[beside[a][0]], x[a]), sb_v3_sub(x[beside[a][1]], x[a]),
+                                      sb_v3_sub(x[beside[a][2]], x[a]));
+        sb_real det = sb_m3_det(edges) / 8;
+        if (!(det >= least))
+            least = det;
+    }
+    return least;
+}
+
 static sb_mesh_defect sbi_mesh_defect_of_sign(sb_real det, sb_real rounding)
 {
     if (det > rounding)
@@ -264,19 +301,24 @@ static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int n
 
 static sb_mesh_defect sbi_mesh_shape_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
+    int n = sb_mesh_element_width(mesh);
     sb_mesh_defect defect;
     sbi_mesh_local local;
     sbi_mesh_local_make(mesh, element, &local);
     if (sb_element_dimension(mesh->element_type) == 2) {
-        sb_vec3 across = mesh->element_type == SB_QUAD4 ? sb_v3_sub(local.x[3], local.x[1]) : local.x[1];
+        int is_quad = sb_element_straight(mesh->element_type) == SB_QUAD4;
+        sb_vec3 across = is_quad ? sb_v3_sub(local.x[3], local.x[1]) : local.x[1];
         return sb_v3_norm(sb_v3_cross(local.x[2], across)) > local.rounding ? SB_MESH_SOUND : SB_MESH_FLAT;
     }
-    if (mesh->element_type == SB_HEX8)
-        return sbi_mesh_sampled_defect(table, 8, &local);
-    defect = sbi_mesh_defect_of_sign(sbi_mesh_corner_det(local.x), local.rounding);
+    if (mesh->element_type == SB_HEX8 || mesh->element_type == SB_CUSTOM)
+        return sbi_mesh_sampled_defect(table, n, &local);
+    defect = sbi_mesh_defect_of_sign(sb_element_straight(mesh->element_type) == SB_HEX8
+                                         ? sbi_mesh_hex_corner_det(local.x)
+                                         : sbi_mesh_corner_det(local.x),
+                                     local.rounding);
     if (defect != SB_MESH_SOUND || mesh->element_type == SB_TET4)
         return defect;
-    return sbi_mesh_sampled_defect(table, 10, &local) == SB_MESH_SOUND ? SB_MESH_SOUND : SB_MESH_BAD_MIDSIDE;
+    return sbi_mesh_sampled_defect(table, n, &local) == SB_MESH_SOUND ? SB_MESH_SOUND : SB_MESH_BAD_MIDSIDE;
 }
 
 static int sbi_mesh_has_repeated_node(const int *nodes, int count)
@@ -292,7 +334,7 @@ static int sbi_mesh_has_repeated_node(const int *nodes, int count)
 static sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type), index;
+    int n = sb_mesh_element_width(mesh), index;
     if (sbi_mesh_index_out_of_range(mesh, element, &index))
         return SB_MESH_INDEX_RANGE;
     for (int a = 0; a < n; a++)
@@ -357,7 +399,7 @@ SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
     if (result != SB_OK)
         return result;
     memset(found, 0, sizeof found);
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
         if (found[defect].count < SBI_MESH_LISTED)
@@ -384,7 +426,7 @@ typedef enum sbi_mesh_part {
 typedef struct sbi_mesh_keys {
     int count; /* parts */
     int per_element;
-    int width;  /* corners per part */
+    int width;  /* corners per part; a part with fewer repeats its highest */
     int sorted; /* parts in `order`: those of elements that were not skipped */
     int *keys;  /* [count][width] corner nodes, ascending */
     int *order; /* [sorted] parts sorted by key, equal keys by part */
@@ -398,30 +440,30 @@ static void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *key
 }
 
 /* Local corner numbers of a part of an element; returns how many. */
-static int sbi_mesh_part_corners(sb_element_type type, sbi_mesh_part part, int index,
+static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index,
                                  int corners[SB_MAX_ELEMENT_NODES])
 {
     sb_element_type face_type = SB_NO_ELEMENT;
     if (part == SBI_MESH_WHOLE) {
-        int count = sb_element_corner_count(type);
+        int count = sbi_element_corner_count(element);
         for (int a = 0; a < count; a++)
             corners[a] = a;
         return count;
     }
-    if (part == SBI_MESH_EDGES || sb_element_dimension(type) == 2) {
-        sb_element_edge(type, index, corners);
+    if (part == SBI_MESH_EDGES || sb_element_dimension(element.type) == 2) {
+        sbi_element_edge(element, index, corners);
         return 2;
     }
-    sb_element_face(type, index, corners, &face_type);
+    sbi_element_face(element, index, corners, &face_type);
     return sb_element_corner_count(face_type);
 }
 
-static int sbi_mesh_parts_per_element(sb_element_type type, sbi_mesh_part part)
+static int sbi_mesh_parts_per_element(sbi_element element, sbi_mesh_part part)
 {
     if (part == SBI_MESH_WHOLE)
         return 1;
-    return part == SBI_MESH_EDGES || sb_element_dimension(type) == 2 ? sb_element_edge_count(type)
-                                                                     : sb_element_face_count(type);
+    return part == SBI_MESH_EDGES || sb_element_dimension(element.type) == 2 ? sbi_element_edge_count(element)
+                                                                             : sbi_element_face_count(element);
 }
 
 static void sbi_mesh_insertion_sort(int *values, int count)
@@ -437,18 +479,20 @@ static void sbi_mesh_insertion_sort(int *values, int count)
 static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
                                sbi_mesh_keys *keys)
 {
-    int corners[12][SB_MAX_ELEMENT_NODES];
+    int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES], count[SB_MAX_ELEMENT_EDGES];
     for (int i = 0; i < keys->per_element; i++)
-        sbi_mesh_part_corners(mesh->element_type, part, i, corners[i]);
+        count[i] = sbi_mesh_part_corners(sbi_mesh_element_kind(mesh), part, i, corners[i]);
     keys->sorted = 0;
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
         for (int i = 0; i < keys->per_element && !(skip && skip[e]); i++) {
             int p = e * keys->per_element + i;
             int *key = keys->keys + (size_t)p * (size_t)keys->width;
-            for (int k = 0; k < keys->width; k++)
+            for (int k = 0; k < count[i]; k++)
                 key[k] = nodes[corners[i][k]];
-            sbi_mesh_insertion_sort(key, keys->width);
+            sbi_mesh_insertion_sort(key, count[i]);
+            for (int k = count[i]; k < keys->width; k++)
+                key[k] = key[k - 1];
             keys->order[keys->sorted++] = p;
         }
     }
@@ -490,9 +534,11 @@ static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const uns
                               const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_NODES];
+    sbi_element element = sbi_mesh_element_kind(mesh);
     memset(keys, 0, sizeof *keys);
-    keys->per_element = sbi_mesh_parts_per_element(mesh->element_type, part);
-    keys->width = sbi_mesh_part_corners(mesh->element_type, part, 0, corners);
+    keys->per_element = sbi_mesh_parts_per_element(element, part);
+    for (int i = 0; i < keys->per_element; i++)
+        keys->width = sbi_max_int(keys->width, sbi_mesh_part_corners(element, part, i, corners));
     if (mesh->element_count > INT_MAX / keys->per_element)
         return 0;
     keys->count = mesh->element_count * keys->per_element;
@@ -564,7 +610,7 @@ static void sbi_mesh_unite(int *parent, int a, int b)
  * scratch: [node_count]. Returns the number of parts. */
 static int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch)
 {
-    int n = sb_element_node_count(mesh->element_type), count = 0;
+    int n = sb_mesh_element_width(mesh), count = 0;
     for (int v = 0; v < mesh->node_count; v++)
         scratch[v] = -1;
     for (int e = 0; e < mesh->element_count; e++) {
@@ -723,7 +769,7 @@ static int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, cons
 static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     sb_vec3 x[SBI_MESH_NODES];
     sb_real volume = 0;
     for (int a = 0; a < n; a++)
@@ -740,7 +786,7 @@ static void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *ta
                                    sb_vec3 origin, double *area, double *flux)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     sb_vec3 x[SBI_MESH_NODES], offset = sb_v3_sub(mesh->nodes[nodes[0]], origin);
     *area = *flux = 0;
     for (int a = 0; a < n; a++)
@@ -758,7 +804,7 @@ static void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *ta
 static int sbi_mesh_has_element(const sb_mesh *mesh, int element)
 {
     return mesh && mesh->nodes && mesh->elements && element >= 0 && element < mesh->element_count &&
-           sb_element_node_count(mesh->element_type) > 0;
+           sb_mesh_element_width(mesh) > 0;
 }
 
 SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
@@ -766,7 +812,7 @@ SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
     sbi_mesh_table table;
     if (!sbi_mesh_has_element(mesh, element) || sb_element_dimension(mesh->element_type) != 3)
         return 0;
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_volume_of(mesh, &table, element);
 }
 
@@ -778,7 +824,7 @@ static void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, doub
     sb_vec3 origin = sb_v3(0, 0, 0);
     int has_origin = 0;
     *area = *volume = 0;
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         double element_area = 0, element_volume = 0;
         if (bad && bad[e])
@@ -840,16 +886,17 @@ static sb_real sbi_mesh_tet_quality(const sb_vec3 *x)
     return (det < 0 ? -12 : 12) * root * root / sbi_mesh_edge_squares(SB_TET4, x);
 }
 
-/* Smallest triple product of the edges at a corner, scaled to length 1; a quad's third edge is its mean
- * normal. */
-static sb_real sbi_mesh_box_quality(const sbi_mesh_table *table, int corners, const sb_vec3 *x)
+/* Smallest triple product of the columns dx/dxi at `count` points of the table, scaled to length 1; the third column of
+ * a quad is its mean normal. */
+static sb_real sbi_mesh_scaled_jacobian(const sbi_mesh_table *table, int count, int nodes, int is_quad,
+                                        const sb_vec3 *x)
 {
-    sb_vec3 mean = corners == 4 ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
+    sb_vec3 mean = is_quad ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
     sb_real worst = 1;
-    for (int i = 0; i < corners; i++) {
-        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, corners, x);
+    for (int i = 0; i < count; i++) {
+        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, nodes, x);
         sb_vec3 a = sb_m3_column(jacobian, 0), b = sb_m3_column(jacobian, 1),
-                c = corners == 4 ? mean : sb_m3_column(jacobian, 2);
+                c = is_quad ? mean : sb_m3_column(jacobian, 2);
         sb_real lengths = sb_v3_norm(a) * sb_v3_norm(b) * sb_v3_norm(c);
         sb_real quality = lengths > 0 ? sb_v3_dot(c, sb_v3_cross(a, b)) / lengths : (sb_real)0;
         worst = sb_min(worst, quality);
@@ -875,7 +922,7 @@ static sb_real sbi_mesh_jacobian_ratio(const sbi_mesh_table *table, const sb_vec
     return high > 0 ? low / high : (sb_real)0;
 }
 
-/* table: sbi_mesh_table_for_checks, whose first points are the nodes. */
+/* table: sbi_mesh_table_for_checks, whose first points are the nodes (custom: the integration points). */
 static sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     sb_real quality;
@@ -888,8 +935,14 @@ static sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *ta
     case SB_TET10:
         quality = sbi_mesh_tet_quality(local.x);
         return quality > 0 ? quality * sbi_mesh_jacobian_ratio(table, local.x) : quality;
-    case SB_HEX8: return sbi_mesh_box_quality(table, 8, local.x);
-    case SB_QUAD4: return sbi_mesh_box_quality(table, 4, local.x);
+    case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
+    case SB_HEX20:
+    case SB_HEX27:
+    case SB_CUSTOM:
+        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_QUAD4:
+    case SB_QUAD8:
+    case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
     case SB_TRI3:
     case SB_TRI6: return sbi_mesh_triangle_quality(local.x);
     case SB_NO_ELEMENT: break;
@@ -902,7 +955,7 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
     sbi_mesh_table table;
     if (!sbi_mesh_has_element(mesh, element))
         return 0;
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_quality_of(mesh, &table, element);
 }
 
@@ -952,7 +1005,7 @@ static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allo
 {
     sbi_mesh_table table;
     sbi_mesh_keys *whole = &scratch->whole;
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
         scratch->defect[e] = (unsigned char)defect;
@@ -990,7 +1043,7 @@ static int sbi_mesh_check_list_bad(const sb_mesh *mesh, const unsigned char *def
 static int sbi_mesh_check_nodes_of_report(const sb_mesh *mesh, const sb_allocator *allocator,
                                           sbi_mesh_check_scratch *scratch, sb_mesh_report *report)
 {
-    int n = sb_element_node_count(mesh->element_type), *used = scratch->per_node;
+    int n = sb_mesh_element_width(mesh), *used = scratch->per_node;
     report->first_not_finite_node = report->first_unreferenced_node = -1;
     memset(used, 0, sizeof(int) * (size_t)mesh->node_count);
     for (int e = 0; e < mesh->element_count; e++) {
@@ -1014,7 +1067,7 @@ static int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int ends[3] = {0, 0, 0};
-    sb_element_edge(mesh->element_type, side, ends);
+    sb_element_edge(mesh->element_type, side, ends); /* of a surface: never custom */
     return nodes[ends[0]] < nodes[ends[1]];
 }
 
@@ -1074,7 +1127,7 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
         const int *nodes = sbi_mesh_element(mesh, e);
         if (defect[e] >= SB_MESH_INDEX_RANGE && defect[e] <= SB_MESH_REPEATED_NODE)
             continue;
-        for (int i = 0; sb_element_edge(mesh->element_type, i, ends); i++) {
+        for (int i = 0; sbi_element_edge(sbi_mesh_element_kind(mesh), i, ends); i++) {
             sb_real length = sb_v3_norm(sb_v3_sub(mesh->nodes[nodes[ends[1]]], mesh->nodes[nodes[ends[0]]]));
             report->min_edge = found ? sb_min(report->min_edge, length) : length;
             report->max_edge = found ? sb_max(report->max_edge, length) : length;
@@ -1088,7 +1141,7 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
     sbi_mesh_table table;
     double area, volume;
     report->worst_element = -1;
-    sbi_mesh_table_for_checks(&table, mesh->element_type);
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
         sb_real quality = defect[e] == SB_MESH_SOUND ? sbi_mesh_quality_of(mesh, &table, e) : (sb_real)0;
         if (defect[e] == SB_MESH_SOUND && (report->worst_element < 0 || quality < report->worst_quality)) {
@@ -1161,6 +1214,12 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         sbi_mesh_swap(nodes, 3, 5); /* edges 01 and 20 */
         break;
     case SB_QUAD4: sbi_mesh_swap(nodes, 1, 3); break;
+    case SB_QUAD8:
+    case SB_QUAD9:
+        sbi_mesh_swap(nodes, 1, 3);
+        sbi_mesh_swap(nodes, 4, 7); /* edges 01 and 30 */
+        sbi_mesh_swap(nodes, 5, 6);
+        break;
     case SB_TET10:
         sbi_mesh_swap(nodes, 1, 2);
         sbi_mesh_swap(nodes, 4, 6); /* edges 01 and 02 */
@@ -1168,26 +1227,33 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         break;
     case SB_TRI3:
     case SB_TET4: sbi_mesh_swap(nodes, 1, 2); break;
+    case SB_HEX27: sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
+    /* fall through */
+    case SB_HEX20:
+        for (int a = 8; a < 12; a++)
+            sbi_mesh_swap(nodes, a, a + 4); /* edges of z- and z+ */
+    /* fall through */
     case SB_HEX8:
         for (int a = 0; a < 4; a++)
             sbi_mesh_swap(nodes, a, a + 4);
         break;
+    case SB_CUSTOM: /* its numbering is nobody's business */
     case SB_NO_ELEMENT: break;
     }
 }
 
 static int *sbi_mesh_element_to_edit(sb_mesh *mesh, int element)
 {
-    return mesh->elements + (size_t)element * (size_t)sb_element_node_count(mesh->element_type);
+    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
 
-/* Sign of the straight-sided volume without over- or underflow. */
+/* Sign of the straight-sided volume without over- or underflow; table: that of its straight element. */
 static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     sbi_mesh_local local;
     sb_real volume = 0;
     sbi_mesh_local_make(mesh, element, &local);
-    if (mesh->element_type != SB_HEX8)
+    if (sb_element_straight(mesh->element_type) != SB_HEX8)
         return sbi_mesh_corner_det(local.x) < 0;
     for (int i = 0; i < table->count; i++)
         volume += sb_m3_det(sbi_mesh_jacobian(table, i, 8, local.x));
@@ -1203,8 +1269,8 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
         return result;
     if (sb_element_dimension(mesh->element_type) == 2)
         return sb_mesh_orient_surface(mesh, flipped, error);
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
-    for (int e = 0; e < mesh->element_count; e++) {
+    sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
+    for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
             sbi_mesh_mirror(mesh->element_type, sbi_mesh_element_to_edit(mesh, e));
             count++;
@@ -1279,7 +1345,7 @@ static int sbi_mesh_flood_all(const sb_mesh *mesh, sbi_mesh_flood *flood)
 {
     sbi_mesh_table table;
     int count = 0, end = 0;
-    sbi_mesh_table_for_volume(&table, mesh->element_type);
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
     memset(flood->flip, -1, (size_t)mesh->element_count);
     for (int e = 0; e < mesh->element_count; e++) {
         int begin = end;
@@ -1334,7 +1400,7 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
  * overwritten. keep[v] <= v. Returns the number of nodes removed. */
 static int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep)
 {
-    size_t indices = (size_t)mesh->element_count * (size_t)sb_element_node_count(mesh->element_type);
+    size_t indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
     int kept = 0, removed;
     for (int v = 0; v < mesh->node_count; v++) {
         if (keep[v] == v) {
@@ -1381,7 +1447,7 @@ SB_API sb_result sb_mesh_remove_unreferenced(sb_mesh *mesh, int *removed, sb_err
     keep = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->node_count, sizeof(int));
     if (!keep)
         return sbi_mesh_no_memory(error);
-    indices = (size_t)mesh->element_count * (size_t)sb_element_node_count(mesh->element_type);
+    indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
     for (int v = 0; v < mesh->node_count; v++)
         keep[v] = -1;
     for (size_t i = 0; i < indices; i++)
@@ -1396,7 +1462,7 @@ SB_API sb_result sb_mesh_remove_unreferenced(sb_mesh *mesh, int *removed, sb_err
 /* Keeps the elements that `drop` does not mark, with their regions. */
 static void sbi_mesh_compact_elements(sb_mesh *mesh, const unsigned char *drop)
 {
-    size_t n = (size_t)sb_element_node_count(mesh->element_type);
+    size_t n = (size_t)sb_mesh_element_width(mesh);
     int kept = 0;
     for (int e = 0; e < mesh->element_count; e++) {
         if (drop[e])
@@ -1503,38 +1569,90 @@ static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, 
     return sbi_mesh_check_arrays(mesh, error);
 }
 
-static int sbi_mesh_count_alone(const int *mate, int count)
+/* How a face is cut into triangles with its nodes as corners; returns how many. */
+static int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
 {
-    int alone = 0;
-    for (int p = 0; p < count; p++)
-        alone += mate[p] == SBI_MESH_ALONE;
-    return alone;
+    static const signed char tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
+    static const signed char quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};
+    static const signed char quad8[6][3] = {{0, 4, 7}, {4, 1, 5}, {5, 2, 6}, {6, 3, 7}, {4, 5, 6}, {4, 6, 7}};
+    static const signed char quad9[8][3] = {{0, 4, 8}, {4, 1, 8}, {1, 5, 8}, {5, 2, 8},
+                                            {2, 6, 8}, {6, 3, 8}, {3, 7, 8}, {7, 0, 8}};
+    switch (type) {
+    case SB_TRI6: *triangles = tri6; return 4;
+    case SB_QUAD4: *triangles = quad4; return 2;
+    case SB_QUAD8: *triangles = quad8; return 6;
+    case SB_QUAD9: *triangles = quad9; return 8;
+    default: *triangles = quad4; return 1; /* tri3: 0 1 2 */
+    }
 }
 
-/* Copies face `face` of element e to row `row` of the boundary. */
-static void sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, sb_boundary *boundary)
+/* Type of the boundary's elements: that of the faces, or tri3 when they are of several. */
+static sb_element_type sbi_mesh_boundary_type(sbi_element element)
 {
     int local[SB_MAX_FACE_NODES];
-    int n = sb_element_face(mesh->element_type, face, local, NULL);
-    int *nodes = sbi_mesh_element_to_edit(&boundary->surface, row);
-    for (int a = 0; a < n; a++)
-        nodes[a] = sbi_mesh_element(mesh, e)[local[a]];
-    boundary->elements[row] = e;
-    boundary->faces[row] = face;
-    if (mesh->regions)
-        boundary->surface.regions[row] = mesh->regions[e];
+    sb_element_type first = SB_NO_ELEMENT, type = SB_NO_ELEMENT;
+    sbi_element_face(element, 0, local, &first);
+    for (int face = 1; sbi_element_face(element, face, local, &type); face++)
+        if (type != first)
+            return SB_TRI3;
+    return first;
+}
+
+/* Rows that face `face` takes in a boundary of `type`. */
+static int sbi_mesh_boundary_parts(sbi_element element, int face, sb_element_type type)
+{
+    const signed char(*triangles)[3];
+    int local[SB_MAX_FACE_NODES];
+    sb_element_type of_face = SB_NO_ELEMENT;
+    sbi_element_face(element, face, local, &of_face);
+    return of_face == type ? 1 : sbi_mesh_face_triangles(of_face, &triangles);
+}
+
+/* Rows of the boundary; -1 when they do not fit an int. */
+static int sbi_mesh_count_rows(const sb_mesh *mesh, const int *mate, sb_element_type type)
+{
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int per = sbi_element_face_count(element), parts[SB_MAX_ELEMENT_FACES];
+    int64_t rows = 0;
+    for (int face = 0; face < per; face++)
+        parts[face] = sbi_mesh_boundary_parts(element, face, type);
+    for (int p = 0; p < mesh->element_count * per; p++)
+        if (mate[p] == SBI_MESH_ALONE)
+            rows += parts[p % per];
+    return rows <= INT_MAX ? (int)rows : -1;
+}
+
+/* Copies face `face` of element e to the boundary from row `row` on; returns the row after. */
+static int sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, sb_boundary *boundary)
+{
+    const signed char(*triangles)[3] = NULL;
+    int local[SB_MAX_FACE_NODES], parts = 1;
+    sb_element_type type = SB_NO_ELEMENT, of_row = boundary->surface.element_type;
+    sbi_element_face(sbi_mesh_element_kind(mesh), face, local, &type);
+    if (type != of_row)
+        parts = sbi_mesh_face_triangles(type, &triangles);
+    for (int part = 0; part < parts; part++, row++) {
+        int *nodes = sbi_mesh_element_to_edit(&boundary->surface, row);
+        for (int a = 0; a < sb_element_node_count(of_row); a++)
+            nodes[a] = sbi_mesh_element(mesh, e)[local[triangles ? triangles[part][a] : a]];
+        boundary->elements[row] = e;
+        boundary->faces[row] = face;
+        if (mesh->regions)
+            boundary->surface.regions[row] = mesh->regions[e];
+    }
+    return row;
 }
 
 /* The surface with all nodes of the volume; 0 when memory is short. */
 static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map,
                                   const sb_allocator *allocator, sb_boundary *boundary)
 {
-    int per = sb_element_face_count(mesh->element_type), sides = mesh->element_count * per;
-    int rows = sbi_mesh_count_alone(mate, sides), row = 0, local[SB_MAX_FACE_NODES];
-    sb_element_type face_type = SB_NO_ELEMENT;
-    sb_element_face(mesh->element_type, 0, local, &face_type);
-    if (!sbi_mesh_allocate(&boundary->surface, face_type, mesh->node_count, rows, mesh->regions != NULL,
-                           allocator))
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    sb_element_type type = sbi_mesh_boundary_type(element);
+    int per = sbi_element_face_count(element), sides = mesh->element_count * per;
+    int rows = sbi_mesh_count_rows(mesh, mate, type), row = 0;
+    if (rows < 0 || !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL,
+                                       allocator))
         return 0;
     boundary->elements = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
     boundary->faces = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
@@ -1545,7 +1663,7 @@ static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with
     memcpy(boundary->surface.nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
     for (int p = 0; p < sides; p++)
         if (mate[p] == SBI_MESH_ALONE)
-            sbi_mesh_boundary_row(mesh, p / per, p % per, row++, boundary);
+            row = sbi_mesh_boundary_row(mesh, p / per, p % per, row, boundary);
     return 1;
 }
 
@@ -1658,7 +1776,7 @@ SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocato
  * -1. */
 static void sbi_mesh_lists_fill(const sb_mesh *mesh, sb_index_lists *lists, int *last, int counting)
 {
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
         for (int a = 0; a < n; a++) {
@@ -1685,7 +1803,7 @@ static int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocato
     int count = mesh->node_count, *last;
     memset(lists, 0, sizeof *lists);
     sbi_mesh_set_allocator(&lists->allocator, allocator);
-    if (mesh->element_count > INT_MAX / sb_element_node_count(mesh->element_type))
+    if (mesh->element_count > INT_MAX / sb_mesh_element_width(mesh))
         return 0;
     lists->count = count;
     last = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
@@ -1744,71 +1862,142 @@ SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *all
     return result;
 }
 
-/* ---- tet4 to tet10 ---- */
+/* ---- tet4 to tet10, hex8 to hex20 and hex27 ---- */
 
-/* number[part]: node of each edge, numbered from `first` in the order the edges appear. Returns the end. A
+/* number[part]: node of each edge or face, numbered from `first` in the order they appear. Returns the end. A
  * run of equal keys starts with its smallest part, so that one is met first. */
-static int sbi_mesh_number_edges(const sbi_mesh_keys *edges, int first, int *number)
+static int sbi_mesh_number_parts(const sbi_mesh_keys *parts, int first, int *number)
 {
     int next = first;
-    for (int begin = 0, end; begin < edges->sorted; begin = end) {
-        end = sbi_mesh_run_end(edges, begin);
+    for (int begin = 0, end; begin < parts->sorted; begin = end) {
+        end = sbi_mesh_run_end(parts, begin);
         for (int i = begin; i < end; i++)
-            number[edges->order[i]] = edges->order[begin];
+            number[parts->order[i]] = parts->order[begin];
     }
-    for (int p = 0; p < edges->count; p++)
+    for (int p = 0; p < parts->count; p++)
         number[p] = number[p] == p ? next++ : number[number[p]];
     return next;
 }
 
-static void sbi_mesh_tet10_fill(const sb_mesh *mesh, const int *number, sb_mesh *tet10)
+/* The nodes a conversion adds. */
+typedef struct sbi_mesh_raising {
+    sbi_mesh_keys edges, faces;
+    int *edge_number, *face_number; /* [parts]; face_number NULL: no nodes on faces and in centres */
+    int nodes;                      /* together with the old ones, without centres */
+} sbi_mesh_raising;
+
+static void sbi_mesh_raising_free(const sb_allocator *allocator, sbi_mesh_raising *raising)
 {
-    int ends[3] = {0, 0, 0};
-    memcpy(tet10->nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
-    if (mesh->regions)
-        memcpy(tet10->regions, mesh->regions, sizeof(int) * (size_t)mesh->element_count);
-    for (int e = 0; e < mesh->element_count; e++) {
-        const int *from = sbi_mesh_element(mesh, e);
-        int *to = sbi_mesh_element_to_edit(tet10, e);
-        memcpy(to, from, 4 * sizeof(int));
-        for (int i = 0; i < 6; i++) {
-            sb_vec3 p, q;
-            sb_element_edge(SB_TET4, i, ends);
-            p = mesh->nodes[from[ends[0]]], q = mesh->nodes[from[ends[1]]];
-            to[4 + i] = number[e * 6 + i];
-            tet10->nodes[to[4 + i]] = sb_v3(p.x / 2 + q.x / 2, p.y / 2 + q.y / 2, p.z / 2 + q.z / 2);
-        }
+    sbi_free(allocator, raising->edge_number);
+    sbi_free(allocator, raising->face_number);
+    sbi_mesh_keys_free(allocator, &raising->edges);
+    sbi_mesh_keys_free(allocator, &raising->faces);
+}
+
+/* Numbers the nodes on edges, and with_faces those on faces; 0 when memory is short or they do not fit an int. */
+static int sbi_mesh_raising_make(const sb_mesh *mesh, int with_faces, const sb_allocator *allocator,
+                                 sbi_mesh_raising *raising)
+{
+    memset(raising, 0, sizeof *raising);
+    if (!sbi_mesh_keys_make(mesh, SBI_MESH_EDGES, NULL, allocator, &raising->edges) ||
+        sbi_mesh_count_runs(&raising->edges) > INT_MAX - mesh->node_count)
+        return 0;
+    raising->edge_number = (int *)sbi_alloc(allocator, (size_t)raising->edges.count, sizeof(int));
+    if (!raising->edge_number)
+        return 0;
+    raising->nodes = sbi_mesh_number_parts(&raising->edges, mesh->node_count, raising->edge_number);
+    if (!with_faces)
+        return 1;
+    if (!sbi_mesh_keys_make(mesh, SBI_MESH_SIDES, NULL, allocator, &raising->faces) ||
+        sbi_mesh_count_runs(&raising->faces) > INT_MAX - raising->nodes)
+        return 0;
+    raising->face_number = (int *)sbi_alloc(allocator, (size_t)raising->faces.count, sizeof(int));
+    if (!raising->face_number)
+        return 0;
+    raising->nodes = sbi_mesh_number_parts(&raising->faces, raising->nodes, raising->face_number);
+    return raising->nodes <= INT_MAX - mesh->element_count;
+}
+
+/* Mean of some of an element's nodes; each takes its share first, so that no sum overflows. */
+static sb_vec3 sbi_mesh_middle(const sb_mesh *mesh, const int *element, const int *local, int count)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    sb_real share = 1 / (sb_real)count;
+    for (int i = 0; i < count; i++) {
+        sb_vec3 x = mesh->nodes[element[local[i]]];
+        sum = sb_v3(sum.x + share * x.x, sum.y + share * x.y, sum.z + share * x.z);
     }
+    return sum;
+}
+
+/* Element e of the raised mesh: corners, nodes on edges, on faces, and the centre. */
+static void sbi_mesh_raise_element(const sb_mesh *mesh, const sbi_mesh_raising *raising, int e, sb_mesh *raised)
+{
+    static const int all[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    sb_element_type type = mesh->element_type;
+    int corners = sb_element_corner_count(type), edges = sb_element_edge_count(type), local[SB_MAX_FACE_NODES];
+    const int *from = sbi_mesh_element(mesh, e);
+    int *to = sbi_mesh_element_to_edit(raised, e), next = corners;
+    memcpy(to, from, (size_t)corners * sizeof(int));
+    for (int i = 0; sb_element_edge(type, i, local); i++) {
+        to[next] = raising->edge_number[e * edges + i];
+        raised->nodes[to[next++]] = sbi_mesh_middle(mesh, from, local, 2);
+    }
+    if (!raising->face_number)
+        return;
+    for (int i = 0, count; (count = sb_element_face(type, i, local, NULL)) > 0; i++) {
+        to[next] = raising->face_number[e * raising->faces.per_element + i];
+        raised->nodes[to[next++]] = sbi_mesh_middle(mesh, from, local, count);
+    }
+    to[next] = raising->nodes + e;
+    raised->nodes[to[next]] = sbi_mesh_middle(mesh, from, all, corners);
+}
+
+/* The mesh of the straight type `from` with the nodes that `type` has besides. */
+static sb_result sbi_mesh_raise(const sb_mesh *mesh, sb_element_type from, sb_element_type type,
+                                const sb_allocator *allocator, sb_mesh *raised, sb_error *error)
+{
+    sb_mesh made;
+    sbi_mesh_raising raising;
+    int with_faces = type == SB_HEX27;
+    sb_result result = sbi_mesh_check_output(mesh, raised, error);
+    if (result != SB_OK)
+        return result;
+    if (mesh->element_type != from)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot become %s: %s is needed",
+                        sbi_element_name(sbi_mesh_element_kind(mesh)), sb_element_name(type), sb_element_name(from));
+    if (sbi_mesh_raising_make(mesh, with_faces, allocator, &raising) &&
+        sbi_mesh_allocate(&made, type, raising.nodes + (with_faces ? mesh->element_count : 0), mesh->element_count,
+                          mesh->regions != NULL, allocator)) {
+        memcpy(made.nodes, mesh->nodes, sizeof(sb_vec3) * (size_t)mesh->node_count);
+        if (mesh->regions)
+            memcpy(made.regions, mesh->regions, sizeof(int) * (size_t)mesh->element_count);
+        for (int e = 0; e < mesh->element_count; e++)
+            sbi_mesh_raise_element(mesh, &raising, e, &made);
+        *raised = made;
+    } else {
+        result = sbi_mesh_no_memory(error);
+    }
+    sbi_mesh_raising_free(allocator, &raising);
+    return result;
 }
 
 SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
                                   sb_error *error)
 {
-    sb_mesh made;
-    sbi_mesh_keys edges;
-    int *number = NULL, nodes = 0, ok = 0;
-    sb_result result = sbi_mesh_check_output(mesh, tet10, error);
-    if (result != SB_OK)
-        return result;
-    if (mesh->element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot become tet10: tet4 is needed",
-                        sb_element_name(mesh->element_type));
-    if (sbi_mesh_keys_make(mesh, SBI_MESH_EDGES, NULL, allocator, &edges) &&
-        sbi_mesh_count_runs(&edges) <= INT_MAX - mesh->node_count)
-        number = (int *)sbi_alloc(allocator, (size_t)edges.count, sizeof(int));
-    if (number) {
-        nodes = sbi_mesh_number_edges(&edges, mesh->node_count, number);
-        ok = sbi_mesh_allocate(&made, SB_TET10, nodes, mesh->element_count, mesh->regions != NULL, allocator);
-    }
-    if (ok) {
-        sbi_mesh_tet10_fill(mesh, number, &made);
-        *tet10 = made;
-    } else {
-        result = sbi_mesh_no_memory(error);
-    }
-    sbi_free(allocator, number);
-    sbi_mesh_keys_free(allocator, &edges);
-    return result;
+    return sbi_mesh_raise(mesh, SB_TET4, SB_TET10, allocator, tet10, error);
+}
+
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
+                                  sb_error *error)
+{
+    return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX20, allocator, hex20, error);
+}
+
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
+                                  sb_error *error)
+{
+    return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }
 
 /* ---- reverse Cuthill-McKee ----
@@ -1854,7 +2043,7 @@ static void sbi_mesh_sort_by_degree(const sbi_mesh_graph *graph, int *nodes, int
 /* Appends the unseen neighbours of a node to the order at `end`; returns the new end. */
 static int sbi_mesh_graph_visit(sbi_mesh_graph *graph, int node, int end)
 {
-    int n = sb_element_node_count(graph->mesh->element_type), begin = end;
+    int n = sb_mesh_element_width(graph->mesh), begin = end;
     for (int i = graph->elements.offsets[node]; i < graph->elements.offsets[node + 1]; i++) {
         const int *nodes = sbi_mesh_element(graph->mesh, graph->elements.items[i]);
         for (int a = 0; a < n; a++) {
@@ -1969,7 +2158,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
     r->start = (int *)sbi_alloc(allocator, nodes + 1, sizeof(int));
     r->nodes = (sb_vec3 *)sbi_alloc(allocator, nodes, sizeof(sb_vec3));
     r->elements = (int *)sbi_alloc(allocator, elements,
-                                   sizeof(int) * (size_t)sb_element_node_count(mesh->element_type));
+                                   sizeof(int) * (size_t)sb_mesh_element_width(mesh));
     if (mesh->regions)
         r->regions = (int *)sbi_alloc(allocator, elements, sizeof(int));
     return r->graph.degree && r->graph.mark && r->graph.order && r->node_map && r->element_map && r->start &&
@@ -1980,7 +2169,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
 /* New element numbers by lowest new node, ties by old number: a counting sort. */
 static void sbi_mesh_renumber_elements(const sb_mesh *mesh, sbi_mesh_renumbering *r)
 {
-    int n = sb_element_node_count(mesh->element_type);
+    int n = sb_mesh_element_width(mesh);
     memset(r->start, 0, sizeof(int) * ((size_t)mesh->node_count + 1));
     for (int e = 0; e < mesh->element_count; e++) {
         const int *nodes = sbi_mesh_element(mesh, e);
@@ -1998,7 +2187,7 @@ static void sbi_mesh_renumber_elements(const sb_mesh *mesh, sbi_mesh_renumbering
 
 static void sbi_mesh_renumbering_apply(sb_mesh *mesh, sbi_mesh_renumbering *r)
 {
-    size_t n = (size_t)sb_element_node_count(mesh->element_type);
+    size_t n = (size_t)sb_mesh_element_width(mesh);
     for (int v = 0; v < mesh->node_count; v++)
         r->nodes[r->node_map[v]] = mesh->nodes[v];
     for (int e = 0; e < mesh->element_count; e++) {

@@ -4,8 +4,8 @@
 
 #include "element.h"
 
-/* A mesh of one element type: a volume (tet4, tet10, hex8) or a surface (tri3, tri6, quad4). Fill the arrays
- * by hand or let sb_mesh_load / a generator do it. Zero-initialise before first use ({0}). Arrays made by
+/* A mesh of one element type: a volume (tet4, tet10, hex8, hex20, hex27, or custom elements that `table`
+ * describes) or a surface (tri3, tri6, quad4, quad8, quad9). Fill the arrays by hand or let sb_mesh_load / a generator do it. Zero-initialise before first use ({0}). Arrays made by
  * this library come from `allocator` and are released with sb_mesh_free; arrays of your own are yours to
  * release. */
 typedef struct sb_mesh {
@@ -16,7 +16,16 @@ typedef struct sb_mesh {
     int *elements;          /* [element_count][nodes per element] node indices */
     int *regions;           /* [element_count] material region of each element, or NULL: all 0 */
     sb_allocator allocator; /* what the arrays came from; zeros: malloc */
+    const sb_element_table *table; /* of SB_CUSTOM elements; borrowed, also by copies and bodies. Others: not read */
 } sb_mesh;
+
+/* Nodes per element: the width of mesh->elements; 0 for an unknown type, or SB_CUSTOM without a table. */
+SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
+{
+    if (mesh->element_type == SB_CUSTOM)
+        return mesh->table ? mesh->table->node_count : 0;
+    return sb_element_node_count(mesh->element_type);
+}
 
 /* Common to all calls below: a NULL allocator means malloc and free. `error` may be NULL. Calls that return
  * an sb_result check counts, type and node indices first, so no content of the arrays makes them read
@@ -32,8 +41,8 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
 /* ---- checks ------------------------------------------------------------------------------------------ */
 
 /* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
- * volumes, a positive Jacobian (at the corners; curved tet10 also at its mid-edge nodes, on its faces and
- * inside). SB_ERROR_ARGUMENT, _NOT_FINITE (error->node is the first), _INDEX or _MESH (error->element is the
+ * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
+ * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE (error->node is the first), _INDEX or _MESH (error->element is the
  * first; the message lists up to 8 elements and the total). Allocates nothing; one pass. */
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error);
 
@@ -46,7 +55,7 @@ typedef enum sb_mesh_defect {
     SB_MESH_REPEATED_NODE = 3,   /* uses a node twice */
     SB_MESH_INVERTED = 4,        /* volume: negative Jacobian at a corner of the straight-sided element */
     SB_MESH_FLAT = 5,            /* volume or area zero to rounding */
-    SB_MESH_BAD_MIDSIDE = 6,     /* tet10 with sound corners, folded somewhere by its mid-edge nodes */
+    SB_MESH_BAD_MIDSIDE = 6,     /* tet10, hex20, hex27 with sound corners, folded by the nodes between them */
     SB_MESH_DUPLICATE = 7,       /* same corners as an element before it */
     SB_MESH_DEFECT_COUNT = 8
 } sb_mesh_defect;
@@ -102,8 +111,9 @@ SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh);
 /* Smallest box around all nodes (m); both corners 0 for a mesh without nodes. */
 SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
 /* Shape of an element: 1 is best, <= 0 inverted or flat. tet4: mean ratio 12 (3V)^(2/3) / sum of squared
- * edges; tet10: that of its corners times min/max of the Jacobian; hex8 and quad4: smallest Jacobian at a
- * corner of edges scaled to length 1; triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
+ * edges; tet10: that of its corners times min/max of the Jacobian; hex8 and quads: smallest Jacobian at a
+ * corner of edges scaled to length 1; hex20, hex27, custom: the same of the columns dx/dxi at all nodes, face
+ * centres and points (custom: points only); triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
 SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
 
 /* ---- repairs, on request only ---------------------------------------------------------------------------
@@ -112,7 +122,7 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
  * return may be NULL: not wanted. */
 
 /* Turns inverted volume elements (corner volume negative) by renumbering them; surfaces:
- * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. What cannot be mended that way stays
+ * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. Custom elements are left alone. What cannot be mended that way stays
  * for sb_mesh_validate. */
 SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error);
 /* Orients a surface consistently: floods over the edges of exactly two elements; a closed part is turned
@@ -151,9 +161,10 @@ SB_API void sb_index_lists_free(sb_index_lists *lists);
 
 /* The boundary of a volume mesh. Free with sb_boundary_free. */
 typedef struct sb_boundary {
-    sb_mesh surface; /* tri3, tri6 or quad4, oriented outward; regions are those of the volume elements */
+    sb_mesh surface; /* one type of faces, oriented outward; regions are those of the volume elements. Custom elements
+                      * with faces of several types: tri3, into which the faces are cut at their nodes */
     int *elements;   /* [surface.element_count] volume element of each face */
-    int *faces;      /* [surface.element_count] its local face, as in sb_element_face */
+    int *faces;      /* [surface.element_count] its local face, as in sb_element_face or the table */
     int *nodes;      /* [surface.node_count] volume node of each surface node; NULL when not compacted */
 } sb_boundary;
 SB_API void sb_boundary_free(sb_boundary *boundary);
@@ -183,6 +194,12 @@ SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *all
  * kept. */
 SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
                                   sb_error *error);
+/* The hex20 or hex27 mesh with straight edges of a hex8 mesh: old nodes first, then one node per edge, and for hex27
+ * one per face and one per element, each in the middle. Regions are kept. */
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
+                                  sb_error *error);
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
+                                  sb_error *error);
 /* Renumbers nodes by reverse Cuthill-McKee and sorts elements by their lowest node: small bandwidth, good
  * cache use. node_map [nodes] and element_map [elements] (each may be NULL) receive the new number of each
  * old one. */
@@ -194,6 +211,11 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 /* Counts, type and pointers of a mesh, finite nodes and index range: what every room needs before it walks
  * one. */
 SBI_API sb_result sbi_mesh_check_arrays(const sb_mesh *mesh, sb_error *error);
+/* What the elements of a mesh are. */
+SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
+{
+    return sbi_element_make(mesh->element_type, mesh->table);
+}
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);

@@ -12,7 +12,7 @@
 /* ---- building ---- */
 
 typedef struct sbi_meshgen_builder {
-    sb_mesh mesh; /* tet4 or hex8; made tet10 at the end */
+    sb_mesh mesh; /* tet4 or hex8; made quadratic at the end */
     int next;     /* elements written */
 } sbi_meshgen_builder;
 
@@ -27,12 +27,12 @@ static int64_t sbi_meshgen_product(int64_t a, int64_t b)
 static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes,
                                    int64_t cells, const sb_allocator *allocator, sb_error *error)
 {
-    int64_t elements = sbi_meshgen_product(cells, type == SB_HEX8 ? 1 : 6);
+    sb_element_type straight = sb_element_straight(type);
+    int64_t elements = sbi_meshgen_product(cells, straight == SB_HEX8 ? 1 : 6);
     if (nodes > INT_MAX || elements > INT_MAX)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "too many cells: the nodes or elements do not fit an int");
     builder->next = 0;
-    if (!sbi_mesh_allocate(&builder->mesh, type == SB_HEX8 ? SB_HEX8 : SB_TET4, (int)nodes, (int)elements, 0,
-                           allocator))
+    if (!sbi_mesh_allocate(&builder->mesh, straight, (int)nodes, (int)elements, 0, allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes", (int)nodes);
     return SB_OK;
 }
@@ -41,25 +41,30 @@ static sb_result sbi_meshgen_check(sb_element_type type, const sb_mesh *mesh, sb
 {
     if (!mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh is NULL");
-    if (type != SB_TET4 && type != SB_TET10 && type != SB_HEX8)
+    if (sb_element_straight(type) != SB_TET4 && sb_element_straight(type) != SB_HEX8)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "cannot generate elements of type %d", (int)type);
     return SB_OK;
 }
 
 static int sbi_meshgen_is_length(sb_real length) { return length > 0 && sb_is_finite(length); }
 
-/* Hands the mesh over, as tet10 when that was asked for. */
+/* Hands the mesh over, as the quadratic element that was asked for. */
 static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh,
                                     sb_error *error)
 {
     sb_result result = SB_OK;
     sb_allocator allocator = builder->mesh.allocator;
-    if (type == SB_TET10) {
-        result = sb_mesh_to_tet10(&builder->mesh, &allocator, mesh, error);
-        sb_mesh_free(&builder->mesh);
-    } else {
+    if (type == builder->mesh.element_type) {
         *mesh = builder->mesh;
+        return SB_OK;
     }
+    if (type == SB_TET10)
+        result = sb_mesh_to_tet10(&builder->mesh, &allocator, mesh, error);
+    else if (type == SB_HEX20)
+        result = sb_mesh_to_hex20(&builder->mesh, &allocator, mesh, error);
+    else
+        result = sb_mesh_to_hex27(&builder->mesh, &allocator, mesh, error);
+    sb_mesh_free(&builder->mesh);
     return result;
 }
 

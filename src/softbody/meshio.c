@@ -226,15 +226,8 @@ static sb_result sbi_meshio_accept_volume(sb_mesh *mesh, int fix_orientation, in
 
 static sb_result sbi_meshio_accept(sb_mesh *mesh, int fix_orientation, int *flipped, sb_error *error)
 {
-    switch (mesh->element_type) {
-    case SB_TRI3:
-    case SB_TRI6:
-    case SB_QUAD4: return fix_orientation ? sb_mesh_orient_surface(mesh, flipped, error) : SB_OK;
-    case SB_NO_ELEMENT:
-    case SB_TET4:
-    case SB_TET10:
-    case SB_HEX8: break;
-    }
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return fix_orientation ? sb_mesh_orient_surface(mesh, flipped, error) : SB_OK;
     return sbi_meshio_accept_volume(mesh, fix_orientation, flipped, error);
 }
 
@@ -632,9 +625,12 @@ static void sbi_export_data(sbi_export *out, const sb_mesh *mesh, const sb_field
             sbi_export_field(out, &fields[i], rows);
 }
 
-/* VTK's number of an element type. */
-static int sbi_export_vtk_type(sb_element_type type)
+/* VTK's number of a mesh's element type; 0: none. */
+static int sbi_export_vtk_type(const sb_mesh *mesh)
 {
+    sb_element_type type = mesh->element_type;
+    if (type == SB_CUSTOM)
+        return mesh->table->vtk_type;
     for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
         if (sbi_cell_kind_at(kind)->type == type)
             return sbi_cell_kind_at(kind)->vtk;
@@ -643,7 +639,7 @@ static int sbi_export_vtk_type(sb_element_type type)
 
 static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
 {
-    int nodes = sb_element_node_count(mesh->element_type), type = sbi_export_vtk_type(mesh->element_type);
+    int nodes = sb_mesh_element_width(mesh), type = sbi_export_vtk_type(mesh);
     sbi_export_text(out, "# vtk DataFile Version 3.0\nsoftbody mesh (metre)\n");
     sbi_export_text(out, out->binary ? "BINARY\n" : "ASCII\n");
     sbi_export_text(out, "DATASET UNSTRUCTURED_GRID\n");
@@ -677,6 +673,9 @@ static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s",
                         field_count < 0 ? "a negative number of fields" : "path, mesh or fields is NULL");
     result = sbi_mesh_check_arrays(mesh, error);
+    if (!result && sbi_export_vtk_type(mesh) == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "VTK has no cell for the element %s: its table has no vtk_type",
+                        sbi_element_name(sbi_mesh_element_kind(mesh)));
     for (int i = 0; i < field_count && !result; i++)
         result = sbi_export_check_field(&fields[i], mesh, error);
     if (!result)
@@ -713,9 +712,9 @@ static sb_result sbi_export_check_surface(const char *path, const sb_mesh *mesh,
         return result;
     if (mesh->element_type == SB_TRI3 || mesh->element_type == SB_QUAD4)
         return SB_OK;
-    if (mesh->element_type == SB_TRI6)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "curved triangles (tri6) cannot be written as a surface file");
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "curved faces (%s) cannot be written as a surface file",
+                        sb_element_name(mesh->element_type));
     return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                     "a volume mesh cannot be written as a surface file: write its sb_mesh_boundary");
 }

@@ -71,8 +71,8 @@ SB_API sb_load_options sb_default_load_options(void);
  *          and the node or element: the cell of the file, counted from 0, or with SB_ERROR_MESH the element
  *          of the mesh it would have become
  *
- * The cells of the highest dimension become the mesh, and must be of one type: tet4, tet10, hex8, or for
- * surfaces tri3, tri6, quad4. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and
+ * The cells of the highest dimension become the mesh, and must be of one type: tet4, tet10, hex8, hex20, hex27, or for
+ * surfaces tri3, tri6, quad4, quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and
  * POLYDATA, become tri3; polygons are cut into a fan at their first corner, which is right for convex ones.
  * Node orders of gmsh and TetGen are turned into VTK's. Regions come from the cell field `region` (VTK), the
  * first physical group of the volume (gmsh; of the surface in a surface file) or the first attribute
@@ -97,7 +97,8 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
                                      const char *name, const sb_load_options *options, sb_error *error);
 
 /* ---- writing -----------------------------------------------------------------------------------------
- * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX) and touch no file then. They take
+ * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX; _UNSUPPORTED for custom elements whose table
+ * has no vtk_type) and touch no file then. They take
  * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) no part of a file stays behind; a
  * file that was there before is then empty. */
 

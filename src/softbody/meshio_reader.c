@@ -626,17 +626,17 @@ SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind)
         {"tri15 (order 5)", SB_NO_ELEMENT, 2, 15, -1, 24, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tri21", SB_NO_ELEMENT, 2, 21, -1, 25, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"quad6", SB_NO_ELEMENT, 2, 6, 30, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad8", SB_NO_ELEMENT, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad9", SB_NO_ELEMENT, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"quad8", SB_QUAD8, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"quad9", SB_QUAD9, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"quadratic polygon", SB_NO_ELEMENT, 2, 0, 36, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"Lagrange triangle", SB_NO_ELEMENT, 2, 0, 69, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"Lagrange quadrilateral", SB_NO_ELEMENT, 2, 0, 70, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tet20", SB_NO_ELEMENT, 3, 20, -1, 29, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tet35", SB_NO_ELEMENT, 3, 35, -1, 30, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"tet56", SB_NO_ELEMENT, 3, 56, -1, 31, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex20", SB_NO_ELEMENT, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"hex20", SB_HEX20, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
         {"hex24", SB_NO_ELEMENT, 3, 24, 33, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex27", SB_NO_ELEMENT, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"hex27", SB_HEX27, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
         {"hex64", SB_NO_ELEMENT, 3, 64, -1, 92, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"hex125", SB_NO_ELEMENT, 3, 125, -1, 93, SBI_ORDER_SAME, SBI_ORDER_SAME},
         {"wedge6", SB_NO_ELEMENT, 3, 6, 13, 6, SBI_ORDER_SAME, SBI_ORDER_SAME},
@@ -678,10 +678,13 @@ static int sbi_node_order_at(sbi_node_order order, int i)
 {
     static const unsigned char voxel[8] = {0, 1, 3, 2, 4, 5, 7, 6}; /* its first four are a pixel's */
     static const unsigned char gmsh_tet10[10] = {0, 1, 2, 3, 4, 5, 6, 7, 9, 8};
+    static const unsigned char gmsh_hex[27] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
+                                               19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26};
     switch (order) {
     case SBI_ORDER_PIXEL:
     case SBI_ORDER_VOXEL: return voxel[i];
     case SBI_ORDER_GMSH_TET10: return gmsh_tet10[i];
+    case SBI_ORDER_GMSH_HEX: return gmsh_hex[i];
     case SBI_ORDER_SAME: break;
     }
     return i;

@@ -97,7 +97,8 @@ typedef enum sbi_node_order {
     SBI_ORDER_SAME = 0,
     SBI_ORDER_PIXEL = 1, /* VTK's pixel: rows instead of round */
     SBI_ORDER_VOXEL = 2,
-    SBI_ORDER_GMSH_TET10 = 3 /* the last two mid-edge nodes exchanged */
+    SBI_ORDER_GMSH_TET10 = 3, /* the last two mid-edge nodes exchanged */
+    SBI_ORDER_GMSH_HEX = 4    /* hex20 and hex27: edges by their lower corner, faces z- y- x- x+ y+ z+ */
 } sbi_node_order;
 
 /* A kind of cell that some format knows. New element types: fill in `type` (and the order, if it is not
