@@ -288,9 +288,7 @@ SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt
 {
     sb_real x = dt / material->prony_tau[term];
     *decay = sb_exp(-x);
-    if (x < (sb_real)1e-4) /* where the quotient would cancel */
-        return 1 - x / 2 + x * x / 6;
-    return (1 - *decay) / x;
+    return sbi_material_mean_decay(x);
 }
 
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
@@ -299,4 +297,26 @@ SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
     for (int i = 0; i < material->prony_count; i++)
         factor -= material->prony_g[i] * (1 - sbi_prony_term(material, i, dt, &decay));
     return factor;
+}
+
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6])
+{
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            h[i][k] = decay * h[i][k] + taken * (s0_new[k] - s0_old[k]);
+    }
+}
+
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6])
+{
+    for (int k = 0; k < 6; k++)
+        H[k] = 0;
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            H[k] += decay * h[i][k] - taken * s0_old[k];
+    }
 }
