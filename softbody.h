@@ -329,6 +329,7 @@
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
+#define sb_body_set_fibres sb_body_set_fibres_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
@@ -2524,6 +2525,17 @@ SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a)
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt);
 /* gamma_i, and exp(-x_i) in *decay. */
 SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay);
+
+/* One point's memory h[prony_count][6] of its relaxing second Piola-Kirchhoff stress S0 (Pa, order 00 11 22 01 12 02)
+ * over a step of dt, exact when S0 changes evenly in it: with gamma_i and x_i from above
+ *     advance:   h_i <- exp(-x_i) h_i + g_i gamma_i (s0_new - s0_old)
+ *     prestress: H = sum_i (exp(-x_i) h_i - g_i gamma_i s0_old), before advance,
+ * so that S = S_volume + a(dt) S0_new + H at the end of the step, and S = S_volume + g_inf S0_new + sum h_i after
+ * advance. A point at rest has h = 0, S0 = 0. (Thesis 3, 4.90; Simo and Hughes 1998, ch. 10.) */
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6]);
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -2569,6 +2581,18 @@ SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
         for (int q = p; q < 9; q++)
             A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
     }
+}
+
+/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
+SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
+{
+    if (sb_abs(x) < (sb_real)0.125) {
+        sb_real sum = 1;
+        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
+            sum = 1 - x / (sb_real)n * sum;
+        return sum;
+    }
+    return (1 - sb_exp(-x)) / x;
 }
 
 /* ---- linear ---- */
@@ -3036,6 +3060,71 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
     sbi_tangent_lift(&principal, u, v, A);
 }
 
+/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
+ * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
+ * add to their output, and return 0 with it untouched when the share is not finite. */
+
+/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
+                                  sb_real *second)
+{
+    sb_real e, growth;
+    *a = sb_m3_apply(*F, a0);
+    e = sb_v3_dot(*a, *a) - 1;
+    *first = *second = 0;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
+    *first = growth * e;
+    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+SBI_FORCE_INLINE int sbi_fibre_energy_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
+    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' a a0^T */
+SBI_FORCE_INLINE int sbi_fibre_stress_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
+    return 1;
+}
+
+/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
+ * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
+SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (!(second > 0))
+        return 1;
+    const sb_mat3 tension = sb_m3_outer(sb_v3_scale(2 * first, a0), a0);
+    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    return 1;
+}
+
 /* ---- the workers; `model` is a literal where speed counts ---- */
 
 SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_material *m, const sb_mat3 *F,
@@ -3366,6 +3455,9 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
+    int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
+                                   * gradients and their volume, and stands for the share of the material that resists
+                                   * changes of volume, which the others then leave out */
     int node_count;
     int cell_count;
     int nodes_per_cell;
@@ -3381,13 +3473,17 @@ typedef struct sb_domain {
 typedef enum sb_integration {
     SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
     SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2 points */
-    SB_INTEGRATION_CURVED = 2  /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_CURVED = 2, /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_BBAR = 3    /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
+                                * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
+                                * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
+                                * stays as stiff as with the standard rule */
 } sb_integration;
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
- * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh or single_rotation on
- * another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
+ * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
+ * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
  * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
@@ -3442,7 +3538,11 @@ typedef struct sb_body_def {
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
-    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO */
+    const sb_vec3 *fibres;            /* [element_count] direction of the fibres at rest, of any length; 0: this element
+                                       * has none. Read during sb_body_create only. A material with fibres needs it;
+                                       * default NULL */
+    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO.
+                                       * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible */
     int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
     sb_mass_kind mass;                /* default SB_MASS_LUMPED */
     sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
@@ -3467,22 +3567,28 @@ SB_API sb_body_def sb_default_body_def(void);
 /* Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is
  * untouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),
  * SB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),
- * SB_ERROR_MATERIAL, SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
+ * SB_ERROR_MATERIAL (the material, or the element whose material has fibres but that no direction was given for),
+ * SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
 SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error);
 SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 
 /* ---- sizes ---- */
 SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
-SB_API int sb_body_point_count(const sb_body *body); /* integration points per element */
+SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
 
 /* ---- properties: may change between steps ----
  * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
- * steps take several iterations (SB_ERROR_MEMORY). */
+ * steps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set
+ * forgets what its Prony terms remember: it counts as long relaxed in its present shape. */
 SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error); /* all regions */
 SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
                                              sb_error *error);
+/* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
+ * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms remember
+ * of the stress along the old directions stays and fades. */
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
@@ -3515,11 +3621,11 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
- * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
+/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
+ * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
-/* Back to the reference shape at rest; supports, loads and materials stay. */
+/* Back to the reference shape at rest, with nothing remembered; supports, loads and materials stay. */
 SB_API void sb_body_reset(sb_body *body);
 
 /* ---- readings: no allocation ---- */
@@ -3530,14 +3636,16 @@ SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
-    sb_real elastic;    /* J */
+    sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
+                         * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic;    /* J */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);
 SB_API sb_vec3 sb_body_momentum(const sb_body *body);
-/* Cauchy stress (Pa) at an integration point of an element, from the current state. SB_ERROR_INDEX,
+/* Cauchy stress (Pa) at an integration point of an element, from the current state, with what fibres and Prony terms
+ * add. SB_ERROR_INDEX,
  * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
 /* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
@@ -3552,7 +3660,7 @@ enum {
     SB_CHECK_DENSITY = 2,        /* a density outside 100 .. 10,000 kg/m^3: units? */
     SB_CHECK_STIFFNESS = 4,      /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
     SB_CHECK_SLIVERS = 8,        /* elements of quality under 0.1 */
-    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 */
+    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 or B-bar hex8 */
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
     SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
@@ -3607,7 +3715,7 @@ typedef struct sb_step_info {
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
@@ -3622,6 +3730,8 @@ typedef struct sb_static_options {
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
+    int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
+                               * (default): the one long after */
     void (*progress)(void *user, const sb_step_info *info); /* after each increment, or NULL */
     void *progress_user;
     unsigned cookie;          /* set by sb_default_static_options */
@@ -3632,6 +3742,9 @@ SB_API sb_static_options sb_default_static_options(void);
 /* Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
  * definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the
  * loads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.
+ *
+ * Materials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else
+ * remembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.
  *
  * Errors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element
  * that would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times. */
@@ -11228,9 +11341,7 @@ SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt
 {
     sb_real x = dt / material->prony_tau[term];
     *decay = sb_exp(-x);
-    if (x < (sb_real)1e-4) /* where the quotient would cancel */
-        return 1 - x / 2 + x * x / 6;
-    return (1 - *decay) / x;
+    return sbi_material_mean_decay(x);
 }
 
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
@@ -11239,6 +11350,28 @@ SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
     for (int i = 0; i < material->prony_count; i++)
         factor -= material->prony_g[i] * (1 - sbi_prony_term(material, i, dt, &decay));
     return factor;
+}
+
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6])
+{
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            h[i][k] = decay * h[i][k] + taken * (s0_new[k] - s0_old[k]);
+    }
+}
+
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6])
+{
+    for (int k = 0; k < 6; k++)
+        H[k] = 0;
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            H[k] += decay * h[i][k] - taken * s0_old[k];
+    }
 }
 
 /* ==== src/softbody/sparse.c ==== */
@@ -13130,6 +13263,24 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     return 0;
 }
 
+/* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
+static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
+{
+    size_t first = (size_t)cell * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    const sb_real *weights = domain->weights + first;
+    sb_real *gradients = domain->gradients + first * values, *mean = gradients + (size_t)ordinary * values;
+    sb_real volume = 0;
+    for (int p = 0; p < ordinary; p++)
+        volume += weights[p];
+    domain->weights[first + (size_t)ordinary] = volume;
+    for (size_t k = 0; k < values; k++) {
+        sb_real sum = 0;
+        for (int p = 0; p < ordinary; p++)
+            sum += weights[p] * gradients[(size_t)p * values + k];
+        mean[k] = sum / volume;
+    }
+}
+
 /* Fills weights and gradients of every cell; the arrays are there. */
 static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
 {
@@ -13142,7 +13293,7 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
         sbi_domain_gather(mesh, e, n, x);
         for (int p = 0; p < q; p++) {
-            size_t at = (size_t)e * (size_t)q + (size_t)p;
+            size_t at = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
             if (!(det > 0))
                 return sbi_fail_element(error, SB_ERROR_MESH, e,
@@ -13150,6 +13301,8 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
                                         (double)det);
             domain->weights[at] = det * weights[p];
         }
+        if (domain->mean_point)
+            sbi_domain_fill_mean(domain, e, q);
         if (domain->single_rotation) {
             sb_real tet4_gradient[4][3], centre[3] = {(sb_real)0.25, (sb_real)0.25, (sb_real)0.25};
             sb_element_shape(SB_TET4, centre, NULL, tet4_gradient);
@@ -13203,6 +13356,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
+    if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
+                        sb_element_name(mesh->element_type));
     if (integration == SB_INTEGRATION_CURVED ||
         (integration == SB_INTEGRATION_AUTO && sbi_domain_has_curved_side(mesh)))
         kind = SB_QUADRATURE_STIFFNESS_CURVED;
@@ -13211,7 +13367,8 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.node_count = mesh->node_count;
     made.cell_count = mesh->element_count;
     made.nodes_per_cell = sb_element_node_count(mesh->element_type);
-    made.points_per_cell = sb_element_quadrature(mesh->element_type, kind, points, weights);
+    made.mean_point = integration == SB_INTEGRATION_BBAR;
+    made.points_per_cell = sb_element_quadrature(mesh->element_type, kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(mesh, kind, &made, error);
@@ -13279,7 +13436,13 @@ SBI_API void sbi_element_mass(sb_element_type type, sb_mass_kind kind, const sb_
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials;  /* [material_count] */
+    int material_count;
     const int *cell_material;      /* [cell_count] index into materials */
+    sb_material *shares;           /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                                    * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;         /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *fibres;         /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                                    * fibres */
     const sb_jobs *jobs;
     const sb_vec3 *reference;      /* [node_count] (m) */
     int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
@@ -13297,6 +13460,13 @@ typedef struct sbi_assembly {
     sb_real *chunk_energy;         /* [chunk_count] (J) */
     int *chunk_bad_cell;           /* [chunk_count] first cell with an inadmissible F, or -1 */
 
+    /* memory of materials with Prony terms, NULL before the first */
+    int viscous;                   /* 1: some material has terms now */
+    int terms;                     /* most terms that the memory has room for */
+    sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
+                                    * (Pa), in the order 00 11 22 01 12 02 */
+    sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
+
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
     sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
     sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
@@ -13306,16 +13476,20 @@ typedef struct sbi_assembly {
     int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
 } sbi_assembly;
 
-/* Takes the arrays that the domain and the matrix pattern ask for from the arena (measuring or for real). */
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
+/* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
+ * or for real). */
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
+                                 sbi_arena *arena);
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
-/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. */
+/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
+ * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material);
 /* Forgets the warm starts: rotations become the identity. */
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly);
-/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. */
+/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. Bringing them
+ * back also leaves a step that sbi_assembly_begin_step began. */
 SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly);
 SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly);
 
@@ -13325,10 +13499,31 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
-/* *energy (J) = elastic energy at u; returns -1 or the first inadmissible cell. Rotations stay as they are. */
+/* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* F and P at all points of a cell at u; f and p: [points_per_cell]. admissible[point] is 0 where the material does not
- * admit F (p is 0 there). */
+/* ---- memory of materials with Prony terms ----
+ * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
+ * and Goudreau 1970), so that the step has the energy W_relaxed + H : E. Between steps dt is 0: energy, force and
+ * tangent are those of a sudden change from the present state. Bodies without Prony terms pay one test per call. */
+
+/* Room for the memory of so many terms; SB_ERROR_MEMORY changes nothing. What is remembered stays. */
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error);
+SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator);
+/* The part of the state that the memory is, one array of *bytes bytes; NULL and 0 without Prony terms. Whoever
+ * overwrites it calls sbi_assembly_begin_step(assembly, 0) afterwards. */
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
+/* Energy, force and tangent become those at the end of a step of dt (s; 0: of a jump; infinite: long after) from the
+ * memory's state. Returns 1 when they may differ from before, so that a force at hand is stale. Pure: begin(0) brings
+ * back the state between steps to the last bit. */
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt);
+/* The step of dt ended at u: the memory moves on, and dt is 0 again. Returns as above. */
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt);
+/* The cells of one material (-1: all) forget: as if they had been at u for ever. */
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
+
+/* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
+ * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);
 
@@ -13359,7 +13554,8 @@ static int sbi_assembly_can_batch(const sb_domain *domain)
     return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
 }
 
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
+                                 sbi_arena *arena)
 {
     size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
     size_t chunks;
@@ -13371,6 +13567,8 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->shares = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
+    assembly->relaxing = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
     assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
     assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
@@ -13517,7 +13715,11 @@ static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
 }
 
 SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 0); }
-SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 1); }
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
+{
+    sbi_assembly_copy_rotations(assembly, 1);
+    sbi_assembly_begin_step(assembly, 0);
+}
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
@@ -13563,6 +13765,27 @@ static int sbi_assembly_run(sbi_assembly_job *job)
 }
 
 /* ---- one cell: gather, deformation gradient ---- */
+
+/* What is special about a cell's points, a literal like their number: */
+enum {
+    SBI_CELL_PLAIN = 0,
+    SBI_CELL_SINGLE = 1, /* they share one rotation, from the corners */
+    SBI_CELL_MEAN = 2    /* the last is the mean of the others */
+};
+
+static int sbi_cell_scheme(const sb_domain *domain)
+{
+    return domain->single_rotation ? SBI_CELL_SINGLE : domain->mean_point ? SBI_CELL_MEAN : SBI_CELL_PLAIN;
+}
+
+/* Points that are not the mean of others. */
+SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q - (scheme == SBI_CELL_MEAN); }
+
+/* The materials of a cell's points and of its mean point. */
+SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
+{
+    return assembly->shares + 2 * (size_t)assembly->cell_material[e];
+}
 
 SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
 {
@@ -13650,19 +13873,20 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
  * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
  * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
  * the cell comes undone. */
-static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
+static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
                            sb_quat *rotation)
 {
     const sb_domain *domain = assembly->domain;
+    const int ordinary = sbi_cell_ordinary(q, scheme);
     sb_quat shared;
-    if (single) {
+    if (scheme == SBI_CELL_SINGLE) {
         shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
     } else {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, q) || !sbi_cell_is_folded(assembly, e, u))
+        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
             return 0;
-        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, q, rotation[0]);
+        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
     }
     for (int p = 0; p < q; p++)
         rotation[p] = shared;
@@ -13687,17 +13911,108 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
     return sb_m3_mul(r, stress);
 }
 
+/* ---- fibres and memory: what comes on top of the model's own response, in some materials only ---- */
+
+static int sbi_cell_has_extras(const sb_material *material)
+{
+    return material->fibre_stiffness > 0 || material->prony_count > 0;
+}
+
+/* Ordinary points of a cell whose material has fibres, otherwise 0: a mean point has none. */
+static int sbi_cell_fibre_points(const sbi_assembly *assembly, const sb_material *material)
+{
+    const sb_domain *domain = assembly->domain;
+    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_point : 0;
+}
+
+/* The constant second Piola-Kirchhoff stress H of the present step at a point (symmetric). */
+static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
+{
+    const sb_real *h = assembly->prestress + 6 * ((size_t)e * (size_t)assembly->domain->points_per_cell + (size_t)p);
+    return sb_m3_columns(sb_v3(h[0], h[3], h[5]), sb_v3(h[3], h[1], h[4]), sb_v3(h[5], h[4], h[2]));
+}
+
+/* P += fibres + F H at all points; 0, and its flag (flags may be NULL), where the fibres do not admit F. */
+static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    int admissible = 1;
+    for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
+        if (!sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            admissible = 0;
+            if (flags)
+                flags[p] = 0;
+        }
+    for (int p = 0; material->prony_count > 0 && p < assembly->domain->points_per_cell; p++)
+        stress[p] = sb_m3_add(stress[p], sb_m3_mul(f[p], sbi_point_prestress(assembly, e, p)));
+    return admissible;
+}
+
+/* *sum += energy of fibres, and H : E; 0 when a point has an inadmissible F. */
+static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_real *sum)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    int q = assembly->domain->points_per_cell;
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
+    for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
+        sb_real density = 0;
+        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+            return 0;
+        *sum += weights[p] * density;
+    }
+    for (int p = 0; material->prony_count > 0 && p < q; p++)
+        *sum += weights[p] * sb_m3_ddot(sbi_point_prestress(assembly, e, p), sbi_green_strain(&f[p]));
+    return 1;
+}
+
+/* A symmetric matrix without its negative eigenvalues. */
+static sb_mat3 sbi_point_semidefinite(sb_mat3 a)
+{
+    sb_vec3 values;
+    sb_mat3 vectors, sum = sb_m3_zero();
+    sb_m3_eigen(a, &values, &vectors);
+    const sb_real value[3] = {values.x, values.y, values.z};
+    for (int k = 0; k < 3; k++)
+        if (value[k] > 0) {
+            sb_vec3 v = sb_m3_column(vectors, k);
+            sum = sb_m3_add(sum, sb_m3_outer(sb_v3_scale(value[k], v), v));
+        }
+    return sum;
+}
+
+/* A_ijkl += fibres + delta_ik H_jl, without H's negative part when the tangent has to be semidefinite. */
+static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f, sb_tangent_kind kind,
+                                       sb_real *tangent)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    sb_mat3 h;
+    if (p < sbi_cell_fibre_points(assembly, material) &&
+        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        return 0;
+    if (material->prony_count == 0)
+        return 1;
+    h = sbi_point_prestress(assembly, e, p);
+    if (kind != SB_TANGENT_EXACT)
+        h = sbi_point_semidefinite(h);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                tangent[9 * (3 * i + j) + 3 * i + l] += h.m[j][l];
+    return 1;
+}
+
 /* ---- force ---- */
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
  * be NULL). */
-SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
-                                       const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
-                                       sb_mat3 *stress, int *flags)
+SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                       const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
 {
-    int corotated = sbi_cell_is_corotated(material), admissible = 1;
-    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
+    const sb_material *shares = sbi_cell_shares(assembly, e);
+    int corotated = sbi_cell_is_corotated(shares), admissible = 1;
+    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
@@ -13709,23 +14024,24 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_ma
         if (flags)
             flags[p] = good;
     }
+    if (sbi_cell_has_extras(shares))
+        admissible &= sbi_cell_add_extra_stresses(assembly, e, f, stress, flags);
     return admissible;
 }
 
 SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                     const int single)
+                                     const int scheme)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
     int bad = -1;
     for (int e = begin; e < end; e++) {
         const int *cell = domain->cells + (size_t)e * (size_t)n;
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(assembly, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
+        if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -13748,17 +14064,18 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 
 /* ---- energy ---- */
 
-/* Elastic energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
-                                     const sb_mat3 *f, const int q, const int single, const sb_quat *start,
-                                     sb_real *sum)
+/* Energy of a cell; 0 when one of its points has an inadmissible F. */
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, const int q,
+                                     const int scheme, const sb_quat *start, sb_real *sum)
 {
+    const sb_material *shares = sbi_cell_shares(assembly, e);
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
         rotation[p] = start[p];
-    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
+    shared = sbi_cell_is_corotated(shares) && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
@@ -13766,20 +14083,18 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_mate
             return 0;
         *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
     }
-    return 1;
+    return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
 
 SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                      const int single, sb_real *sum)
+                                      const int scheme, sb_real *sum)
 {
     const sbi_assembly *assembly = job->assembly;
     *sum = 0;
     for (int e = begin; e < end; e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
-        if (!sbi_cell_energy(assembly, material, e, job->u, f, q, single,
-                             assembly->rotations + (size_t)e * (size_t)q, sum))
+        if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
     }
     return -1;
@@ -13861,19 +14176,21 @@ static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind 
 }
 
 /* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int single,
+SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int scheme,
                                       sb_real *blocks)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
-    const sb_material *material = assembly->materials + assembly->cell_material[e];
-    const int rotated = single || sbi_assembly_is_rotated(material, job->kind);
+    const sb_material *shares = sbi_cell_shares(assembly, e);
+    const int rotated = scheme == SBI_CELL_SINGLE || sbi_assembly_is_rotated(shares, job->kind);
+    const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
     for (int p = 0; p < q; p++) {
         size_t point = (size_t)e * (size_t)q + (size_t)p;
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
@@ -13883,6 +14200,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         } else {
             if (!sb_material_tangent(material, &f[p], &start, job->kind, tangent))
                 return 0;
+            if (extras && !sbi_point_add_extra_tangent(assembly, e, p, &f[p], job->kind, tangent))
+                return 0;
             sbi_cell_add_tangent(tangent, g, w, n, blocks);
         }
     }
@@ -13890,7 +14209,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
 }
 
 SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                       const int single)
+                                       const int scheme)
 {
     const int pair_count = n * (n + 1) / 2;
     int bad = -1;
@@ -13898,7 +14217,7 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
         sbi_cell_blocks blocks;
         memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
-        if (!sbi_cell_tangent(job, e, n, q, single, blocks) && bad < 0)
+        if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
             bad = e;
         sbi_cell_scatter(job->matrix, at, blocks, n);
     }
@@ -14074,14 +14393,20 @@ static void sbi_edge_diagonals(void *user, int index)
     case SB_TET4: CALL(4, 1, 0); break;                                                                         \
     case SB_TET10:                                                                                              \
         if (domain->points_per_cell != 4) {                                                                     \
-            CALL(10, domain->points_per_cell, domain->single_rotation);                                         \
+            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                         \
         } else if (domain->single_rotation) {                                                                   \
-            CALL(10, 4, 1);                                                                                     \
+            CALL(10, 4, SBI_CELL_SINGLE);                                                                       \
         } else {                                                                                                \
-            CALL(10, 4, 0);                                                                                     \
+            CALL(10, 4, SBI_CELL_PLAIN);                                                                        \
         }                                                                                                       \
         break;                                                                                                  \
-    case SB_HEX8: CALL(8, 8, 0); break;                                                                         \
+    case SB_HEX8:                                                                                               \
+        if (domain->mean_point) {                                                                               \
+            CALL(8, 9, SBI_CELL_MEAN);                                                                          \
+        } else {                                                                                                \
+            CALL(8, 8, SBI_CELL_PLAIN);                                                                         \
+        }                                                                                                       \
+        break;                                                                                                  \
     default: CALL(domain->nodes_per_cell, domain->points_per_cell, 0); break;                                   \
     }
 
@@ -14092,7 +14417,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
         sbi_batch_force(job, begin, end);
         return -1;
     }
-#define SBI_CALL(n, q, single) return sbi_chunk_force(job, begin, end, n, q, single)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_force(job, begin, end, n, q, scheme)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -14101,7 +14426,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, single) return sbi_chunk_tangent(job, begin, end, n, q, single)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_tangent(job, begin, end, n, q, scheme)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -14110,7 +14435,7 @@ static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end
 static int sbi_chunk_energy_any(const sbi_assembly_job *job, int begin, int end, sb_real *sum)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, single) return sbi_chunk_energy(job, begin, end, n, q, single, sum)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_energy(job, begin, end, n, q, scheme, sum)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -14131,24 +14456,220 @@ static void sbi_assembly_chunk(void *user, int index)
     assembly->chunk_bad_cell[chunk] = bad;
 }
 
+/* ---- memory of materials with Prony terms ---- */
+
+/* Number of reals that a point remembers. */
+static size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+
+static size_t sbi_memory_points(const sbi_assembly *assembly)
+{
+    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
+}
+
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error)
+{
+    size_t points = sbi_memory_points(assembly), old_stride = sbi_memory_stride(assembly), stride;
+    sb_real *history, *prestress = assembly->prestress;
+    if (terms <= assembly->terms)
+        return SB_OK;
+    stride = 6 * (1 + (size_t)terms);
+    history = (sb_real *)sbi_alloc_zeroed(allocator, points, stride * sizeof(sb_real));
+    if (!prestress)
+        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        if (!assembly->prestress)
+            sbi_free(allocator, prestress);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
+                        assembly->domain->cell_count);
+    }
+    for (size_t p = 0; assembly->history && p < points; p++)
+        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    assembly->terms = terms;
+    return SB_OK;
+}
+
+SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
+{
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+}
+
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
+{
+    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
+    return assembly->viscous ? assembly->history : NULL;
+}
+
+/* Shares of the materials as they are, and of what relaxes of them. */
+static void sbi_assembly_derive(sbi_assembly *assembly)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxing = sbi_material_relaxing(material);
+        for (int k = 0; k < 2; k++) {
+            sbi_material_share share = !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR;
+            assembly->shares[2 * i + k] = sbi_material_share_of(material, share);
+            assembly->relaxing[2 * i + k] = sbi_material_share_of(&relaxing, share);
+        }
+    }
+}
+
+/* The shares of materials with Prony terms for a step of dt. */
+static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxed;
+        if (material->prony_count == 0)
+            continue;
+        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+        for (int k = 0; k < 2; k++)
+            assembly->shares[2 * i + k] = sbi_material_share_of(
+                &relaxed, !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR);
+    }
+}
+
+/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
+ * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
+ * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
+ * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
+static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
+{
+    const sb_real least = (sb_real)0.05;
+    if (!(J > 0))
+        return 0;
+    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
+}
+
+/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
+static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
+{
+    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
+    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
+    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
+    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
+                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+    if (finite)
+        p = sb_m3_tmul(cofactor, p);
+    for (int k = 0; k < 6; k++) {
+        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
+        finite &= sb_is_finite(s0[k]);
+    }
+    for (int k = 0; k < 6 && !finite; k++)
+        s0[k] = 0;
+}
+
+typedef struct sbi_memory_job {
+    sbi_assembly *assembly;
+    const sb_vec3 *u; /* the end of a step of dt, or NULL */
+    sb_real dt;
+    int material;     /* of the cells in question, or -1 */
+} sbi_memory_job;
+
+/* The memory of a cell moves on to the end of a step. */
+static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
+{
+    sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, index = assembly->cell_material[e];
+    size_t stride = sbi_memory_stride(assembly);
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
+    for (int p = 0; p < q; p++) {
+        int is_mean = domain->mean_point && p == q - 1;
+        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
+        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
+        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
+        sbi_memory_instant(relaxing, &f[p], fibre, s0);
+        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
+        memcpy(point, s0, sizeof s0);
+    }
+}
+
+/* H of a cell's points for a step of dt. */
+static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
+{
+    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
+    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
+        sb_real *point = assembly->history + at * stride;
+        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
+                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
+    }
+}
+
+static void sbi_memory_chunk(void *user, int chunk)
+{
+    const sbi_memory_job *job = (const sbi_memory_job *)user;
+    sbi_assembly *assembly = job->assembly;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        int index = assembly->cell_material[e];
+        if (assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+            continue;
+        if (job->u)
+            sbi_memory_advance_cell(job, e);
+        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
+    }
+}
+
+static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous)
+        return 0;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = dt;
+    job.material = material;
+    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
+    sbi_memory_relax(assembly, u ? 0 : dt);
+    return 1;
+}
+
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt) { return sbi_memory_run(assembly, NULL, dt, -1); }
+
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
+{
+    return sbi_memory_run(assembly, u, dt, -1);
+}
+
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
+{
+    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
+}
+
 /* ---- entry points ---- */
 
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material)
 {
     const sb_domain *domain = assembly->domain;
-    size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
+    int q = domain->points_per_cell;
     assembly->materials = materials;
+    assembly->material_count = material_count;
     assembly->cell_material = cell_material;
     assembly->batched = sbi_assembly_can_batch(domain);
+    assembly->viscous = 0;
     assembly->energy_unit = 0;
-    for (size_t p = 0; p < points; p++) {
-        const sb_material *material = materials + cell_material[p / (size_t)domain->points_per_cell];
-        assembly->energy_unit += domain->weights[p] * (material->lambda + 2 * material->mu);
-    }
-    for (int i = 0; i < material_count; i++)
+    for (int e = 0; e < domain->cell_count; e++)
+        for (int p = 0; p < q - domain->mean_point; p++) {
+            const sb_material *material = materials + cell_material[e];
+            assembly->energy_unit +=
+                domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
+        }
+    for (int i = 0; i < material_count; i++) {
         if (materials[i].model != SB_COROTATED)
             assembly->batched = 0;
+        assembly->viscous |= materials[i].prony_count > 0;
+    }
+    sbi_assembly_derive(assembly);
+    sbi_assembly_begin_step(assembly, 0);
 }
 
 static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assembly_work work, const sb_vec3 *u)
@@ -14209,8 +14730,7 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    sbi_cell_stresses(assembly, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
-                      domain->single_rotation, rotation, p, admissible);
+    sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
 }
 
 /* ==== src/softbody/body_state.h ==== */
@@ -14235,6 +14755,7 @@ struct sb_body {
     int *material_regions;       /* [material_count] ascending region numbers */
     sb_material *materials;      /* [material_count] */
     int *cell_material;          /* [cell_count] */
+    sb_vec3 *fibres;             /* [cell_count] unit directions or 0; NULL: none were given */
     sb_real force_unit;          /* stiffness times volume over size (N): times epsilon, rounding in the forces */
     int component_count;         /* connected parts */
     sb_index_table element_component;
@@ -14300,6 +14821,12 @@ SBI_API void sbi_body_update_positions(sb_body *body);
 /* A node of the first connected part whose supports leave a rigid motion free, or -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
 
+/* Points of an element that others may see: its mean point is ours. */
+SB_INLINE int sbi_body_points(const sb_body *body)
+{
+    return body->domain.points_per_cell - body->domain.mean_point;
+}
+
 #endif /* SB_BODY_STATE_H */
 
 /* ==== src/softbody/body.c ==== */
@@ -14345,7 +14872,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
                         def->max_iterations, def->max_newton);
     if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_CURVED)
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
@@ -14465,6 +14992,75 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     return SB_OK;
 }
 
+/* ---- creation: fibres ---- */
+
+/* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
+static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
+        if (index < 0 || body->cell_material[e] == index)
+            return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
+                                    "the material of element %d has fibres, but no directions were given (def.fibres)",
+                                    e);
+    return SB_OK;
+}
+
+/* Copies the directions at unit length. Scaled first, so that neither long nor short ones lose their square. */
+static void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
+{
+    for (int e = 0; e < count; e++) {
+        sb_vec3 a = fibres[e];
+        sb_real largest = sb_max(sb_max(sb_abs(a.x), sb_abs(a.y)), sb_abs(a.z));
+        if (largest > 0) {
+            a = sb_v3(a.x / largest, a.y / largest, a.z / largest);
+            a = sb_v3_scale(1 / sb_v3_norm(a), a);
+        }
+        out[e] = a;
+    }
+}
+
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    int count;
+    sb_vec3 *copy;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_fibres needs a body");
+    count = body->domain.cell_count;
+    for (int e = 0; fibres && e < count; e++)
+        if (!sb_v3_is_finite(fibres[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite", e);
+    copy = body->fibres;
+    if (!fibres) {
+        for (int i = 0; i < body->material_count; i++) {
+            sb_result result = sbi_body_miss_fibres(body, i, body->materials + i, error);
+            if (result != SB_OK)
+                return result;
+        }
+        sbi_free(&body->allocator, copy);
+        copy = NULL;
+    } else if (!copy) {
+        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        if (!copy)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
+    }
+    if (fibres)
+        sbi_body_copy_fibres(copy, fibres, count);
+    body->fibres = copy;
+    body->assembly.fibres = copy;
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    return SB_OK;
+}
+
+/* What a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory. */
+static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_memory(&body->assembly, material->prony_count, &body->allocator, error);
+    return result;
+}
+
 /* ---- creation: memory ---- */
 
 /* Lays out every array of the body; walked once to measure and once to hand out. */
@@ -14489,7 +15085,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, arena);
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
 static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
@@ -14730,6 +15326,11 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_materials_changed(body);
     sb_body_reset(body);
     return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
@@ -14779,7 +15380,9 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_matrix_free(&body->matrix);
     sb_index_table_free(&body->element_component);
     sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free_memory(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
     sbi_free(&allocator, body->cell_material);
@@ -14793,7 +15396,7 @@ SB_API void sb_body_destroy(sb_body *body)
 
 SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
 SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
-SB_API int sb_body_point_count(const sb_body *body) { return body->domain.points_per_cell; }
+SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
 
 /* ---- properties ---- */
@@ -14805,12 +15408,15 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
     result = sbi_body_check_material(material, body->domain.single_rotation, error);
     if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < body->material_count; i++)
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
     return SB_OK;
 }
 
@@ -14826,11 +15432,14 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
         return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
     result = sbi_body_check_material(material, body->domain.single_rotation, error);
     if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
     if (result != SB_OK)
         return result;
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
     return SB_OK;
 }
 
@@ -15125,6 +15734,7 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
     sbi_assembly_reset_rotations(&body->assembly);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
@@ -15135,9 +15745,13 @@ SB_API void sb_body_reset(sb_body *body)
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
 {
     sb_energy sum = {0, 0};
+    int bad;
     if (!body || !energy)
         return SB_ERROR_ARGUMENT;
-    if (sbi_assembly_energy(&body->assembly, body->displacement, &sum.elastic) >= 0)
+    sbi_assembly_begin_step(&body->assembly, (sb_real)INFINITY);
+    bad = sbi_assembly_energy(&body->assembly, body->displacement, &sum.elastic);
+    sbi_assembly_begin_step(&body->assembly, 0);
+    if (bad >= 0)
         return SB_ERROR_INVERTED;
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
@@ -15169,12 +15783,17 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
 {
     const sb_material *material = body->materials + body->cell_material[element];
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS], p[SB_MAX_QUADRATURE_POINTS];
+    int mean = body->domain.points_per_cell - 1;
     sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
-    for (int i = 0; i < body->domain.points_per_cell; i++) {
+    for (int i = mean; i >= 0; i--) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
             admissible[i] = 0;
         if (admissible[i])
             stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
+        if (body->domain.mean_point && i < mean) { /* its share of the stress belongs to every point */
+            admissible[i] &= admissible[mean];
+            stress[i] = sb_m3_add(stress[i], stress[mean]);
+        }
         if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
             stress[i] = sb_m3_zero();
             admissible[i] = 0;
@@ -15188,7 +15807,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
-    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= body->domain.points_per_cell)
+    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= sbi_body_points(body))
         return SB_ERROR_INDEX;
     sbi_body_element_stresses(body, element, all, admissible);
     if (!admissible[point])
@@ -15203,9 +15822,9 @@ static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
     int admissible[SB_MAX_QUADRATURE_POINTS];
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);
-    for (int p = 0; p < body->domain.points_per_cell; p++)
+    for (int p = 0; p < sbi_body_points(body); p++)
         sum += sb_von_mises(stress[p]);
-    return sum / (sb_real)body->domain.points_per_cell;
+    return sum / (sb_real)sbi_body_points(body);
 }
 
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
@@ -15218,7 +15837,7 @@ static sb_real sbi_body_element_volume(const sb_body *body, int element)
 {
     sb_real sum = 0;
     int q = body->domain.points_per_cell;
-    for (int p = 0; p < q; p++)
+    for (int p = 0; p < sbi_body_points(body); p++)
         sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
     return sum;
 }
@@ -15354,7 +15973,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
 
 static void sbi_body_check_materials(const sb_body *body, sb_check_report *report)
 {
-    int locks = body->domain.element_type == SB_TET4 || body->domain.element_type == SB_HEX8;
+    int locks = body->domain.element_type == SB_TET4 ||
+                (body->domain.element_type == SB_HEX8 && !body->domain.mean_point);
     for (int i = 0; i < body->material_count; i++) {
         const sb_material *material = body->materials + i;
         sb_real young = sb_material_young(material);
@@ -15388,7 +16008,7 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_DENSITY: return "a density is outside 100 to 10,000 kg/m^3: are the units SI?";
     case SB_CHECK_STIFFNESS: return "a Young's modulus is outside 10 Pa to 10 MPa: are the units SI?";
     case SB_CHECK_SLIVERS: return "some elements are slivers (quality under 0.1): solves will be slow";
-    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10";
+    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10 or B-bar hex8";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
     case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";
@@ -16129,6 +16749,20 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
     return result;
 }
 
+/* Materials with Prony terms respond as over a step of dt from now on. */
+static void sbi_step_enter(sb_body *b, sb_real dt)
+{
+    if (sbi_assembly_begin_step(&b->assembly, dt))
+        b->force_current = 0;
+}
+
+/* The step of dt is done: their memory moves on. */
+static void sbi_step_leave(sb_body *b, sb_real dt)
+{
+    if (sbi_assembly_end_step(&b->assembly, b->displacement, dt))
+        b->force_current = 0;
+}
+
 static sb_result sbi_step_run(sbi_newton *newton)
 {
     sb_body *b = newton->body;
@@ -16140,6 +16774,7 @@ static sb_result sbi_step_run(sbi_newton *newton)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
+    sbi_step_enter(b, newton->dt);
     sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
@@ -16182,6 +16817,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {
+        sbi_step_leave(body, dt);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -16296,6 +16932,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     sb_step_info own;
     sbi_newton newton;
     sb_result result;
+    sb_real duration;
     double begin;
     info = info ? info : &own;
     options = options ? options : &defaults;
@@ -16304,6 +16941,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result != SB_OK)
         return result;
     begin = sbi_step_now(body);
+    duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&newton, 0, sizeof newton);
     newton.body = body;
     newton.info = info;
@@ -16315,10 +16953,12 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     newton.line_search = !body->domain.single_rotation;
     sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
+    sbi_step_enter(body, duration);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&newton);
+        sbi_step_leave(body, duration);
         info->error = error;
     } else {
         sbi_step_undo(body);

@@ -103,6 +103,7 @@
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
+#define sb_body_set_fibres sb_body_set_fibres_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
