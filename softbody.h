@@ -291,18 +291,32 @@
 #define sb_material_neo_hookean sb_material_neo_hookean_f32
 #define sb_material_stable_neo_hookean sb_material_stable_neo_hookean_f32
 #define sb_material_neo_hookean_isochoric sb_material_neo_hookean_isochoric_f32
+#define sb_material_mooney_rivlin sb_material_mooney_rivlin_f32
+#define sb_material_reduced_polynomial sb_material_reduced_polynomial_f32
+#define sb_material_with_fibres sb_material_with_fibres_f32
+#define sb_material_with_prony sb_material_with_prony_f32
+#define sb_material_preset sb_material_preset_f32
 #define sb_material_young sb_material_young_f32
 #define sb_material_poisson sb_material_poisson_f32
 #define sb_material_bulk sb_material_bulk_f32
 #define sb_material_check sb_material_check_f32
 #define sb_material_allows_inversion sb_material_allows_inversion_f32
 #define sb_material_is_linear sb_material_is_linear_f32
+#define sb_material_is_hyperelastic sb_material_is_hyperelastic_f32
 #define sb_material_energy sb_material_energy_f32
 #define sb_material_stress sb_material_stress_f32
 #define sb_material_tangent sb_material_tangent_f32
+#define sb_fibre_energy sb_fibre_energy_f32
+#define sb_fibre_stress sb_fibre_stress_f32
+#define sb_fibre_tangent sb_fibre_tangent_f32
+#define sb_material_relaxation sb_material_relaxation_f32
+#define sb_material_history_stress sb_material_history_stress_f32
 #define sb_cauchy_stress sb_cauchy_stress_f32
 #define sb_material_cauchy_stress sb_material_cauchy_stress_f32
 #define sb_von_mises sb_von_mises_f32
+#define sb_default_fit_options sb_default_fit_options_f32
+#define sb_material_fit sb_material_fit_f32
+#define sb_material_fit_prony sb_material_fit_prony_f32
 #define sb_matrix_create sb_matrix_create_f32
 #define sb_matrix_free sb_matrix_free_f32
 #define sb_matrix_clear sb_matrix_clear_f32
@@ -332,6 +346,7 @@
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
+#define sb_body_set_fibres sb_body_set_fibres_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
@@ -2535,8 +2550,9 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 1.
  *
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
- * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. No function
- * allocates or keeps state; all are thread-safe.
+ * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
+ * hyperelastic model in a direction that the caller gives with each F; Prony terms let it relax in time. No
+ * function allocates or keeps state; all are thread-safe.
  *
  * Two ways in: sb_material_energy/stress/tangent choose the model at run time and check their input; the
  * sbi_..._inline workers take the model as a literal first argument, so that a loop over integration
@@ -2570,17 +2586,17 @@ enum { SB_MAX_PRONY_TERMS = 8 };
 
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
- * and c10 = mu/2, d1 = 2/bulk. Only SB_NEO_HOOKEAN_ISOCHORIC evaluates c10 and d1; the others evaluate
- * lambda and mu. */
+ * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC, SB_MOONEY_RIVLIN,
+ * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
     sb_real density; /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
     sb_real lambda;  /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
     sb_real mu;      /* shear modulus [Pa], > 0 */
-    sb_real c10;     /* [Pa], > 0 */
+    sb_real c10;     /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
     sb_real d1;      /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;     /* [Pa]; Mooney-Rivlin, else 0 */
-    sb_real c20, c30; /* [Pa]; reduced polynomial, else 0 */
+    sb_real c01;     /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30; /* [Pa], any sign; reduced polynomial, else 0 */
     sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
     sb_real fibre_exponent;  /* k2, >= 0 */
     int prony_count; /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
@@ -2607,6 +2623,44 @@ SB_API sb_material sb_material_neo_hookean(sb_real young, sb_real poisson, sb_re
 SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson, sb_real density);
 /* c10 [Pa] > 0, d1 [1/Pa] > 0: Abaqus' and CalculiX' constants, mu = 2 c10 and bulk = 2/d1. */
 SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density);
+/* The same convention with mu = 2 (c10 + c01) > 0; c10 or c01 [Pa] may be 0 or negative, at the price of a
+ * material that softens or turns unstable under large strain. */
+SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
+/* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
+ * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
+                                                  sb_real density);
+/* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
+ *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
+ * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
+ * stay those of the matrix. */
+SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2);
+/* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
+ * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
+ * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
+ * elastic again. */
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
+
+/* ---- presets: liver, as published ----
+ * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
+typedef enum sb_preset {
+    /* Reduced polynomial C10 79.2 Pa, C20 257 Pa, D1 4.38e-4 1/Pa; g 0.832, tau 0.15 s (Jordan et al. 2009). */
+    SB_LIVER_JORDAN = 1,
+    /* Reduced polynomial C10 397.7 Pa, C20 208.6 Pa, D1 8.38e-4 1/Pa; g 0.503, 0.185, 0.142, tau 2.1, 47.1,
+     * 380 s (Raghunathan et al. 2010). */
+    SB_LIVER_RAGHUNATHAN = 2,
+    /* Mooney-Rivlin C10 322.96 Pa, C01 161.47 Pa; g 0.2866, 0.2022, tau 1.537, 6.09 s (Kim and Srinivasan 2005).
+     * D1 is published as "below 1e-5 1/Pa"; here it is 1e-5, the softest of these (Poisson's ratio 0.4976). */
+    SB_LIVER_KIM = 3,
+    /* Simplified: isochoric neo-Hookean C10 365 Pa, D1 8.38e-4 1/Pa (Young's modulus 1987 Pa, Poisson's ratio
+     * 0.36). Goes with a body's damping_stiffness of 0.21 s in place of Prony terms. */
+    SB_LIVER_NEO_HOOKEAN = 4,
+    /* Linear, Young's modulus 1987 Pa, Poisson's ratio 0.36; goes with a damping_stiffness of 0.21 s. */
+    SB_LIVER_LINEAR = 5
+} sb_preset;
+/* A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that
+ * sb_material_check refuses. */
+SB_API sb_material sb_material_preset(sb_preset preset, sb_real density);
 
 /* Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa]. */
 SB_API sb_real sb_material_young(const sb_material *material);
@@ -2614,9 +2668,10 @@ SB_API sb_real sb_material_poisson(const sb_material *material);
 SB_API sb_real sb_material_bulk(const sb_material *material);
 
 /* Checks model, finiteness and ranges of a material (mu > 0, bulk > 0, density > 0, Poisson's ratio in
- * (-1, 0.5); isochoric: c10, d1 > 0 and in agreement with lambda, mu). Returns SB_OK, or SB_ERROR_ARGUMENT
- * (NULL, unknown model), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
- * be NULL). */
+ * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
+ * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
+ * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
+ * be NULL). It does not tell whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
 /* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
@@ -2625,6 +2680,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
 SB_API int sb_material_is_linear(sb_material_model model);
+/* 1 for the models that take fibres and Prony terms: all but the linear and corotated ones. */
+SB_API int sb_material_is_hyperelastic(sb_material_model model);
 
 /* ---- evaluation at one point -------------------------------------------------------------------------
  * F: deformation gradient. rotation: SB_COROTATED's warm start, a unit quaternion read and overwritten with
@@ -2644,6 +2701,36 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * not divide by it. */
 SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
                                sb_tangent_kind kind, sb_real A[81]);
+
+/* ---- fibres ----
+ * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
+ * rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
+ * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
+ * tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it. */
+SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W);
+SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P);
+SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81]);
+
+/* ---- relaxation in time ---- */
+
+/* g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0. */
+SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time);
+
+/* What a point of a material with Prony terms remembers. All zero: at rest for ever. Plain data. */
+typedef struct sb_material_history {
+    sb_real stress[6];                   /* instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F
+                                            [Pa], in the order 00 11 22 01 12 02 */
+    sb_real memory[SB_MAX_PRONY_TERMS][6]; /* h_i [Pa], the same */
+} sb_material_history;
+
+/* Moves one point by dt [s] >= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres
+ * included: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes
+ * evenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.
+ * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
+ * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
+ * hyperelastic, or a pointer but fibre is NULL. */
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -2671,6 +2758,20 @@ SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a)
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt);
 /* gamma_i, and exp(-x_i) in *decay. */
 SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay);
+
+/* One point's memory h[prony_count][6] of its relaxing second Piola-Kirchhoff stress S0 (Pa, order 00 11 22 01 12 02)
+ * over a step of dt, exact when S0 changes evenly in it: with gamma_i and x_i from above
+ *     advance:   h_i <- exp(-x_i) h_i + g_i gamma_i (s0_new - s0_old)
+ *     prestress: H = sum_i (exp(-x_i) h_i - g_i gamma_i s0_old), before advance,
+ * so that S = S_volume + a(dt) S0_new + H at the end of the step, and S = S_volume + g_inf S0_new + sum h_i after
+ * advance. A point at rest has h = 0, S0 = 0. (Thesis 3, 4.90; Simo and Hughes 1998, ch. 10.) */
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6]);
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6]);
+/* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
+ * untouched when F is not admissible, or J = 0. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -2716,6 +2817,18 @@ SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
         for (int q = p; q < 9; q++)
             A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
     }
+}
+
+/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
+SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
+{
+    if (sb_abs(x) < (sb_real)0.125) {
+        sb_real sum = 1;
+        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
+            sum = 1 - x / (sb_real)n * sum;
+        return sum;
+    }
+    return (1 - sb_exp(-x)) / x;
 }
 
 /* ---- linear ---- */
@@ -2918,14 +3031,50 @@ SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb
     }
 }
 
-/* ---- neo-Hookean with a volume barrier: ln J and isochoric form ---- */
+/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
 
-/* Both forms have P = alpha F - epsilon B and
- *     A_ijkl = alpha d_ik d_jl + beta (F_ij B_kl + B_ij F_kl) + gamma B_ij B_kl + epsilon B_il B_kj. */
+/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
+ *     P = alpha F + second N - epsilon B and
+ *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
+ *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
+ * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
 typedef struct sbi_barrier {
     sb_mat3 b;
-    sb_real J, alpha, beta, gamma, epsilon;
+    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
 } sbi_barrier;
+
+/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
+SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    *curvature = 2 * m->c20 + 6 * m->c30 * i;
+    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
+}
+
+/* The isochoric family's coefficients; cofactor = cof F. */
+SBI_FORCE_INLINE void sbi_barrier_isochoric(const int model, const sb_material *m, const sb_mat3 *F,
+                                            const sb_mat3 *cofactor, sbi_barrier *out)
+{
+    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
+    sb_real square = root * root, slope = m->c10, curvature = 0;
+    if (model == SB_REDUCED_POLYNOMIAL)
+        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    out->alpha = 2 * slope / square;
+    out->beta = -(sb_real)2 / 3 * out->alpha;
+    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
+    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+        out->zeta = 4 * curvature / (square * square);
+        out->beta -= out->zeta * I1 / 3;
+        out->gamma += out->zeta * I1 * I1 / 9;
+    }
+    if (model == SB_MOONEY_RIVLIN) {
+        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
+        out->second = 2 * m->c01 / (square * square);
+        out->zeta = 2 * out->second;
+        out->gamma += (sb_real)8 / 9 * out->second * I2;
+        out->epsilon += 2 * out->second * I2 / 3;
+    }
+}
 
 SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
 {
@@ -2935,19 +3084,23 @@ SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const
         return 0;
     out->J = J;
     out->b = sb_m3_scale(1 / J, cofactor);
+    out->zeta = out->second = 0;
     if (model == SB_NEO_HOOKEAN) {
         out->alpha = m->mu;
         out->beta = 0;
         out->gamma = m->lambda;
         out->epsilon = m->mu - m->lambda * sb_log(J);
     } else {
-        sb_real root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
-        out->alpha = 2 * m->c10 / (root * root);
-        out->beta = -(sb_real)2 / 3 * out->alpha;
-        out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
-        out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+        sbi_barrier_isochoric(model, m, F, &cofactor, out);
     }
     return 1;
+}
+
+/* N = F (I1 I - C) */
+SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
 }
 
 SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
@@ -2955,7 +3108,10 @@ SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, c
     sbi_barrier c;
     if (!sbi_barrier_at(model, m, F, &c))
         return 0;
-    *P = sb_m3_sub(sb_m3_scale(c.alpha, *F), sb_m3_scale(c.epsilon, c.b));
+    *P = sb_m3_scale(c.alpha, *F);
+    if (model == SB_MOONEY_RIVLIN)
+        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
+    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
     return 1;
 }
 
@@ -2968,10 +3124,38 @@ SBI_FORCE_INLINE int sbi_barrier_energy(const int model, const sb_material *m, c
         sb_real log_J = sb_log(J);
         *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
     } else {
-        sb_real root = sb_cbrt(J);
-        *W = m->c10 * (I1 / (root * root) - 3) + (J - 1) * (J - 1) / m->d1;
+        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
+        if (model == SB_REDUCED_POLYNOMIAL)
+            slope += i * (m->c20 + m->c30 * i);
+        *W = slope * i + (J - 1) * (J - 1) / m->d1;
+        if (model == SB_MOONEY_RIVLIN) {
+            sb_mat3 cofactor = sb_m3_cofactor(*F);
+            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
+        }
     }
     return 1;
+}
+
+/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
+ * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
+SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
+    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
+            block = sb_m3_add(block, sb_m3_outer(li, bk));
+            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
+            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
+            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
+            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
+        }
+    }
 }
 
 SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
@@ -2979,6 +3163,10 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, 
     sbi_barrier c;
     if (!sbi_barrier_at(model, m, F, &c))
         return 0;
+    if (model == SB_MOONEY_RIVLIN) {
+        sbi_mooney_tangent(&c, F, A);
+        return 1;
+    }
     for (int i = 0; i < 3; i++) {
         sb_vec3 bi = sbi_material_row(&c.b, i);
         sb_vec3 fi = sbi_material_row(F, i);
@@ -2987,8 +3175,12 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, 
             if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
                 right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
             sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
-            if (model != SB_NEO_HOOKEAN)
-                block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c.beta, bk)));
+            if (model != SB_NEO_HOOKEAN) {
+                sb_vec3 left = sb_v3_scale(c.beta, bk);
+                if (model == SB_REDUCED_POLYNOMIAL)
+                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
+                block = sb_m3_add(block, sb_m3_outer(fi, left));
+            }
             sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
         }
     }
@@ -3094,14 +3286,20 @@ SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_pri
 /* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
 SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
 {
+    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
+    sb_real normal[3]; /* N_i = normal_i s_i */
+    for (int i = 0; i < 3; i++)
+        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
         sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
-        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse;
+        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
+                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
         out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (s[j] * s[j] + s[k] * s[k]) + c->gamma) * product;
-        out->same[i] = c->alpha;
-        out->cross[i] = c->epsilon * product;
+            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+             c->gamma) * product + c->zeta * s[j] * s[k];
+        out->same[i] = c->alpha + c->second * squares[i];
+        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
 }
 
@@ -3183,6 +3381,71 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
     sbi_tangent_lift(&principal, u, v, A);
 }
 
+/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
+ * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
+ * add to their output, and return 0 with it untouched when the share is not finite. */
+
+/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
+                                  sb_real *second)
+{
+    sb_real e, growth;
+    *a = sb_m3_apply(*F, a0);
+    e = sb_v3_dot(*a, *a) - 1;
+    *first = *second = 0;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
+    *first = growth * e;
+    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+SBI_FORCE_INLINE int sbi_fibre_energy_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
+    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' a a0^T */
+SBI_FORCE_INLINE int sbi_fibre_stress_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
+    return 1;
+}
+
+/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
+ * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
+SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (!(second > 0))
+        return 1;
+    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
+    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    return 1;
+}
+
 /* ---- the workers; `model` is a literal where speed counts ---- */
 
 SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_material *m, const sb_mat3 *F,
@@ -3198,7 +3461,9 @@ SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_materi
     }
     case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return sbi_barrier_energy(model, m, F, W);
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
     case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
     default: return 0;
     }
@@ -3217,7 +3482,9 @@ SBI_FORCE_INLINE int sbi_material_stress_inline(const int model, const sb_materi
     }
     case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return sbi_barrier_stress(model, m, F, P);
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
     case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
     default: return 0;
     }
@@ -3233,6 +3500,8 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
     case SB_SVK: sbi_svk_tangent(m, F, A); break;
     case SB_NEO_HOOKEAN:
     case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL:
         if (!sbi_barrier_tangent(model, m, F, A))
             return 0;
         break;
@@ -3245,6 +3514,87 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
 }
 
 #endif /* SB_MATERIAL_H */
+
+/* ==== src/softbody/material_fit.h ==== */
+/* material_fit: constants of a material from test data: stress and stretch, relaxation. Floor 2.
+ *
+ * The hyperelastic models are linear in their constants, so that fits under incompressible kinematics are linear least
+ * squares, by rotations row by row: nothing is allocated and the answer does not depend on a start. With the free
+ * sides' stretch found for a compressible material, it is a few such solves (Gauss-Newton). All sums are double. */
+#ifndef SB_MATERIAL_FIT_H
+#define SB_MATERIAL_FIT_H
+
+
+/* How a specimen was loaded, what its strain and stress mean. Stretch: length over rest length, > 0. */
+typedef enum sb_test_kind {
+    SB_TEST_UNIAXIAL = 1,    /* bar, sides free: stretch and stress along it */
+    SB_TEST_EQUIBIAXIAL = 2, /* sheet, pulled alike in its plane: stretch and stress in the plane */
+    SB_TEST_PLANAR = 3,      /* wide strip, its width held (pure shear): stretch and stress along it */
+    SB_TEST_SIMPLE_SHEAR = 4 /* block, sheared: amount of shear (tangent of the angle), shear stress */
+} sb_test_kind;
+
+typedef enum sb_stress_measure {
+    SB_STRESS_NOMINAL = 0, /* force per rest area */
+    SB_STRESS_CAUCHY = 1   /* force per current area; the same in simple shear */
+} sb_stress_measure;
+
+/* One reading of a test. */
+typedef struct sb_test_point {
+    sb_test_kind kind;
+    sb_stress_measure measure;
+    sb_real strain; /* stretch (1 at rest) or amount of shear (0 at rest) */
+    sb_real stress; /* [Pa] */
+} sb_test_point;
+
+typedef struct sb_fit_options {
+    int order;        /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
+    int relative;     /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
+                         0: errors in Pa, so that large stresses rule */
+    int nonnegative;  /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
+    int compressible; /* 1: free sides move as the material's compressibility says; 0: at constant volume (default).
+                         Linear, corotated and St.Venant-Kirchhoff models are always fitted as with 1 */
+    sb_real poisson;  /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
+    sb_real d1;       /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
+    sb_real density;  /* [kg/m^3] > 0 of the result. Default 1000 */
+} sb_fit_options;
+
+SB_API sb_fit_options sb_default_fit_options(void);
+
+typedef struct sb_fit_info {
+    int points;        /* readings that counted */
+    int constants;     /* constants fitted; Prony: terms kept */
+    int iterations;    /* least-squares solves */
+    sb_real rms;       /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
+    sb_real r_squared; /* share of the readings' variance that is explained; 0 when they do not vary */
+    sb_real weakest;   /* the least part of a constant's influence that is its own, of 1: below 0.01 the constants
+                          answer for each other, so that noise moves them far */
+    int stable;        /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
+    sb_test_kind unstable_kind; /* when not: the first test, and the strain nearest to rest, that is not */
+    sb_real unstable_strain;
+} sb_fit_info;
+
+/* Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
+ * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
+ * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
+ * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
+ * not tell from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
+ * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: a few microseconds a reading.
+ * Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7. */
+SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
+                                 const sb_fit_options *options, sb_material *material, sb_fit_info *info,
+                                 sb_error *error);
+
+/* Fits Prony terms to the relaxation g(time[k]) of a sudden strain: stress over its value at time 0; time [s] > 0.
+ * tau[terms] [s]: the relaxation times to use, each > 0; NULL: spread evenly in log time from the first to the last
+ * reading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left
+ * out, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in
+ * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
+ * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not tell from the others, or
+ * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
+                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error);
+
+#endif /* SB_MATERIAL_FIT_H */
 
 /* ==== src/softbody/sparse.h ==== */
 /* sparse: square 3x3 block matrices with a symmetric pattern, their products and constraints. Floor 1. */
@@ -3514,6 +3864,9 @@ typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
     int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
+    int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
+                                   * gradients and their volume, and stands for the share of the material that resists
+                                   * changes of volume, which the others then leave out */
     int node_count;
     int cell_count;
     int nodes_per_cell;
@@ -3529,13 +3882,17 @@ typedef struct sb_domain {
 typedef enum sb_integration {
     SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
     SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
-    SB_INTEGRATION_CURVED = 2  /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_CURVED = 2, /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_BBAR = 3    /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
+                                * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
+                                * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
+                                * stays as stiff as with the standard rule */
 } sb_integration;
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
- * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh or single_rotation on
- * another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
+ * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
+ * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
  * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
@@ -3596,7 +3953,11 @@ typedef struct sb_body_def {
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
-    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO */
+    const sb_vec3 *fibres;            /* [element_count] direction of the fibres at rest, of any length; 0: this element
+                                       * has none. Read during sb_body_create only. A material with fibres needs it;
+                                       * default NULL */
+    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO.
+                                       * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible */
     int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
     sb_mass_kind mass;                /* default SB_MASS_LUMPED */
     sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
@@ -3621,22 +3982,28 @@ SB_API sb_body_def sb_default_body_def(void);
 /* Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is
  * untouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),
  * SB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),
- * SB_ERROR_MATERIAL, SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
+ * SB_ERROR_MATERIAL (the material, or the element whose material has fibres but that no direction was given for),
+ * SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
 SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error);
 SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 
 /* ---- sizes ---- */
 SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
-SB_API int sb_body_point_count(const sb_body *body); /* integration points per element */
+SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
 
 /* ---- properties: may change between steps ----
  * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
- * steps take several iterations (SB_ERROR_MEMORY). */
+ * steps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set
+ * forgets what its Prony terms remember: it counts as long relaxed in its present shape. */
 SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error); /* all regions */
 SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
                                              sb_error *error);
+/* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
+ * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms remember
+ * of the stress along the old directions stays and fades. */
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
@@ -3669,11 +4036,11 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
- * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
+/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
+ * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
-/* Back to the reference shape at rest; supports, loads and materials stay. */
+/* Back to the reference shape at rest, with nothing remembered; supports, loads and materials stay. */
 SB_API void sb_body_reset(sb_body *body);
 
 /* ---- readings: no allocation ---- */
@@ -3684,14 +4051,16 @@ SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
-    sb_real elastic;    /* J */
+    sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
+                         * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic;    /* J */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);
 SB_API sb_vec3 sb_body_momentum(const sb_body *body);
-/* Cauchy stress (Pa) at an integration point of an element, from the current state. SB_ERROR_INDEX,
+/* Cauchy stress (Pa) at an integration point of an element, from the current state, with what fibres and Prony terms
+ * add. SB_ERROR_INDEX,
  * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
 /* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
@@ -3706,7 +4075,7 @@ enum {
     SB_CHECK_DENSITY = 2,        /* a density outside 100 .. 10,000 kg/m^3: units? */
     SB_CHECK_STIFFNESS = 4,      /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
     SB_CHECK_SLIVERS = 8,        /* elements of quality under 0.1 */
-    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 */
+    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 or B-bar hex8 */
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
     SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
@@ -3761,7 +4130,7 @@ typedef struct sb_step_info {
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
@@ -3776,6 +4145,8 @@ typedef struct sb_static_options {
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
+    int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
+                               * (default): the one long after */
     void (*progress)(void *user, const sb_step_info *info); /* after each increment, or NULL */
     void *progress_user;
     unsigned cookie;          /* set by sb_default_static_options */
@@ -3786,6 +4157,9 @@ SB_API sb_static_options sb_default_static_options(void);
 /* Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
  * definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the
  * loads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.
+ *
+ * Materials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else
+ * remembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.
  *
  * Errors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element
  * that would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times. */
@@ -11834,49 +12208,169 @@ SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson
     return sbi_material_from_young(SB_STABLE_NEO_HOOKEAN, young, poisson, density);
 }
 
-SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
+static sb_material sbi_material_isochoric(sb_material_model model, sb_real c10, sb_real c01, sb_real d1,
+                                          sb_real density)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
-    m.model = SB_NEO_HOOKEAN_ISOCHORIC;
+    m.model = model;
     m.density = density;
-    m.mu = 2 * c10;
+    m.mu = 2 * (c10 + c01);
     m.lambda = 2 / d1 - 2 * m.mu / 3;
     m.c10 = c10;
+    m.c01 = c01;
     m.d1 = d1;
+    return m;
+}
+
+SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
+{
+    return sbi_material_isochoric(SB_NEO_HOOKEAN_ISOCHORIC, c10, 0, d1, density);
+}
+
+SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density)
+{
+    return sbi_material_isochoric(SB_MOONEY_RIVLIN, c10, c01, d1, density);
+}
+
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
+                                                  sb_real density)
+{
+    sb_material m = sbi_material_isochoric(SB_REDUCED_POLYNOMIAL, c10, 0, d1, density);
+    m.c20 = c20;
+    m.c30 = c30;
+    return m;
+}
+
+SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2)
+{
+    material.fibre_stiffness = k1;
+    material.fibre_exponent = k2;
+    return material;
+}
+
+/* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
+{
+    material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
+    for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
+        int given = i < material.prony_count;
+        material.prony_g[i] = given ? g[i] : 0;
+        material.prony_tau[i] = given ? tau[i] : 0;
+    }
+    return material;
+}
+
+/* ---- presets ---- */
+
+SB_API sb_material sb_material_preset(sb_preset preset, sb_real density)
+{
+    const sb_real jordan[2] = {(sb_real)0.832, (sb_real)0.15};
+    const sb_real raghunathan[2][3] = {{(sb_real)0.503, (sb_real)0.185, (sb_real)0.142},
+                                       {(sb_real)2.1, (sb_real)47.1, (sb_real)380}};
+    const sb_real kim[2][2] = {{(sb_real)0.2866, (sb_real)0.2022}, {(sb_real)1.537, (sb_real)6.09}};
+    const sb_real d1 = (sb_real)8.38e-4;
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    switch (preset) {
+    case SB_LIVER_JORDAN:
+        m = sb_material_reduced_polynomial((sb_real)79.2, 257, 0, (sb_real)4.38e-4, density);
+        return sb_material_with_prony(m, &jordan[0], &jordan[1], 1);
+    case SB_LIVER_RAGHUNATHAN:
+        m = sb_material_reduced_polynomial((sb_real)397.7, (sb_real)208.6, 0, d1, density);
+        return sb_material_with_prony(m, raghunathan[0], raghunathan[1], 3);
+    case SB_LIVER_KIM:
+        m = sb_material_mooney_rivlin((sb_real)322.96, (sb_real)161.47, (sb_real)1e-5, density);
+        return sb_material_with_prony(m, kim[0], kim[1], 2);
+    case SB_LIVER_NEO_HOOKEAN: return sb_material_neo_hookean_isochoric(365, d1, density);
+    case SB_LIVER_LINEAR: return sb_material_linear(1987, (sb_real)0.36, density);
+    }
     return m;
 }
 
 /* ---- check ---- */
 
+static int sbi_material_is_isochoric(sb_material_model model)
+{
+    return model == SB_NEO_HOOKEAN_ISOCHORIC || model == SB_MOONEY_RIVLIN || model == SB_REDUCED_POLYNOMIAL;
+}
+
 static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error)
 {
-    const char *const names[5] = {"density (kg/m^3)", "lambda (Pa)", "mu (Pa)", "c10 (Pa)", "d1 (1/Pa)"};
-    const sb_real values[5] = {m->density, m->lambda, m->mu, m->c10, m->d1};
-    int count = m->model == SB_NEO_HOOKEAN_ISOCHORIC ? 5 : 3;
-    for (int i = 0; i < count; i++)
-        if (!sb_is_finite(values[i]))
+    const char *const names[8] = {"density (kg/m^3)", "lambda (Pa)", "mu (Pa)",  "c10 (Pa)",
+                                  "d1 (1/Pa)",        "c01 (Pa)",    "c20 (Pa)", "c30 (Pa)"};
+    const sb_real values[8] = {m->density, m->lambda, m->mu, m->c10, m->d1, m->c01, m->c20, m->c30};
+    for (int i = 0; i < 8; i++) {
+        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) ||
+                   (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
+        if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
                             "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))",
                             names[i], (double)values[i]);
+    }
     return SB_OK;
 }
 
-/* c10, d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
+/* 2 (c10 + c01) > 0 and d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
 static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *error)
 {
-    sb_real tolerance = (sb_real)1e-3, mu = 2 * m->c10, bulk;
-    if (!(m->c10 > 0))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material c10 is %g Pa, must be > 0", (double)m->c10);
+    const sb_real tolerance = (sb_real)1e-3;
+    int mooney = m->model == SB_MOONEY_RIVLIN;
+    const char *name = mooney ? "c10 + c01" : "c10";
+    sb_real sum = mooney ? m->c10 + m->c01 : m->c10, mu = 2 * sum, bulk;
+    if (!(sum > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material %s is %g Pa, must be > 0", name, (double)sum);
     if (!(m->d1 > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 c10 is %g Pa", (double)m->mu,
-                        (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa", (double)m->mu,
+                        mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
+    return SB_OK;
+}
+
+static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error)
+{
+    if (!sb_is_finite(m->fibre_stiffness) || !sb_is_finite(m->fibre_exponent))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "material fibres have k1 %g Pa and k2 %g, not finite",
+                        (double)m->fibre_stiffness, (double)m->fibre_exponent);
+    if (m->fibre_stiffness < 0 || m->fibre_exponent < 0)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
+                        (double)m->fibre_stiffness, (double)m->fibre_exponent);
+    if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but model %d is not hyperelastic",
+                        (int)m->model);
+    return SB_OK;
+}
+
+static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
+{
+    sb_real sum = 0;
+    if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d", m->prony_count,
+                        (int)SB_MAX_PRONY_TERMS);
+    if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has Prony terms, but model %d is not hyperelastic",
+                        (int)m->model);
+    for (int i = 0; i < m->prony_count; i++) {
+        sb_real g = m->prony_g[i], tau = m->prony_tau[i];
+        if (!sb_is_finite(g) || !sb_is_finite(tau))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Prony term %d has g %g and tau %g s, not finite", i,
+                            (double)g, (double)tau);
+        if (!(g > 0 && g < 1))
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has g %g, must be inside (0, 1)", i,
+                            (double)g);
+        if (!(tau > 0))
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
+                            (double)tau);
+        sum += g;
+    }
+    if (!(sum < 1))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony terms have a sum of g of %g, must be < 1",
+                        (double)sum);
     return SB_OK;
 }
 
@@ -11902,16 +12396,20 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
     sb_result result;
     if (!material)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material is NULL");
-    if ((int)material->model < SB_LINEAR || (int)material->model > SB_STABLE_NEO_HOOKEAN)
+    if ((int)material->model < SB_LINEAR || (int)material->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
     result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
         result = sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0",
                           (double)material->density);
-    if (result == SB_OK && material->model == SB_NEO_HOOKEAN_ISOCHORIC)
+    if (result == SB_OK && sbi_material_is_isochoric(material->model))
         result = sbi_material_check_isochoric(material, error);
     if (result == SB_OK)
         result = sbi_material_check_moduli(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_fibres(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_prony(material, error);
     return result;
 }
 
@@ -11932,6 +12430,11 @@ SB_API int sb_material_allows_inversion(sb_material_model model)
 }
 
 SB_API int sb_material_is_linear(sb_material_model model) { return model == SB_LINEAR; }
+
+SB_API int sb_material_is_hyperelastic(sb_material_model model)
+{
+    return (int)model >= SB_SVK && (int)model <= SB_REDUCED_POLYNOMIAL;
+}
 
 /* ---- evaluation ---- */
 
@@ -11985,6 +12488,56 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
         *rotation = q;
     return 1;
 }
+
+/* ---- fibres ---- */
+
+/* 1 when the arguments of a fibre call are in order; *unit = the direction at length 1. */
+static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
+{
+    sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) || !(largest > 0))
+        return 0;
+    /* By the largest component first, lest squares overflow. */
+    direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
+    *unit = sb_v3_scale(1 / sb_v3_norm(direction), direction);
+    return 1;
+}
+
+SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W)
+{
+    sb_vec3 unit;
+    sb_real energy = 0;
+    if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P)
+{
+    sb_vec3 unit;
+    sb_mat3 stress = sb_m3_zero();
+    if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        return 0;
+    *P = sb_m3_add(*P, stress);
+    return 1;
+}
+
+SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81])
+{
+    sb_vec3 unit;
+    sb_real tangent[81] = {0};
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        return 0;
+    for (int i = 0; i < 81; i++)
+        A[i] += tangent[i];
+    return 1;
+}
+
+/* ---- stress measures ---- */
 
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
 {
@@ -12055,9 +12608,7 @@ SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt
 {
     sb_real x = dt / material->prony_tau[term];
     *decay = sb_exp(-x);
-    if (x < (sb_real)1e-4) /* where the quotient would cancel */
-        return 1 - x / 2 + x * x / 6;
-    return (1 - *decay) / x;
+    return sbi_material_mean_decay(x);
 }
 
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
@@ -12066,6 +12617,925 @@ SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
     for (int i = 0; i < material->prony_count; i++)
         factor -= material->prony_g[i] * (1 - sbi_prony_term(material, i, dt, &decay));
     return factor;
+}
+
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6])
+{
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            h[i][k] = decay * h[i][k] + taken * (s0_new[k] - s0_old[k]);
+    }
+}
+
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6])
+{
+    for (int k = 0; k < 6; k++)
+        H[k] = 0;
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            H[k] += decay * h[i][k] - taken * s0_old[k];
+    }
+}
+
+/* Rows and columns of the six components. */
+static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
+
+/* S0 = F^-1 P, symmetric but for rounding. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6])
+{
+    sb_mat3 p;
+    sb_real J = sb_m3_det(*F), stress[6];
+    if (!(sb_abs(J) > 0) || !sb_material_stress(relaxing, F, NULL, &p) ||
+        (fibre && !sb_fibre_stress(relaxing, F, *fibre, &p)))
+        return 0;
+    p = sb_m3_mul(sb_m3_inverse(*F), p);
+    for (int k = 0; k < 6; k++) {
+        int i = sbi_voigt_row[k], j = sbi_voigt_column[k];
+        stress[k] = (sb_real)0.5 * (p.m[i][j] + p.m[j][i]);
+    }
+    if (!sbi_material_all_finite(stress, 6))
+        return 0;
+    for (int k = 0; k < 6; k++)
+        s0[k] = stress[k];
+    return 1;
+}
+
+/* ---- relaxation of one point ---- */
+
+SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
+{
+    sb_real left = 1;
+    for (int i = 0; i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS) && time > 0; i++)
+        left -= material->prony_g[i] * (1 - sb_exp(-time / material->prony_tau[i]));
+    return left;
+}
+
+/* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */
+static int sbi_material_history_total(const sb_material *material, const sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+{
+    sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+    sb_real prestress[6];
+    sb_mat3 remembered, stress;
+    if (!sb_material_stress(&left, F, NULL, &stress) || (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+        return 0;
+    sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
+    for (int k = 0; k < 6; k++) {
+        int i = sbi_voigt_row[k], j = sbi_voigt_column[k];
+        remembered.m[i][j] = remembered.m[j][i] = prestress[k];
+    }
+    *P = sb_m3_add(stress, sb_m3_mul(*F, remembered));
+    return sbi_material_all_finite(P->m[0], 9);
+}
+
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+{
+    sb_material relaxing;
+    sb_real s0[6];
+    sb_mat3 stress;
+    if (!material || !history || !F || !P || !(dt >= 0) || material->prony_count < 0 ||
+        material->prony_count > SB_MAX_PRONY_TERMS ||
+        (material->prony_count > 0 && !sb_material_is_hyperelastic(material->model)))
+        return 0;
+    if (material->prony_count == 0) {
+        if (!sb_material_stress(material, F, NULL, &stress) || (fibre && !sb_fibre_stress(material, F, *fibre, &stress)))
+            return 0;
+        *P = stress;
+        return 1;
+    }
+    relaxing = sbi_material_relaxing(material);
+    if (!sbi_prony_instant(&relaxing, F, fibre, s0) ||
+        !sbi_material_history_total(material, history, F, dt, fibre, &stress))
+        return 0;
+    sbi_prony_advance(material, dt, history->stress, s0, history->memory);
+    for (int k = 0; k < 6; k++)
+        history->stress[k] = s0[k];
+    *P = stress;
+    return 1;
+}
+
+/* ==== src/softbody/material_fit.c ==== */
+/* material_fit: least squares for the constants of hyperelastic models and Prony series. */
+
+#include <string.h>
+
+/* ---- least squares of a few unknowns ---- */
+
+enum { SBI_FIT_UNKNOWNS = SB_MAX_PRONY_TERMS };
+
+/* |A c - b|^2 in triangular form: R c = Q^T b in r[k][0..n-1] and r[k][n], and what no c can remove in rest. */
+typedef struct sbi_fit_system {
+    int n;
+    double r[SBI_FIT_UNKNOWNS][SBI_FIT_UNKNOWNS + 1];
+    double rest, total; /* total = |b|^2 */
+} sbi_fit_system;
+
+/* Constants that share all but this part of their influence with others are not told apart: measured data never reach
+ * it, rounding does. */
+static const double sbi_fit_least_own = 1e-6;
+
+static void sbi_fit_begin(sbi_fit_system *system, int n)
+{
+    memset(system, 0, sizeof *system);
+    system->n = n;
+}
+
+/* Takes in one equation row.c = value by Givens rotations: no squares of the condition, no memory for rows. */
+static void sbi_fit_add(sbi_fit_system *system, const double *row, double value)
+{
+    int n = system->n;
+    double v[SBI_FIT_UNKNOWNS + 1];
+    for (int k = 0; k < n; k++)
+        v[k] = row[k];
+    v[n] = value;
+    system->total += value * value;
+    for (int k = 0; k < n; k++) {
+        double *r = system->r[k], length = sqrt(r[k] * r[k] + v[k] * v[k]), c, s;
+        if (!(length > 0))
+            continue;
+        c = r[k] / length;
+        s = v[k] / length;
+        for (int j = k; j <= n; j++) {
+            double old = r[j];
+            r[j] = c * old + s * v[j];
+            v[j] = c * v[j] - s * old;
+        }
+    }
+    system->rest += v[n] * v[n];
+}
+
+/* The part of column k's length that the columns before it cannot make up; 0 for a column of zeros. */
+static double sbi_fit_own(const sbi_fit_system *system, int k)
+{
+    double sum = 0;
+    for (int i = 0; i <= k; i++)
+        sum += system->r[i][k] * system->r[i][k];
+    return sum > 0 ? fabs(system->r[k][k]) / sqrt(sum) : 0;
+}
+
+/* The unknown with the least part of its own, and that part. */
+static int sbi_fit_weakest(const sbi_fit_system *system, double *own)
+{
+    int weakest = 0;
+    *own = 1;
+    for (int k = 0; k < system->n; k++) {
+        double part = sbi_fit_own(system, k);
+        if (part < *own) {
+            *own = part;
+            weakest = k;
+        }
+    }
+    return weakest;
+}
+
+static void sbi_fit_back_substitute(const sbi_fit_system *system, double *c)
+{
+    for (int k = system->n - 1; k >= 0; k--) {
+        double sum = system->r[k][system->n];
+        for (int j = k + 1; j < system->n; j++)
+            sum -= system->r[k][j] * c[j];
+        c[k] = sum / system->r[k][k];
+    }
+}
+
+/* Solves with the unknowns of `mask` alone, the others 0. Returns |A c - b|^2, or a negative number when they are not
+ * told apart or one would not be positive. */
+static double sbi_fit_solve_subset(const sbi_fit_system *system, int mask, double *c)
+{
+    sbi_fit_system part;
+    double solution[SBI_FIT_UNKNOWNS], own;
+    int n = 0, at[SBI_FIT_UNKNOWNS];
+    for (int k = 0; k < system->n; k++)
+        if (mask >> k & 1)
+            at[n++] = k;
+    sbi_fit_begin(&part, n);
+    for (int i = 0; i < system->n; i++) {
+        double row[SBI_FIT_UNKNOWNS];
+        for (int k = 0; k < n; k++)
+            row[k] = system->r[i][at[k]];
+        sbi_fit_add(&part, row, system->r[i][system->n]);
+    }
+    sbi_fit_weakest(&part, &own);
+    if (own < sbi_fit_least_own)
+        return -1;
+    sbi_fit_back_substitute(&part, solution);
+    memset(c, 0, (size_t)system->n * sizeof *c);
+    for (int k = 0; k < n; k++) {
+        if (!(solution[k] > 0))
+            return -1;
+        c[at[k]] = solution[k];
+    }
+    return system->rest + part.rest;
+}
+
+static int sbi_fit_count_bits(int mask)
+{
+    int count = 0;
+    for (; mask; mask &= mask - 1)
+        count++;
+    return count;
+}
+
+/* Nonnegative least squares by looking at every set of unknowns, small sets first (there are 256 at most): a larger
+ * set must remove an error that is more than rounding. */
+static void sbi_fit_solve_nonnegative(const sbi_fit_system *system, double *c)
+{
+    double best = system->total, rounding = 1e-26 * system->total;
+    memset(c, 0, (size_t)system->n * sizeof *c);
+    for (int size = 1; size <= system->n; size++)
+        for (int mask = 1; mask < 1 << system->n; mask++) {
+            double candidate[SBI_FIT_UNKNOWNS], error;
+            if (sbi_fit_count_bits(mask) != size)
+                continue;
+            error = sbi_fit_solve_subset(system, mask, candidate);
+            if (error < 0 || !(error < best - rounding))
+                continue;
+            best = error;
+            memcpy(c, candidate, (size_t)system->n * sizeof *c);
+        }
+}
+
+/* ---- what a model predicts of a test ---- */
+
+typedef struct sbi_fit {
+    sb_material_model model;
+    sb_fit_options options;
+    const sb_test_point *data;
+    int count;
+    int n;          /* constants: c10 = mu/2, then c01, or c20 and c30 */
+    double bulk;    /* fixed bulk modulus, else 0 */
+    double ratio;   /* else bulk over mu */
+    int compressible;
+    double c[3];
+} sbi_fit;
+
+/* The material with constants c and a bulk modulus; 0 leaves out the volume's share. */
+static sb_material sbi_fit_material(const sbi_fit *fit, const double *c, double bulk)
+{
+    sb_material m;
+    double c01 = fit->model == SB_MOONEY_RIVLIN ? c[1] : 0, mu = 2 * (c[0] + c01);
+    memset(&m, 0, sizeof m);
+    m.model = fit->model;
+    m.density = fit->options.density;
+    m.mu = (sb_real)mu;
+    m.lambda = (sb_real)(bulk - 2 * mu / 3);
+    m.c10 = (sb_real)c[0];
+    m.c01 = (sb_real)c01;
+    m.d1 = bulk > 0 ? (sb_real)(2 / bulk) : SB_REAL_MAX;
+    if (fit->model == SB_REDUCED_POLYNOMIAL) {
+        m.c20 = fit->n > 1 ? (sb_real)c[1] : 0;
+        m.c30 = fit->n > 2 ? (sb_real)c[2] : 0;
+    }
+    return m;
+}
+
+static double sbi_fit_mu(const sbi_fit *fit, const double *c)
+{
+    return 2 * (c[0] + (fit->model == SB_MOONEY_RIVLIN ? c[1] : 0));
+}
+
+static double sbi_fit_bulk(const sbi_fit *fit, const double *c)
+{
+    return fit->bulk > 0 ? fit->bulk : fit->ratio * sbi_fit_mu(fit, c);
+}
+
+/* Nominal stress at constant volume is k1 dW/dI1 + k2 dW/dI2; *i = I1 - 3, in forms that do not cancel. */
+static void sbi_fit_invariants(sb_test_kind kind, double x, double *k1, double *k2, double *i)
+{
+    double u = kind == SB_TEST_SIMPLE_SHEAR ? 1 : 1 / x, gap = x - 1;
+    switch (kind) {
+    case SB_TEST_UNIAXIAL: /* dW/d stretch with sides x^(-1/2) */
+        *k1 = 2 * (x - u * u);
+        *k2 = *k1 * u;
+        *i = gap * gap * (x + 2) * u;
+        break;
+    case SB_TEST_EQUIBIAXIAL: /* half of it: two stresses do work */
+        *k1 = 2 * (x - u * u * u * u * u);
+        *k2 = *k1 * x * x;
+        *i = gap * gap * (x + 1) * (x + 1) * (2 * x * x + 1) * u * u * u * u;
+        break;
+    case SB_TEST_PLANAR:
+        *k1 = *k2 = 2 * (x - u * u * u);
+        *i = (x - u) * (x - u);
+        break;
+    case SB_TEST_SIMPLE_SHEAR:
+        *k1 = *k2 = 2 * x;
+        *i = x * x;
+        break;
+    }
+}
+
+/* Stress per unit of each constant at constant volume. */
+static void sbi_fit_basis(const sbi_fit *fit, const sb_test_point *point, double *row)
+{
+    double x = (double)point->strain, k1 = 0, k2 = 0, i = 0;
+    double area = point->measure == SB_STRESS_CAUCHY && point->kind != SB_TEST_SIMPLE_SHEAR ? 1 / x : 1;
+    sbi_fit_invariants(point->kind, x, &k1, &k2, &i);
+    row[0] = k1 / area;
+    if (fit->model == SB_MOONEY_RIVLIN)
+        row[1] = k2 / area;
+    else
+        for (int k = 1; k < fit->n; k++)
+            row[k] = (k + 1) * (k == 1 ? i : i * i) * k1 / area;
+}
+
+/* F of a test, its free stretch being b; without one in simple shear. */
+static sb_mat3 sbi_fit_deformation(sb_test_kind kind, double x, double b)
+{
+    sb_mat3 f = sb_m3_identity();
+    if (kind == SB_TEST_SIMPLE_SHEAR) {
+        f.m[0][1] = (sb_real)x;
+        return f;
+    }
+    f.m[0][0] = (sb_real)x;
+    if (kind != SB_TEST_PLANAR)
+        f.m[1][1] = (sb_real)(kind == SB_TEST_EQUIBIAXIAL ? x : b);
+    f.m[2][2] = (sb_real)b;
+    return f;
+}
+
+/* dP_ii/db for the free stretch b. */
+static double sbi_fit_by_side(sb_test_kind kind, const sb_real *A, int i)
+{
+    double rate = (double)A[36 * i + 8];
+    return kind == SB_TEST_UNIAXIAL ? rate + (double)A[36 * i + 4] : rate;
+}
+
+/* *b = the free stretch at which the free side bears no stress, by Newton steps between bounds. */
+static int sbi_fit_free_side(const sb_material *m, sb_test_kind kind, double x, double *b)
+{
+    double low = 0, high = 0; /* high = 0: not known yet */
+    double at = kind == SB_TEST_UNIAXIAL ? 1 / sqrt(x) : kind == SB_TEST_EQUIBIAXIAL ? 1 / (x * x) : 1 / x;
+    for (int iteration = 0; iteration < 100; iteration++) {
+        sb_mat3 f = sbi_fit_deformation(kind, x, at), p;
+        sb_real A[81];
+        double next, slope;
+        if (!sb_material_stress(m, &f, NULL, &p) || !sb_material_tangent(m, &f, NULL, SB_TANGENT_EXACT, A))
+            return 0;
+        if (p.m[2][2] < 0)
+            low = at;
+        else
+            high = at;
+        slope = sbi_fit_by_side(kind, A, 2);
+        next = at - (double)p.m[2][2] / slope;
+        if (!(slope > 0) || !(next > low) || (high > 0 && !(next < high)))
+            next = fabs(next - at) <= 4 * (double)SB_EPSILON * at ? at : high > 0 ? (low + high) / 2 : 2 * at;
+        if (fabs(next - at) <= 4 * (double)SB_EPSILON * at) {
+            *b = next;
+            return 1;
+        }
+        at = next;
+    }
+    return 0;
+}
+
+/* Stress of a compressible material in a test, and its derivatives by the constants when row is given. */
+static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point,
+                                        double *stress, double *row)
+{
+    const sb_test_kind kind = point->kind;
+    sb_material m = sbi_fit_material(fit, c, sbi_fit_bulk(fit, c));
+    double x = (double)point->strain, b = 1, area = 1;
+    int sheared = kind == SB_TEST_SIMPLE_SHEAR, column = sheared ? 1 : 0;
+    int current = !sheared && point->measure == SB_STRESS_CAUCHY && fit->model != SB_LINEAR;
+    sb_mat3 f, p;
+    sb_real A[81];
+    if (!sheared && !sbi_fit_free_side(&m, kind, x, &b))
+        return 0;
+    f = sbi_fit_deformation(kind, x, b);
+    if (!sb_material_stress(&m, &f, NULL, &p) || !sb_material_tangent(&m, &f, NULL, SB_TANGENT_EXACT, A))
+        return 0;
+    if (current)
+        area = kind == SB_TEST_UNIAXIAL ? b * b : kind == SB_TEST_EQUIBIAXIAL ? x * b : b;
+    *stress = (double)p.m[0][column] / area;
+    for (int k = 0; row && k < fit->n; k++) {
+        double unit[3] = {0, 0, 0}, side = 0;
+        sb_material share;
+        unit[k] = 1;
+        share = sbi_fit_material(fit, unit, fit->bulk > 0 ? 0 : sbi_fit_bulk(fit, unit));
+        if (!sb_material_stress(&share, &f, NULL, &p))
+            return 0;
+        if (!sheared) /* the side stays free of stress */
+            side = -(double)p.m[2][2] / sbi_fit_by_side(kind, A, 2);
+        row[k] = ((double)p.m[0][column] + (sheared ? 0 : sbi_fit_by_side(kind, A, 0) * side)) / area;
+        if (current)
+            row[k] -= *stress * side * (kind == SB_TEST_UNIAXIAL ? 2 : 1) / b;
+    }
+    return 1;
+}
+
+static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
+                           double *row)
+{
+    double basis[3] = {0, 0, 0};
+    if (fit->compressible)
+        return sbi_fit_predict_compressible(fit, c, point, stress, row);
+    sbi_fit_basis(fit, point, basis);
+    *stress = 0;
+    for (int k = 0; k < fit->n; k++) {
+        *stress += basis[k] * c[k];
+        if (row)
+            row[k] = basis[k];
+    }
+    return 1;
+}
+
+/* ---- the fit ---- */
+
+/* 0: the reading does not count. */
+static double sbi_fit_weight(const sbi_fit *fit, const sb_test_point *point)
+{
+    double stress = fabs((double)point->stress);
+    return !fit->options.relative ? 1 : stress > 0 ? 1 / stress : 0;
+}
+
+static const char *sbi_fit_name(const sbi_fit *fit, int k)
+{
+    if (k == 0)
+        return fit->model >= SB_MOONEY_RIVLIN || fit->model == SB_NEO_HOOKEAN_ISOCHORIC ? "c10" : "mu";
+    return fit->model == SB_MOONEY_RIVLIN ? "c01" : k == 1 ? "c20" : "c30";
+}
+
+static const char *sbi_fit_test_name(sb_test_kind kind)
+{
+    switch (kind) {
+    case SB_TEST_UNIAXIAL: return "uniaxial";
+    case SB_TEST_EQUIBIAXIAL: return "equibiaxial";
+    case SB_TEST_PLANAR: return "planar";
+    case SB_TEST_SIMPLE_SHEAR: return "simple shear";
+    }
+    return "unknown";
+}
+
+/* Sum of squared weighted errors, or -1 where the material does not get to a reading; *worst is that reading. */
+static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
+{
+    double sum = 0;
+    for (int k = 0; k < fit->count; k++) {
+        double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
+        if (weight > 0 && (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
+            *worst = k;
+            return -1;
+        }
+        if (!(weight > 0))
+            continue;
+        error = weight * (stress - (double)fit->data[k].stress);
+        sum += error * error;
+    }
+    return sum;
+}
+
+/* The linearised equations about c, for the constants themselves, not their change. */
+static int sbi_fit_linearise(const sbi_fit *fit, const double *c, sbi_fit_system *system)
+{
+    sbi_fit_begin(system, fit->n);
+    for (int k = 0; k < fit->count; k++) {
+        const sb_test_point *point = fit->data + k;
+        double weight = sbi_fit_weight(fit, point), row[3] = {0, 0, 0}, stress, value = (double)point->stress;
+        if (!(weight > 0))
+            continue;
+        if (!sbi_fit_predict(fit, c, point, &stress, row))
+            return 0;
+        value -= stress;
+        for (int i = 0; i < fit->n; i++) {
+            value += row[i] * c[i];
+            row[i] *= weight;
+        }
+        sbi_fit_add(system, row, weight * value);
+    }
+    return 1;
+}
+
+static sb_result sbi_fit_solve(const sbi_fit *fit, const sbi_fit_system *system, double *c, sb_fit_info *info,
+                               sb_error *error)
+{
+    double own;
+    int weakest = sbi_fit_weakest(system, &own);
+    info->iterations++;
+    info->weakest = (sb_real)own;
+    if (own < sbi_fit_least_own)
+        return sbi_fail(error, SB_ERROR_INDEFINITE,
+                        "the data do not determine %s: %g of its influence on the stresses is its own",
+                        sbi_fit_name(fit, weakest), own);
+    if (fit->options.nonnegative)
+        sbi_fit_solve_nonnegative(system, c);
+    else
+        sbi_fit_back_substitute(system, c);
+    return SB_OK;
+}
+
+static sb_result sbi_fit_check_mu(const sbi_fit *fit, const double *c, sb_error *error)
+{
+    double mu = sbi_fit_mu(fit, c);
+    if (!(mu > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "the data ask for mu = %g Pa, must be > 0", mu);
+    return SB_OK;
+}
+
+/* Shortens the step from fit->c to target until the errors do not grow; the step's share, or 0. */
+static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c, double *new_cost)
+{
+    int worst;
+    for (double t = 1; t > 1e-4; t /= 2) {
+        for (int k = 0; k < fit->n; k++)
+            c[k] = fit->c[k] + t * (target[k] - fit->c[k]);
+        *new_cost = sbi_fit_cost(fit, c, &worst);
+        if (*new_cost >= 0 && *new_cost <= cost)
+            return t;
+    }
+    return 0;
+}
+
+/* Largest change of a constant, relative to the largest constant. */
+static double sbi_fit_change(const sbi_fit *fit, const double *target)
+{
+    double change = 0, size = 0;
+    for (int k = 0; k < fit->n; k++) {
+        change = fmax(change, fabs(target[k] - fit->c[k]));
+        size = fmax(size, fabs(target[k]));
+    }
+    return change / size;
+}
+
+/* Gauss-Newton from the constants of constant volume. */
+static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *error)
+{
+    const int most = 100;
+    int worst = 0;
+    double cost = sbi_fit_cost(fit, fit->c, &worst);
+    if (cost < 0)
+        return sbi_fail(error, SB_ERROR_DIVERGED, "no free side bears no stress in the %s test at strain %g (reading %d)",
+                        sbi_fit_test_name(fit->data[worst].kind), (double)fit->data[worst].strain, worst);
+    for (int iteration = 0; iteration < most; iteration++) {
+        sbi_fit_system system;
+        double target[3], c[3], new_cost = cost, change;
+        sb_result result;
+        if (!sbi_fit_linearise(fit, fit->c, &system))
+            return sbi_fail(error, SB_ERROR_DIVERGED, "the stresses' derivatives overflow");
+        result = sbi_fit_solve(fit, &system, target, info, error);
+        if (result != SB_OK)
+            return result;
+        change = sbi_fit_change(fit, target);
+        if (!(sbi_fit_search(fit, target, cost, c, &new_cost) > 0)) {
+            /* Rounding hides any gain of the last steps. */
+            if (change <= 16 * sqrt((double)SB_EPSILON))
+                return SB_OK;
+            break;
+        }
+        memcpy(fit->c, c, sizeof c);
+        cost = new_cost;
+        if (change <= 16 * (double)SB_EPSILON)
+            return SB_OK;
+    }
+    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations", info->iterations);
+}
+
+/* ---- how good it is ---- */
+
+/* Root mean square and explained variance of the readings that count. */
+static void sbi_fit_judge(const sbi_fit *fit, sb_fit_info *info)
+{
+    const double first = (double)fit->data[0].stress; /* what is summed from: exact when all are equal */
+    double mean = first, squares = 0, weighted = 0, variance = 0, stress = 0;
+    for (int k = 0; k < fit->count; k++)
+        if (sbi_fit_weight(fit, fit->data + k) > 0)
+            mean += ((double)fit->data[k].stress - first) / info->points;
+    for (int k = 0; k < fit->count; k++) {
+        double weight = sbi_fit_weight(fit, fit->data + k), given = (double)fit->data[k].stress, error;
+        if (!(weight > 0) || !sbi_fit_predict(fit, fit->c, fit->data + k, &stress, NULL))
+            continue;
+        error = stress - given;
+        squares += error * error;
+        weighted += weight * error * weight * error;
+        variance += (given - mean) * (given - mean);
+    }
+    info->rms = (sb_real)sqrt(weighted / info->points);
+    info->r_squared = variance > 0 ? (sb_real)(1 - squares / variance) : 0;
+}
+
+/* d2W/(d log s_i d log s_j) of the principal stretches s. */
+static int sbi_fit_log_tangent(const sb_material *m, const sb_mat3 *f, double h[3][3])
+{
+    sb_mat3 p;
+    sb_real A[81];
+    if (!sb_material_stress(m, f, NULL, &p) || !sb_material_tangent(m, f, NULL, SB_TANGENT_EXACT, A))
+        return 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double stretch = (double)f->m[i][i];
+            h[i][j] = stretch * (double)f->m[j][j] * (double)A[36 * i + 4 * j];
+            if (i == j)
+                h[i][j] += stretch * (double)p.m[i][i];
+        }
+    return 1;
+}
+
+/* 1 when h is positive definite, on strains of constant volume only when `deviatoric`. */
+static int sbi_fit_is_positive(double h[3][3], int deviatoric)
+{
+    double a = h[0][0], b = h[0][1], d = h[1][1];
+    if (deviatoric) { /* along (1,0,-1) and (0,1,-1) */
+        a += h[2][2] - 2 * h[0][2];
+        b += h[2][2] - h[0][2] - h[1][2];
+        d += h[2][2] - 2 * h[1][2];
+    }
+    if (!(a > 0) || !(a * d - b * b > 0))
+        return 0;
+    return deviatoric || h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
+                                 h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
+                                 h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]) > 0;
+}
+
+/* Drucker stability in a test at one strain: of the shear share when the volume cannot change. */
+static int sbi_fit_is_stable_at(const sbi_fit *fit, sb_test_kind kind, double x)
+{
+    sb_material m = sbi_fit_material(fit, fit->c, fit->compressible ? sbi_fit_bulk(fit, fit->c) : 0);
+    double b, h[3][3];
+    sb_mat3 f;
+    if (kind == SB_TEST_SIMPLE_SHEAR) { /* its principal stretches are those of a planar test */
+        x = x / 2 + sqrt(1 + x * x / 4);
+        b = 1 / x;
+        kind = SB_TEST_PLANAR;
+    } else if (!fit->compressible) {
+        b = kind == SB_TEST_UNIAXIAL ? 1 / sqrt(x) : kind == SB_TEST_EQUIBIAXIAL ? 1 / (x * x) : 1 / x;
+    } else if (!sbi_fit_free_side(&m, kind, x, &b)) {
+        return 0;
+    }
+    f = sbi_fit_deformation(kind, x, b);
+    return sbi_fit_log_tangent(&m, &f, h) && sbi_fit_is_positive(h, !fit->compressible);
+}
+
+/* Walks from rest to the strain `end`; 1 when stable all the way, else *strain is the first that is not. */
+static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end, double *strain)
+{
+    const int steps = 64;
+    for (int k = 0; k <= steps; k++) {
+        *strain = rest + (end - rest) * k / steps;
+        if (!sbi_fit_is_stable_at(fit, kind, *strain))
+            return 0;
+        if (!(fabs(end - rest) > 0))
+            break;
+    }
+    return 1;
+}
+
+static void sbi_fit_find_stability(const sbi_fit *fit, sb_fit_info *info)
+{
+    info->stable = 1;
+    for (int kind = SB_TEST_UNIAXIAL; kind <= SB_TEST_SIMPLE_SHEAR && fit->model != SB_LINEAR; kind++) {
+        double rest = kind == SB_TEST_SIMPLE_SHEAR ? 0 : 1, least = rest, most = rest, low, high;
+        int low_stable, high_stable;
+        for (int k = 0; k < fit->count; k++)
+            if ((int)fit->data[k].kind == kind) {
+                least = fmin(least, (double)fit->data[k].strain);
+                most = fmax(most, (double)fit->data[k].strain);
+            }
+        low_stable = sbi_fit_is_stable_to(fit, (sb_test_kind)kind, rest, least, &low);
+        high_stable = sbi_fit_is_stable_to(fit, (sb_test_kind)kind, rest, most, &high);
+        if (low_stable && high_stable)
+            continue;
+        info->stable = 0;
+        info->unstable_kind = (sb_test_kind)kind;
+        info->unstable_strain = (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
+        return;
+    }
+}
+
+/* ---- arguments ---- */
+
+SB_API sb_fit_options sb_default_fit_options(void)
+{
+    sb_fit_options options;
+    memset(&options, 0, sizeof options);
+    options.order = 2;
+    options.relative = 1;
+    options.poisson = (sb_real)0.49;
+    options.density = 1000;
+    return options;
+}
+
+static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
+{
+    const sb_fit_options *o = &fit->options;
+    if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
+    if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
+                        (double)o->poisson, (double)o->d1, (double)o->density);
+    if (fit->model == SB_REDUCED_POLYNOMIAL && (o->order < 1 || o->order > 3))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option order is %d, must be 1 to 3", o->order);
+    if (o->d1 < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option d1 is %g 1/Pa, must be >= 0", (double)o->d1);
+    if (!(o->d1 > 0) && !(o->poisson > -1 && o->poisson < (sb_real)0.5))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option poisson is %g, must be inside (-1, 0.5)",
+                        (double)o->poisson);
+    if (!(o->density > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0", (double)o->density);
+    return SB_OK;
+}
+
+static sb_result sbi_fit_check_point(const sb_test_point *point, int k, sb_error *error)
+{
+    if ((int)point->kind < SB_TEST_UNIAXIAL || (int)point->kind > SB_TEST_SIMPLE_SHEAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k, (int)point->kind);
+    if (point->measure != SB_STRESS_NOMINAL && point->measure != SB_STRESS_CAUCHY)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a stress of unknown measure %d", k,
+                        (int)point->measure);
+    if (!sb_is_finite(point->strain) || !sb_is_finite(point->stress))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite", k,
+                        (double)point->strain, (double)point->stress);
+    if (point->kind != SB_TEST_SIMPLE_SHEAR && !(point->strain > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k, (double)point->strain);
+    return SB_OK;
+}
+
+/* Checks all arguments and counts the readings that count. */
+static sb_result sbi_fit_check(const sbi_fit *fit, sb_fit_info *info, sb_error *error)
+{
+    sb_result result = sbi_fit_check_options(fit, error);
+    for (int k = 0; result == SB_OK && k < fit->count; k++) {
+        result = sbi_fit_check_point(fit->data + k, k, error);
+        info->points += result == SB_OK && sbi_fit_weight(fit, fit->data + k) > 0;
+    }
+    if (result == SB_OK && info->points < fit->n)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants",
+                          info->points, fit->n);
+    return result;
+}
+
+static int sbi_fit_constant_count(sb_material_model model, int order)
+{
+    return model == SB_MOONEY_RIVLIN ? 2 : model == SB_REDUCED_POLYNOMIAL ? order : 1;
+}
+
+static sbi_fit sbi_fit_make(sb_material_model model, const sb_test_point *data, int count,
+                            const sb_fit_options *options)
+{
+    sbi_fit fit;
+    double poisson;
+    memset(&fit, 0, sizeof fit);
+    fit.model = model;
+    fit.options = options ? *options : sb_default_fit_options();
+    fit.data = data;
+    fit.count = count;
+    fit.n = sbi_fit_constant_count(model, fit.options.order);
+    poisson = (double)fit.options.poisson;
+    fit.ratio = 2 * (1 + poisson) / (3 * (1 - 2 * poisson));
+    fit.bulk = fit.options.d1 > 0 ? 2 / (double)fit.options.d1 : 0;
+    return fit;
+}
+
+SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
+                                 const sb_fit_options *options, sb_material *material, sb_fit_info *info,
+                                 sb_error *error)
+{
+    sbi_fit fit = sbi_fit_make(model, data, count, options);
+    sbi_fit_system system;
+    sb_fit_info found;
+    sb_material fitted;
+    sb_result result;
+    memset(&found, 0, sizeof found);
+    if (!data || !material || count < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "data or material is NULL, or count %d is negative", count);
+    result = sbi_fit_check(&fit, &found, error);
+    if (result != SB_OK)
+        return result;
+    found.constants = fit.n;
+    sbi_fit_linearise(&fit, fit.c, &system); /* at constant volume: linear, so that no start matters */
+    result = sbi_fit_solve(&fit, &system, fit.c, &found, error);
+    if (result == SB_OK)
+        result = sbi_fit_check_mu(&fit, fit.c, error);
+    fit.compressible = fit.options.compressible || (int)model <= SB_SVK;
+    if (result == SB_OK && fit.compressible)
+        result = sbi_fit_iterate(&fit, &found, error);
+    if (result != SB_OK)
+        return result;
+    fitted = sbi_fit_material(&fit, fit.c, sbi_fit_bulk(&fit, fit.c));
+    result = sb_material_check(&fitted, error);
+    if (result != SB_OK)
+        return result;
+    sbi_fit_judge(&fit, &found);
+    sbi_fit_find_stability(&fit, &found);
+    *material = fitted;
+    if (info)
+        *info = found;
+    return SB_OK;
+}
+
+/* ---- Prony series ---- */
+
+/* Times to fit with: the given ones, or evenly spread in log time over the readings. */
+static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given, int terms, double *tau)
+{
+    double first = (double)time[0], last = first;
+    for (int k = 1; k < count; k++) {
+        first = fmin(first, (double)time[k]);
+        last = fmax(last, (double)time[k]);
+    }
+    for (int i = 0; i < terms; i++) {
+        double along = terms > 1 ? (double)i / (terms - 1) : 0.5;
+        tau[i] = given ? (double)given[i] : first * sbi_dense_exp(along * sbi_dense_log(last / first));
+    }
+}
+
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                     sb_error *error)
+{
+    if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
+                        (int)SB_MAX_PRONY_TERMS);
+    if (count < terms)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings are too few for %d Prony terms", count, terms);
+    for (int k = 0; k < count; k++) {
+        if (!sb_is_finite(time[k]) || !sb_is_finite(g[k]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has time %g s and g %g, not finite", k,
+                            (double)time[k], (double)g[k]);
+        if (!(time[k] > 0))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k, (double)time[k]);
+    }
+    for (int i = 0; tau && i < terms; i++)
+        if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
+            return sbi_fail(error, sb_is_finite(tau[i]) ? SB_ERROR_ARGUMENT : SB_ERROR_NOT_FINITE,
+                            "tau %d is %g s, must be > 0 and finite", i, (double)tau[i]);
+    return SB_OK;
+}
+
+/* 1 - g(t) = sum of g_i (1 - exp(-t/tau_i)) at every reading. */
+static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau, int terms,
+                                 sbi_fit_system *system)
+{
+    sbi_fit_begin(system, terms);
+    for (int k = 0; k < count; k++) {
+        double row[SBI_FIT_UNKNOWNS];
+        for (int i = 0; i < terms; i++)
+            row[i] = 1 - sbi_dense_exp(-(double)time[k] / tau[i]);
+        sbi_fit_add(system, row, 1 - (double)g[k]);
+    }
+}
+
+static void sbi_fit_judge_prony(const sb_material *m, const sb_real *time, const sb_real *g, int count,
+                                sb_fit_info *info)
+{
+    double mean = (double)g[0], squares = 0, variance = 0; /* from g[0]: exact when all are equal */
+    for (int k = 1; k < count; k++)
+        mean += ((double)g[k] - (double)g[0]) / count;
+    for (int k = 0; k < count; k++) {
+        double error = (double)sb_material_relaxation(m, time[k]) - (double)g[k], away = (double)g[k] - mean;
+        squares += error * error;
+        variance += away * away;
+    }
+    info->points = count;
+    info->constants = m->prony_count;
+    info->iterations = 1;
+    info->rms = (sb_real)sqrt(squares / count);
+    info->r_squared = variance > 0 ? (sb_real)(1 - squares / variance) : 0;
+    info->stable = 1; /* every g_i > 0: what relaxes only ever loses energy */
+}
+
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
+                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error)
+{
+    double times[SBI_FIT_UNKNOWNS], c[SBI_FIT_UNKNOWNS], own;
+    sb_real kept_g[SB_MAX_PRONY_TERMS], kept_tau[SB_MAX_PRONY_TERMS];
+    sbi_fit_system system;
+    sb_fit_info found;
+    sb_material fitted;
+    sb_result result;
+    int kept = 0, weakest;
+    memset(&found, 0, sizeof found);
+    if (!time || !g || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "time, g or material is NULL");
+    result = sbi_fit_check_prony(time, g, count, tau, terms, error);
+    if (result != SB_OK)
+        return result;
+    sbi_fit_spread(time, count, tau, terms, times);
+    sbi_fit_prony_system(time, g, count, times, terms, &system);
+    weakest = sbi_fit_weakest(&system, &own);
+    if (tau && own < sbi_fit_least_own)
+        return sbi_fail(error, SB_ERROR_INDEFINITE,
+                        "the data do not determine g of tau %d, %g s: %g of its influence is its own", weakest,
+                        times[weakest], own);
+    sbi_fit_solve_nonnegative(&system, c);
+    for (int i = 0; i < terms; i++)
+        if (c[i] > 0) {
+            kept_g[kept] = (sb_real)c[i];
+            kept_tau[kept++] = (sb_real)times[i];
+        }
+    fitted = sb_material_with_prony(*material, kept_g, kept_tau, kept);
+    result = sb_material_check(&fitted, error);
+    if (result != SB_OK)
+        return result;
+    found.weakest = (sb_real)own;
+    sbi_fit_judge_prony(&fitted, time, g, count, &found);
+    *material = fitted;
+    if (info)
+        *info = found;
+    return SB_OK;
 }
 
 /* ==== src/softbody/sparse.c ==== */
@@ -13957,6 +15427,24 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     return 0;
 }
 
+/* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
+static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
+{
+    size_t first = (size_t)cell * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    const sb_real *weights = domain->weights + first;
+    sb_real *gradients = domain->gradients + first * values, *mean = gradients + (size_t)ordinary * values;
+    sb_real volume = 0;
+    for (int p = 0; p < ordinary; p++)
+        volume += weights[p];
+    domain->weights[first + (size_t)ordinary] = volume;
+    for (size_t k = 0; k < values; k++) {
+        sb_real sum = 0;
+        for (int p = 0; p < ordinary; p++)
+            sum += weights[p] * gradients[(size_t)p * values + k];
+        mean[k] = sum / volume;
+    }
+}
+
 /* Fills weights and gradients of every cell; the arrays are there. */
 static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
 {
@@ -13970,7 +15458,7 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
         sbi_domain_gather(mesh, e, n, x);
         for (int p = 0; p < q; p++) {
-            size_t at = (size_t)e * (size_t)q + (size_t)p;
+            size_t at = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
             if (!(det > 0))
                 return sbi_fail_element(error, SB_ERROR_MESH, e,
@@ -13978,6 +15466,8 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
                                         (double)det);
             domain->weights[at] = det * weights[p];
         }
+        if (domain->mean_point)
+            sbi_domain_fill_mean(domain, e, q);
         if (domain->single_rotation) {
             sb_real tet4_gradient[4][3], centre[3] = {(sb_real)0.25, (sb_real)0.25, (sb_real)0.25};
             sb_element_shape(SB_TET4, centre, NULL, tet4_gradient);
@@ -14031,6 +15521,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
+    if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
+                        sb_element_name(mesh->element_type));
     if (integration == SB_INTEGRATION_CURVED ||
         (integration == SB_INTEGRATION_AUTO && sbi_domain_has_curved_side(mesh)))
         kind = SB_QUADRATURE_STIFFNESS_CURVED;
@@ -14039,8 +15532,10 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.node_count = mesh->node_count;
     made.cell_count = mesh->element_count;
     made.table = sbi_mesh_element_kind(mesh).table;
+    made.mean_point = integration == SB_INTEGRATION_BBAR;
     made.nodes_per_cell = sb_mesh_element_width(mesh);
-    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights);
+    made.points_per_cell =
+        sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(mesh, kind, &made, error);
@@ -14109,7 +15604,13 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials;  /* [material_count] */
+    int material_count;
     const int *cell_material;      /* [cell_count] index into materials */
+    sb_material *shares;           /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                                    * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;         /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *fibres;         /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                                    * fibres */
     const sb_jobs *jobs;
     const sb_vec3 *reference;      /* [node_count] (m) */
     int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
@@ -14127,6 +15628,13 @@ typedef struct sbi_assembly {
     sb_real *chunk_energy;         /* [chunk_count] (J) */
     int *chunk_bad_cell;           /* [chunk_count] first cell with an inadmissible F, or -1 */
 
+    /* memory of materials with Prony terms, NULL before the first */
+    int viscous;                   /* 1: some material has terms now */
+    int terms;                     /* most terms that the memory has room for */
+    sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
+                                    * (Pa), in the order 00 11 22 01 12 02 */
+    sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
+
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
     sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
     sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
@@ -14136,16 +15644,20 @@ typedef struct sbi_assembly {
     int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
 } sbi_assembly;
 
-/* Takes the arrays that the domain and the matrix pattern ask for from the arena (measuring or for real). */
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
+/* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
+ * or for real). */
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
+                                 sbi_arena *arena);
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
-/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. */
+/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
+ * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material);
 /* Forgets the warm starts: rotations become the identity. */
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly);
-/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. */
+/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. Bringing them
+ * back also leaves a step that sbi_assembly_begin_step began. */
 SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly);
 SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly);
 
@@ -14155,10 +15667,31 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
-/* *energy (J) = elastic energy at u; returns -1 or the first inadmissible cell. Rotations stay as they are. */
+/* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* F and P at all points of a cell at u; f and p: [points_per_cell]. admissible[point] is 0 where the material does not
- * admit F (p is 0 there). */
+/* ---- memory of materials with Prony terms ----
+ * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
+ * and Goudreau 1970), so that the step has the energy W_relaxed + H : E. Between steps dt is 0: energy, force and
+ * tangent are those of a sudden change from the present state. Bodies without Prony terms pay one test per call. */
+
+/* Room for the memory of so many terms; SB_ERROR_MEMORY changes nothing. What is remembered stays. */
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error);
+SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator);
+/* The part of the state that the memory is, one array of *bytes bytes; NULL and 0 without Prony terms. Whoever
+ * overwrites it calls sbi_assembly_begin_step(assembly, 0) afterwards. */
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
+/* Energy, force and tangent become those at the end of a step of dt (s; 0: of a jump; infinite: long after) from the
+ * memory's state. Returns 1 when they may differ from before, so that a force at hand is stale. Pure: begin(0) brings
+ * back the state between steps to the last bit. */
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt);
+/* The step of dt ended at u: the memory moves on, and dt is 0 again. Returns as above. */
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt);
+/* The cells of one material (-1: all) forget: as if they had been at u for ever. */
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
+
+/* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
+ * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);
 
@@ -14189,7 +15722,8 @@ static int sbi_assembly_can_batch(const sb_domain *domain)
     return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
 }
 
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
+                                 sbi_arena *arena)
 {
     size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
     size_t chunks;
@@ -14201,6 +15735,8 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->shares = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
+    assembly->relaxing = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
     assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
     assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
@@ -14347,7 +15883,11 @@ static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
 }
 
 SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 0); }
-SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 1); }
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
+{
+    sbi_assembly_copy_rotations(assembly, 1);
+    sbi_assembly_begin_step(assembly, 0);
+}
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
@@ -14393,6 +15933,27 @@ static int sbi_assembly_run(sbi_assembly_job *job)
 }
 
 /* ---- one cell: gather, deformation gradient ---- */
+
+/* What is special about a cell's points, a literal like their number: */
+enum {
+    SBI_CELL_PLAIN = 0,
+    SBI_CELL_SINGLE = 1, /* they share one rotation, from the corners */
+    SBI_CELL_MEAN = 2    /* the last is the mean of the others */
+};
+
+static int sbi_cell_scheme(const sb_domain *domain)
+{
+    return domain->single_rotation ? SBI_CELL_SINGLE : domain->mean_point ? SBI_CELL_MEAN : SBI_CELL_PLAIN;
+}
+
+/* Points that are not the mean of others. */
+SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q - (scheme == SBI_CELL_MEAN); }
+
+/* The materials of a cell's points and of its mean point. */
+SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
+{
+    return assembly->shares + 2 * (size_t)assembly->cell_material[e];
+}
 
 SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
 {
@@ -14481,19 +16042,20 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
  * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
  * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
  * the cell comes undone. */
-static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
+static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
                            sb_quat *rotation)
 {
     const sb_domain *domain = assembly->domain;
+    const int ordinary = sbi_cell_ordinary(q, scheme);
     sb_quat shared;
-    if (single) {
+    if (scheme == SBI_CELL_SINGLE) {
         shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
     } else {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, q) || !sbi_cell_is_folded(assembly, e, u))
+        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
             return 0;
-        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, q, rotation[0]);
+        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
     }
     for (int p = 0; p < q; p++)
         rotation[p] = shared;
@@ -14518,17 +16080,108 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
     return sb_m3_mul(r, stress);
 }
 
+/* ---- fibres and memory: what comes on top of the model's own response, in some materials only ---- */
+
+static int sbi_cell_has_extras(const sb_material *material)
+{
+    return material->fibre_stiffness > 0 || material->prony_count > 0;
+}
+
+/* Ordinary points of a cell whose material has fibres, otherwise 0: a mean point has none. */
+static int sbi_cell_fibre_points(const sbi_assembly *assembly, const sb_material *material)
+{
+    const sb_domain *domain = assembly->domain;
+    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_point : 0;
+}
+
+/* The constant second Piola-Kirchhoff stress H of the present step at a point (symmetric). */
+static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
+{
+    const sb_real *h = assembly->prestress + 6 * ((size_t)e * (size_t)assembly->domain->points_per_cell + (size_t)p);
+    return sb_m3_columns(sb_v3(h[0], h[3], h[5]), sb_v3(h[3], h[1], h[4]), sb_v3(h[5], h[4], h[2]));
+}
+
+/* P += fibres + F H at all points; 0, and its flag (flags may be NULL), where the fibres do not admit F. */
+static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    int admissible = 1;
+    for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
+        if (!sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            admissible = 0;
+            if (flags)
+                flags[p] = 0;
+        }
+    for (int p = 0; material->prony_count > 0 && p < assembly->domain->points_per_cell; p++)
+        stress[p] = sb_m3_add(stress[p], sb_m3_mul(f[p], sbi_point_prestress(assembly, e, p)));
+    return admissible;
+}
+
+/* *sum += energy of fibres, and H : E; 0 when a point has an inadmissible F. */
+static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_real *sum)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    int q = assembly->domain->points_per_cell;
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
+    for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
+        sb_real density = 0;
+        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+            return 0;
+        *sum += weights[p] * density;
+    }
+    for (int p = 0; material->prony_count > 0 && p < q; p++)
+        *sum += weights[p] * sb_m3_ddot(sbi_point_prestress(assembly, e, p), sbi_green_strain(&f[p]));
+    return 1;
+}
+
+/* A symmetric matrix without its negative eigenvalues. */
+static sb_mat3 sbi_point_semidefinite(sb_mat3 a)
+{
+    sb_vec3 values;
+    sb_mat3 vectors, sum = sb_m3_zero();
+    sb_m3_eigen(a, &values, &vectors);
+    const sb_real value[3] = {values.x, values.y, values.z};
+    for (int k = 0; k < 3; k++)
+        if (value[k] > 0) {
+            sb_vec3 v = sb_m3_column(vectors, k);
+            sum = sb_m3_add(sum, sb_m3_outer(sb_v3_scale(value[k], v), v));
+        }
+    return sum;
+}
+
+/* A_ijkl += fibres + delta_ik H_jl, without H's negative part when the tangent has to be semidefinite. */
+static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f, sb_tangent_kind kind,
+                                       sb_real *tangent)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    sb_mat3 h;
+    if (p < sbi_cell_fibre_points(assembly, material) &&
+        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        return 0;
+    if (material->prony_count == 0)
+        return 1;
+    h = sbi_point_prestress(assembly, e, p);
+    if (kind != SB_TANGENT_EXACT)
+        h = sbi_point_semidefinite(h);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                tangent[9 * (3 * i + j) + 3 * i + l] += h.m[j][l];
+    return 1;
+}
+
 /* ---- force ---- */
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
  * be NULL). */
-SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
-                                       const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
-                                       sb_mat3 *stress, int *flags)
+SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                       const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
 {
-    int corotated = sbi_cell_is_corotated(material), admissible = 1;
-    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
+    const sb_material *shares = sbi_cell_shares(assembly, e);
+    int corotated = sbi_cell_is_corotated(shares), admissible = 1;
+    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
@@ -14540,23 +16193,24 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_ma
         if (flags)
             flags[p] = good;
     }
+    if (sbi_cell_has_extras(shares))
+        admissible &= sbi_cell_add_extra_stresses(assembly, e, f, stress, flags);
     return admissible;
 }
 
 SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                     const int single)
+                                     const int scheme)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
     int bad = -1;
     for (int e = begin; e < end; e++) {
         const int *cell = domain->cells + (size_t)e * (size_t)n;
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(assembly, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
+        if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -14579,17 +16233,18 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 
 /* ---- energy ---- */
 
-/* Elastic energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
-                                     const sb_mat3 *f, const int q, const int single, const sb_quat *start,
-                                     sb_real *sum)
+/* Energy of a cell; 0 when one of its points has an inadmissible F. */
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, const int q,
+                                     const int scheme, const sb_quat *start, sb_real *sum)
 {
+    const sb_material *shares = sbi_cell_shares(assembly, e);
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
         rotation[p] = start[p];
-    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
+    shared = sbi_cell_is_corotated(shares) && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
@@ -14597,20 +16252,18 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_mate
             return 0;
         *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
     }
-    return 1;
+    return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
 
 SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                      const int single, sb_real *sum)
+                                      const int scheme, sb_real *sum)
 {
     const sbi_assembly *assembly = job->assembly;
     *sum = 0;
     for (int e = begin; e < end; e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
-        if (!sbi_cell_energy(assembly, material, e, job->u, f, q, single,
-                             assembly->rotations + (size_t)e * (size_t)q, sum))
+        if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
     }
     return -1;
@@ -14692,19 +16345,21 @@ static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind 
 }
 
 /* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int single,
+SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int scheme,
                                       sb_real *blocks)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
-    const sb_material *material = assembly->materials + assembly->cell_material[e];
-    const int rotated = single || sbi_assembly_is_rotated(material, job->kind);
+    const sb_material *shares = sbi_cell_shares(assembly, e);
+    const int rotated = scheme == SBI_CELL_SINGLE || sbi_assembly_is_rotated(shares, job->kind);
+    const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
     for (int p = 0; p < q; p++) {
         size_t point = (size_t)e * (size_t)q + (size_t)p;
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
@@ -14714,6 +16369,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         } else {
             if (!sb_material_tangent(material, &f[p], &start, job->kind, tangent))
                 return 0;
+            if (extras && !sbi_point_add_extra_tangent(assembly, e, p, &f[p], job->kind, tangent))
+                return 0;
             sbi_cell_add_tangent(tangent, g, w, n, blocks);
         }
     }
@@ -14721,7 +16378,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
 }
 
 SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                       const int single)
+                                       const int scheme)
 {
     const int pair_count = n * (n + 1) / 2;
     int bad = -1;
@@ -14729,7 +16386,7 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
         sbi_cell_blocks blocks;
         memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
-        if (!sbi_cell_tangent(job, e, n, q, single, blocks) && bad < 0)
+        if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
             bad = e;
         sbi_cell_scatter(job->matrix, at, blocks, n);
     }
@@ -14905,17 +16562,23 @@ static void sbi_edge_diagonals(void *user, int index)
     case SB_TET4: CALL(4, 1, 0); break;                                                                         \
     case SB_TET10:                                                                                              \
         if (domain->points_per_cell != 4) {                                                                     \
-            CALL(10, domain->points_per_cell, domain->single_rotation);                                         \
+            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                         \
         } else if (domain->single_rotation) {                                                                   \
-            CALL(10, 4, 1);                                                                                     \
+            CALL(10, 4, SBI_CELL_SINGLE);                                                                       \
         } else {                                                                                                \
-            CALL(10, 4, 0);                                                                                     \
+            CALL(10, 4, SBI_CELL_PLAIN);                                                                        \
         }                                                                                                       \
         break;                                                                                                  \
-    case SB_HEX8: CALL(8, 8, 0); break;                                                                         \
-    case SB_HEX20: CALL(20, 27, 0); break;                                                                      \
-    case SB_HEX27: CALL(27, 27, 0); break;                                                                      \
-    default: CALL(domain->nodes_per_cell, domain->points_per_cell, 0); break;                                   \
+    case SB_HEX8:                                                                                               \
+        if (domain->mean_point) {                                                                               \
+            CALL(8, 9, SBI_CELL_MEAN);                                                                          \
+        } else {                                                                                                \
+            CALL(8, 8, SBI_CELL_PLAIN);                                                                         \
+        }                                                                                                       \
+        break;                                                                                                  \
+    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                         \
+    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                         \
+    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                                   \
     }
 
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
@@ -14925,7 +16588,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
         sbi_batch_force(job, begin, end);
         return -1;
     }
-#define SBI_CALL(n, q, single) return sbi_chunk_force(job, begin, end, n, q, single)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_force(job, begin, end, n, q, scheme)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -14934,7 +16597,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, single) return sbi_chunk_tangent(job, begin, end, n, q, single)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_tangent(job, begin, end, n, q, scheme)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -14943,7 +16606,7 @@ static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end
 static int sbi_chunk_energy_any(const sbi_assembly_job *job, int begin, int end, sb_real *sum)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, single) return sbi_chunk_energy(job, begin, end, n, q, single, sum)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_energy(job, begin, end, n, q, scheme, sum)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -14964,24 +16627,220 @@ static void sbi_assembly_chunk(void *user, int index)
     assembly->chunk_bad_cell[chunk] = bad;
 }
 
+/* ---- memory of materials with Prony terms ---- */
+
+/* Number of reals that a point remembers. */
+static size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+
+static size_t sbi_memory_points(const sbi_assembly *assembly)
+{
+    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
+}
+
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error)
+{
+    size_t points = sbi_memory_points(assembly), old_stride = sbi_memory_stride(assembly), stride;
+    sb_real *history, *prestress = assembly->prestress;
+    if (terms <= assembly->terms)
+        return SB_OK;
+    stride = 6 * (1 + (size_t)terms);
+    history = (sb_real *)sbi_alloc_zeroed(allocator, points, stride * sizeof(sb_real));
+    if (!prestress)
+        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        if (!assembly->prestress)
+            sbi_free(allocator, prestress);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
+                        assembly->domain->cell_count);
+    }
+    for (size_t p = 0; assembly->history && p < points; p++)
+        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    assembly->terms = terms;
+    return SB_OK;
+}
+
+SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
+{
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+}
+
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
+{
+    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
+    return assembly->viscous ? assembly->history : NULL;
+}
+
+/* Shares of the materials as they are, and of what relaxes of them. */
+static void sbi_assembly_derive(sbi_assembly *assembly)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxing = sbi_material_relaxing(material);
+        for (int k = 0; k < 2; k++) {
+            sbi_material_share share = !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR;
+            assembly->shares[2 * i + k] = sbi_material_share_of(material, share);
+            assembly->relaxing[2 * i + k] = sbi_material_share_of(&relaxing, share);
+        }
+    }
+}
+
+/* The shares of materials with Prony terms for a step of dt. */
+static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxed;
+        if (material->prony_count == 0)
+            continue;
+        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+        for (int k = 0; k < 2; k++)
+            assembly->shares[2 * i + k] = sbi_material_share_of(
+                &relaxed, !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR);
+    }
+}
+
+/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
+ * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
+ * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
+ * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
+static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
+{
+    const sb_real least = (sb_real)0.05;
+    if (!(J > 0))
+        return 0;
+    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
+}
+
+/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
+static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
+{
+    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
+    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
+    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
+    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
+                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+    if (finite)
+        p = sb_m3_tmul(cofactor, p);
+    for (int k = 0; k < 6; k++) {
+        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
+        finite &= sb_is_finite(s0[k]);
+    }
+    for (int k = 0; k < 6 && !finite; k++)
+        s0[k] = 0;
+}
+
+typedef struct sbi_memory_job {
+    sbi_assembly *assembly;
+    const sb_vec3 *u; /* the end of a step of dt, or NULL */
+    sb_real dt;
+    int material;     /* of the cells in question, or -1 */
+} sbi_memory_job;
+
+/* The memory of a cell moves on to the end of a step. */
+static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
+{
+    sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, index = assembly->cell_material[e];
+    size_t stride = sbi_memory_stride(assembly);
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
+    for (int p = 0; p < q; p++) {
+        int is_mean = domain->mean_point && p == q - 1;
+        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
+        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
+        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
+        sbi_memory_instant(relaxing, &f[p], fibre, s0);
+        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
+        memcpy(point, s0, sizeof s0);
+    }
+}
+
+/* H of a cell's points for a step of dt. */
+static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
+{
+    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
+    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
+        sb_real *point = assembly->history + at * stride;
+        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
+                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
+    }
+}
+
+static void sbi_memory_chunk(void *user, int chunk)
+{
+    const sbi_memory_job *job = (const sbi_memory_job *)user;
+    sbi_assembly *assembly = job->assembly;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        int index = assembly->cell_material[e];
+        if (assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+            continue;
+        if (job->u)
+            sbi_memory_advance_cell(job, e);
+        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
+    }
+}
+
+static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous)
+        return 0;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = dt;
+    job.material = material;
+    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
+    sbi_memory_relax(assembly, u ? 0 : dt);
+    return 1;
+}
+
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt) { return sbi_memory_run(assembly, NULL, dt, -1); }
+
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
+{
+    return sbi_memory_run(assembly, u, dt, -1);
+}
+
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
+{
+    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
+}
+
 /* ---- entry points ---- */
 
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material)
 {
     const sb_domain *domain = assembly->domain;
-    size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
+    int q = domain->points_per_cell;
     assembly->materials = materials;
+    assembly->material_count = material_count;
     assembly->cell_material = cell_material;
     assembly->batched = sbi_assembly_can_batch(domain);
+    assembly->viscous = 0;
     assembly->energy_unit = 0;
-    for (size_t p = 0; p < points; p++) {
-        const sb_material *material = materials + cell_material[p / (size_t)domain->points_per_cell];
-        assembly->energy_unit += domain->weights[p] * (material->lambda + 2 * material->mu);
-    }
-    for (int i = 0; i < material_count; i++)
+    for (int e = 0; e < domain->cell_count; e++)
+        for (int p = 0; p < q - domain->mean_point; p++) {
+            const sb_material *material = materials + cell_material[e];
+            assembly->energy_unit +=
+                domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
+        }
+    for (int i = 0; i < material_count; i++) {
         if (materials[i].model != SB_COROTATED)
             assembly->batched = 0;
+        assembly->viscous |= materials[i].prony_count > 0;
+    }
+    sbi_assembly_derive(assembly);
+    sbi_assembly_begin_step(assembly, 0);
 }
 
 static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assembly_work work, const sb_vec3 *u)
@@ -15042,8 +16901,7 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    sbi_cell_stresses(assembly, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
-                      domain->single_rotation, rotation, p, admissible);
+    sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
 }
 
 /* ==== src/softbody/body_state.h ==== */
@@ -15068,6 +16926,7 @@ struct sb_body {
     int *material_regions;       /* [material_count] ascending region numbers */
     sb_material *materials;      /* [material_count] */
     int *cell_material;          /* [cell_count] */
+    sb_vec3 *fibres;             /* [cell_count] unit directions or 0; NULL: none were given */
     sb_real force_unit;          /* stiffness times volume over size (N): times epsilon, rounding in the forces */
     int component_count;         /* connected parts */
     sb_index_table element_component;
@@ -15133,6 +16992,12 @@ SBI_API void sbi_body_update_positions(sb_body *body);
 /* A node of the first connected part whose supports leave a rigid motion free, or -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
 
+/* Points of an element that others may see: its mean point is ours. */
+SB_INLINE int sbi_body_points(const sb_body *body)
+{
+    return body->domain.points_per_cell - body->domain.mean_point;
+}
+
 #endif /* SB_BODY_STATE_H */
 
 /* ==== src/softbody/body.c ==== */
@@ -15178,7 +17043,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
                         def->max_iterations, def->max_newton);
     if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_CURVED)
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
@@ -15298,6 +17163,75 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     return SB_OK;
 }
 
+/* ---- creation: fibres ---- */
+
+/* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
+static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
+        if (index < 0 || body->cell_material[e] == index)
+            return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
+                                    "the material of element %d has fibres, but no directions were given (def.fibres)",
+                                    e);
+    return SB_OK;
+}
+
+/* Copies the directions at unit length. Scaled first, so that neither long nor short ones lose their square. */
+static void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
+{
+    for (int e = 0; e < count; e++) {
+        sb_vec3 a = fibres[e];
+        sb_real largest = sb_max(sb_max(sb_abs(a.x), sb_abs(a.y)), sb_abs(a.z));
+        if (largest > 0) {
+            a = sb_v3(a.x / largest, a.y / largest, a.z / largest);
+            a = sb_v3_scale(1 / sb_v3_norm(a), a);
+        }
+        out[e] = a;
+    }
+}
+
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    int count;
+    sb_vec3 *copy;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_fibres needs a body");
+    count = body->domain.cell_count;
+    for (int e = 0; fibres && e < count; e++)
+        if (!sb_v3_is_finite(fibres[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite", e);
+    copy = body->fibres;
+    if (!fibres) {
+        for (int i = 0; i < body->material_count; i++) {
+            sb_result result = sbi_body_miss_fibres(body, i, body->materials + i, error);
+            if (result != SB_OK)
+                return result;
+        }
+        sbi_free(&body->allocator, copy);
+        copy = NULL;
+    } else if (!copy) {
+        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        if (!copy)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
+    }
+    if (fibres)
+        sbi_body_copy_fibres(copy, fibres, count);
+    body->fibres = copy;
+    body->assembly.fibres = copy;
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    return SB_OK;
+}
+
+/* What a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory. */
+static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_memory(&body->assembly, material->prony_count, &body->allocator, error);
+    return result;
+}
+
 /* ---- creation: memory ---- */
 
 /* Lays out every array of the body; walked once to measure and once to hand out. */
@@ -15322,7 +17256,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, arena);
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
 static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
@@ -15564,6 +17498,11 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_materials_changed(body);
     sb_body_reset(body);
     return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
@@ -15613,7 +17552,9 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_matrix_free(&body->matrix);
     sb_index_table_free(&body->element_component);
     sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free_memory(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
     sbi_free(&allocator, body->cell_material);
@@ -15627,7 +17568,7 @@ SB_API void sb_body_destroy(sb_body *body)
 
 SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
 SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
-SB_API int sb_body_point_count(const sb_body *body) { return body->domain.points_per_cell; }
+SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
 
 /* ---- properties ---- */
@@ -15639,12 +17580,15 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
     result = sbi_body_check_material(material, body->domain.single_rotation, error);
     if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < body->material_count; i++)
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
     return SB_OK;
 }
 
@@ -15660,11 +17604,14 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
         return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
     result = sbi_body_check_material(material, body->domain.single_rotation, error);
     if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
     if (result != SB_OK)
         return result;
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
     return SB_OK;
 }
 
@@ -15959,6 +17906,7 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
     sbi_assembly_reset_rotations(&body->assembly);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
@@ -15969,9 +17917,13 @@ SB_API void sb_body_reset(sb_body *body)
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
 {
     sb_energy sum = {0, 0};
+    int bad;
     if (!body || !energy)
         return SB_ERROR_ARGUMENT;
-    if (sbi_assembly_energy(&body->assembly, body->displacement, &sum.elastic) >= 0)
+    sbi_assembly_begin_step(&body->assembly, (sb_real)INFINITY);
+    bad = sbi_assembly_energy(&body->assembly, body->displacement, &sum.elastic);
+    sbi_assembly_begin_step(&body->assembly, 0);
+    if (bad >= 0)
         return SB_ERROR_INVERTED;
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
@@ -16003,12 +17955,17 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
 {
     const sb_material *material = body->materials + body->cell_material[element];
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS], p[SB_MAX_QUADRATURE_POINTS];
+    int mean = body->domain.points_per_cell - 1;
     sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
-    for (int i = 0; i < body->domain.points_per_cell; i++) {
+    for (int i = mean; i >= 0; i--) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
             admissible[i] = 0;
         if (admissible[i])
             stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
+        if (body->domain.mean_point && i < mean) { /* its share of the stress belongs to every point */
+            admissible[i] &= admissible[mean];
+            stress[i] = sb_m3_add(stress[i], stress[mean]);
+        }
         if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
             stress[i] = sb_m3_zero();
             admissible[i] = 0;
@@ -16022,7 +17979,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
-    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= body->domain.points_per_cell)
+    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= sbi_body_points(body))
         return SB_ERROR_INDEX;
     sbi_body_element_stresses(body, element, all, admissible);
     if (!admissible[point])
@@ -16037,9 +17994,9 @@ static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
     int admissible[SB_MAX_QUADRATURE_POINTS];
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);
-    for (int p = 0; p < body->domain.points_per_cell; p++)
+    for (int p = 0; p < sbi_body_points(body); p++)
         sum += sb_von_mises(stress[p]);
-    return sum / (sb_real)body->domain.points_per_cell;
+    return sum / (sb_real)sbi_body_points(body);
 }
 
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
@@ -16052,7 +18009,7 @@ static sb_real sbi_body_element_volume(const sb_body *body, int element)
 {
     sb_real sum = 0;
     int q = body->domain.points_per_cell;
-    for (int p = 0; p < q; p++)
+    for (int p = 0; p < sbi_body_points(body); p++)
         sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
     return sum;
 }
@@ -16190,7 +18147,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
 
 static void sbi_body_check_materials(const sb_body *body, sb_check_report *report)
 {
-    int locks = body->domain.element_type == SB_TET4 || body->domain.element_type == SB_HEX8;
+    int locks = body->domain.element_type == SB_TET4 ||
+                (body->domain.element_type == SB_HEX8 && !body->domain.mean_point);
     for (int i = 0; i < body->material_count; i++) {
         const sb_material *material = body->materials + i;
         sb_real young = sb_material_young(material);
@@ -16224,7 +18182,7 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_DENSITY: return "a density is outside 100 to 10,000 kg/m^3: are the units SI?";
     case SB_CHECK_STIFFNESS: return "a Young's modulus is outside 10 Pa to 10 MPa: are the units SI?";
     case SB_CHECK_SLIVERS: return "some elements are slivers (quality under 0.1): solves will be slow";
-    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10";
+    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10 or B-bar hex8";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
     case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";
@@ -16965,6 +18923,20 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
     return result;
 }
 
+/* Materials with Prony terms respond as over a step of dt from now on. */
+static void sbi_step_enter(sb_body *b, sb_real dt)
+{
+    if (sbi_assembly_begin_step(&b->assembly, dt))
+        b->force_current = 0;
+}
+
+/* The step of dt is done: their memory moves on. */
+static void sbi_step_leave(sb_body *b, sb_real dt)
+{
+    if (sbi_assembly_end_step(&b->assembly, b->displacement, dt))
+        b->force_current = 0;
+}
+
 static sb_result sbi_step_run(sbi_newton *newton)
 {
     sb_body *b = newton->body;
@@ -16976,6 +18948,7 @@ static sb_result sbi_step_run(sbi_newton *newton)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
+    sbi_step_enter(b, newton->dt);
     sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
@@ -17018,6 +18991,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {
+        sbi_step_leave(body, dt);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -17132,6 +19106,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     sb_step_info own;
     sbi_newton newton;
     sb_result result;
+    sb_real duration;
     double begin;
     info = info ? info : &own;
     options = options ? options : &defaults;
@@ -17140,6 +19115,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result != SB_OK)
         return result;
     begin = sbi_step_now(body);
+    duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&newton, 0, sizeof newton);
     newton.body = body;
     newton.info = info;
@@ -17151,10 +19127,12 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     newton.line_search = !body->domain.single_rotation;
     sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
+    sbi_step_enter(body, duration);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&newton);
+        sbi_step_leave(body, duration);
         info->error = error;
     } else {
         sbi_step_undo(body);

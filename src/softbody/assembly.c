@@ -23,7 +23,8 @@ static int sbi_assembly_can_batch(const sb_domain *domain)
     return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
 }
 
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
+                                 sbi_arena *arena)
 {
     size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
     size_t chunks;
@@ -35,6 +36,8 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->shares = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
+    assembly->relaxing = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
     assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
     assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
@@ -181,7 +184,11 @@ static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
 }
 
 SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 0); }
-SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly) { sbi_assembly_copy_rotations(assembly, 1); }
+SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
+{
+    sbi_assembly_copy_rotations(assembly, 1);
+    sbi_assembly_begin_step(assembly, 0);
+}
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
@@ -227,6 +234,27 @@ static int sbi_assembly_run(sbi_assembly_job *job)
 }
 
 /* ---- one cell: gather, deformation gradient ---- */
+
+/* What is special about a cell's points, a literal like their number: */
+enum {
+    SBI_CELL_PLAIN = 0,
+    SBI_CELL_SINGLE = 1, /* they share one rotation, from the corners */
+    SBI_CELL_MEAN = 2    /* the last is the mean of the others */
+};
+
+static int sbi_cell_scheme(const sb_domain *domain)
+{
+    return domain->single_rotation ? SBI_CELL_SINGLE : domain->mean_point ? SBI_CELL_MEAN : SBI_CELL_PLAIN;
+}
+
+/* Points that are not the mean of others. */
+SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q - (scheme == SBI_CELL_MEAN); }
+
+/* The materials of a cell's points and of its mean point. */
+SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
+{
+    return assembly->shares + 2 * (size_t)assembly->cell_material[e];
+}
 
 SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
 {
@@ -315,19 +343,20 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
  * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
  * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
  * the cell comes undone. */
-static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int single,
+static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
                            sb_quat *rotation)
 {
     const sb_domain *domain = assembly->domain;
+    const int ordinary = sbi_cell_ordinary(q, scheme);
     sb_quat shared;
-    if (single) {
+    if (scheme == SBI_CELL_SINGLE) {
         shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
     } else {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, q) || !sbi_cell_is_folded(assembly, e, u))
+        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
             return 0;
-        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, q, rotation[0]);
+        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
     }
     for (int p = 0; p < q; p++)
         rotation[p] = shared;
@@ -352,17 +381,108 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
     return sb_m3_mul(r, stress);
 }
 
+/* ---- fibres and memory: what comes on top of the model's own response, in some materials only ---- */
+
+static int sbi_cell_has_extras(const sb_material *material)
+{
+    return material->fibre_stiffness > 0 || material->prony_count > 0;
+}
+
+/* Ordinary points of a cell whose material has fibres, otherwise 0: a mean point has none. */
+static int sbi_cell_fibre_points(const sbi_assembly *assembly, const sb_material *material)
+{
+    const sb_domain *domain = assembly->domain;
+    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_point : 0;
+}
+
+/* The constant second Piola-Kirchhoff stress H of the present step at a point (symmetric). */
+static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
+{
+    const sb_real *h = assembly->prestress + 6 * ((size_t)e * (size_t)assembly->domain->points_per_cell + (size_t)p);
+    return sb_m3_columns(sb_v3(h[0], h[3], h[5]), sb_v3(h[3], h[1], h[4]), sb_v3(h[5], h[4], h[2]));
+}
+
+/* P += fibres + F H at all points; 0, and its flag (flags may be NULL), where the fibres do not admit F. */
+static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    int admissible = 1;
+    for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
+        if (!sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            admissible = 0;
+            if (flags)
+                flags[p] = 0;
+        }
+    for (int p = 0; material->prony_count > 0 && p < assembly->domain->points_per_cell; p++)
+        stress[p] = sb_m3_add(stress[p], sb_m3_mul(f[p], sbi_point_prestress(assembly, e, p)));
+    return admissible;
+}
+
+/* *sum += energy of fibres, and H : E; 0 when a point has an inadmissible F. */
+static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_real *sum)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    int q = assembly->domain->points_per_cell;
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
+    for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
+        sb_real density = 0;
+        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+            return 0;
+        *sum += weights[p] * density;
+    }
+    for (int p = 0; material->prony_count > 0 && p < q; p++)
+        *sum += weights[p] * sb_m3_ddot(sbi_point_prestress(assembly, e, p), sbi_green_strain(&f[p]));
+    return 1;
+}
+
+/* A symmetric matrix without its negative eigenvalues. */
+static sb_mat3 sbi_point_semidefinite(sb_mat3 a)
+{
+    sb_vec3 values;
+    sb_mat3 vectors, sum = sb_m3_zero();
+    sb_m3_eigen(a, &values, &vectors);
+    const sb_real value[3] = {values.x, values.y, values.z};
+    for (int k = 0; k < 3; k++)
+        if (value[k] > 0) {
+            sb_vec3 v = sb_m3_column(vectors, k);
+            sum = sb_m3_add(sum, sb_m3_outer(sb_v3_scale(value[k], v), v));
+        }
+    return sum;
+}
+
+/* A_ijkl += fibres + delta_ik H_jl, without H's negative part when the tangent has to be semidefinite. */
+static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f, sb_tangent_kind kind,
+                                       sb_real *tangent)
+{
+    const sb_material *material = sbi_cell_shares(assembly, e);
+    sb_mat3 h;
+    if (p < sbi_cell_fibre_points(assembly, material) &&
+        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        return 0;
+    if (material->prony_count == 0)
+        return 1;
+    h = sbi_point_prestress(assembly, e, p);
+    if (kind != SB_TANGENT_EXACT)
+        h = sbi_point_semidefinite(h);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                tangent[9 * (3 * i + j) + 3 * i + l] += h.m[j][l];
+    return 1;
+}
+
 /* ---- force ---- */
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
  * be NULL). */
-SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
-                                       const sb_mat3 *f, const int q, const int single, sb_quat *rotation,
-                                       sb_mat3 *stress, int *flags)
+SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                       const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
 {
-    int corotated = sbi_cell_is_corotated(material), admissible = 1;
-    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
+    const sb_material *shares = sbi_cell_shares(assembly, e);
+    int corotated = sbi_cell_is_corotated(shares), admissible = 1;
+    int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
@@ -374,23 +494,24 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, const sb_ma
         if (flags)
             flags[p] = good;
     }
+    if (sbi_cell_has_extras(shares))
+        admissible &= sbi_cell_add_extra_stresses(assembly, e, f, stress, flags);
     return admissible;
 }
 
 SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                     const int single)
+                                     const int scheme)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
     int bad = -1;
     for (int e = begin; e < end; e++) {
         const int *cell = domain->cells + (size_t)e * (size_t)n;
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(assembly, material, e, job->u, f, q, single, rotation, stress, NULL) && bad < 0)
+        if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -413,17 +534,18 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 
 /* ---- energy ---- */
 
-/* Elastic energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_material *material, int e, const sb_vec3 *u,
-                                     const sb_mat3 *f, const int q, const int single, const sb_quat *start,
-                                     sb_real *sum)
+/* Energy of a cell; 0 when one of its points has an inadmissible F. */
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, const int q,
+                                     const int scheme, const sb_quat *start, sb_real *sum)
 {
+    const sb_material *shares = sbi_cell_shares(assembly, e);
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
         rotation[p] = start[p];
-    shared = sbi_cell_is_corotated(material) && sbi_cell_rotate(assembly, e, u, f, q, single, rotation);
+    shared = sbi_cell_is_corotated(shares) && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
@@ -431,20 +553,18 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, const sb_mate
             return 0;
         *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
     }
-    return 1;
+    return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
 
 SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                      const int single, sb_real *sum)
+                                      const int scheme, sb_real *sum)
 {
     const sbi_assembly *assembly = job->assembly;
     *sum = 0;
     for (int e = begin; e < end; e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
-        if (!sbi_cell_energy(assembly, material, e, job->u, f, q, single,
-                             assembly->rotations + (size_t)e * (size_t)q, sum))
+        if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
     }
     return -1;
@@ -526,19 +646,21 @@ static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind 
 }
 
 /* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int single,
+SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int scheme,
                                       sb_real *blocks)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
-    const sb_material *material = assembly->materials + assembly->cell_material[e];
-    const int rotated = single || sbi_assembly_is_rotated(material, job->kind);
+    const sb_material *shares = sbi_cell_shares(assembly, e);
+    const int rotated = scheme == SBI_CELL_SINGLE || sbi_assembly_is_rotated(shares, job->kind);
+    const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
     for (int p = 0; p < q; p++) {
         size_t point = (size_t)e * (size_t)q + (size_t)p;
+        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
@@ -548,6 +670,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         } else {
             if (!sb_material_tangent(material, &f[p], &start, job->kind, tangent))
                 return 0;
+            if (extras && !sbi_point_add_extra_tangent(assembly, e, p, &f[p], job->kind, tangent))
+                return 0;
             sbi_cell_add_tangent(tangent, g, w, n, blocks);
         }
     }
@@ -555,7 +679,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
 }
 
 SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                       const int single)
+                                       const int scheme)
 {
     const int pair_count = n * (n + 1) / 2;
     int bad = -1;
@@ -563,7 +687,7 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
         sbi_cell_blocks blocks;
         memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
-        if (!sbi_cell_tangent(job, e, n, q, single, blocks) && bad < 0)
+        if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
             bad = e;
         sbi_cell_scatter(job->matrix, at, blocks, n);
     }
@@ -739,17 +863,23 @@ static void sbi_edge_diagonals(void *user, int index)
     case SB_TET4: CALL(4, 1, 0); break;                                                                         \
     case SB_TET10:                                                                                              \
         if (domain->points_per_cell != 4) {                                                                     \
-            CALL(10, domain->points_per_cell, domain->single_rotation);                                         \
+            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                         \
         } else if (domain->single_rotation) {                                                                   \
-            CALL(10, 4, 1);                                                                                     \
+            CALL(10, 4, SBI_CELL_SINGLE);                                                                       \
         } else {                                                                                                \
-            CALL(10, 4, 0);                                                                                     \
+            CALL(10, 4, SBI_CELL_PLAIN);                                                                        \
         }                                                                                                       \
         break;                                                                                                  \
-    case SB_HEX8: CALL(8, 8, 0); break;                                                                         \
-    case SB_HEX20: CALL(20, 27, 0); break;                                                                      \
-    case SB_HEX27: CALL(27, 27, 0); break;                                                                      \
-    default: CALL(domain->nodes_per_cell, domain->points_per_cell, 0); break;                                   \
+    case SB_HEX8:                                                                                               \
+        if (domain->mean_point) {                                                                               \
+            CALL(8, 9, SBI_CELL_MEAN);                                                                          \
+        } else {                                                                                                \
+            CALL(8, 8, SBI_CELL_PLAIN);                                                                         \
+        }                                                                                                       \
+        break;                                                                                                  \
+    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                         \
+    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                         \
+    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                                   \
     }
 
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
@@ -759,7 +889,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
         sbi_batch_force(job, begin, end);
         return -1;
     }
-#define SBI_CALL(n, q, single) return sbi_chunk_force(job, begin, end, n, q, single)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_force(job, begin, end, n, q, scheme)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -768,7 +898,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, single) return sbi_chunk_tangent(job, begin, end, n, q, single)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_tangent(job, begin, end, n, q, scheme)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -777,7 +907,7 @@ static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end
 static int sbi_chunk_energy_any(const sbi_assembly_job *job, int begin, int end, sb_real *sum)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, single) return sbi_chunk_energy(job, begin, end, n, q, single, sum)
+#define SBI_CALL(n, q, scheme) return sbi_chunk_energy(job, begin, end, n, q, scheme, sum)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -798,24 +928,220 @@ static void sbi_assembly_chunk(void *user, int index)
     assembly->chunk_bad_cell[chunk] = bad;
 }
 
+/* ---- memory of materials with Prony terms ---- */
+
+/* Number of reals that a point remembers. */
+static size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+
+static size_t sbi_memory_points(const sbi_assembly *assembly)
+{
+    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
+}
+
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error)
+{
+    size_t points = sbi_memory_points(assembly), old_stride = sbi_memory_stride(assembly), stride;
+    sb_real *history, *prestress = assembly->prestress;
+    if (terms <= assembly->terms)
+        return SB_OK;
+    stride = 6 * (1 + (size_t)terms);
+    history = (sb_real *)sbi_alloc_zeroed(allocator, points, stride * sizeof(sb_real));
+    if (!prestress)
+        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        if (!assembly->prestress)
+            sbi_free(allocator, prestress);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
+                        assembly->domain->cell_count);
+    }
+    for (size_t p = 0; assembly->history && p < points; p++)
+        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    assembly->terms = terms;
+    return SB_OK;
+}
+
+SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
+{
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+}
+
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
+{
+    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
+    return assembly->viscous ? assembly->history : NULL;
+}
+
+/* Shares of the materials as they are, and of what relaxes of them. */
+static void sbi_assembly_derive(sbi_assembly *assembly)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxing = sbi_material_relaxing(material);
+        for (int k = 0; k < 2; k++) {
+            sbi_material_share share = !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR;
+            assembly->shares[2 * i + k] = sbi_material_share_of(material, share);
+            assembly->relaxing[2 * i + k] = sbi_material_share_of(&relaxing, share);
+        }
+    }
+}
+
+/* The shares of materials with Prony terms for a step of dt. */
+static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxed;
+        if (material->prony_count == 0)
+            continue;
+        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+        for (int k = 0; k < 2; k++)
+            assembly->shares[2 * i + k] = sbi_material_share_of(
+                &relaxed, !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR);
+    }
+}
+
+/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
+ * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
+ * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
+ * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
+static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
+{
+    const sb_real least = (sb_real)0.05;
+    if (!(J > 0))
+        return 0;
+    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
+}
+
+/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
+static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
+{
+    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
+    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
+    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
+    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
+                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+    if (finite)
+        p = sb_m3_tmul(cofactor, p);
+    for (int k = 0; k < 6; k++) {
+        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
+        finite &= sb_is_finite(s0[k]);
+    }
+    for (int k = 0; k < 6 && !finite; k++)
+        s0[k] = 0;
+}
+
+typedef struct sbi_memory_job {
+    sbi_assembly *assembly;
+    const sb_vec3 *u; /* the end of a step of dt, or NULL */
+    sb_real dt;
+    int material;     /* of the cells in question, or -1 */
+} sbi_memory_job;
+
+/* The memory of a cell moves on to the end of a step. */
+static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
+{
+    sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, index = assembly->cell_material[e];
+    size_t stride = sbi_memory_stride(assembly);
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
+    for (int p = 0; p < q; p++) {
+        int is_mean = domain->mean_point && p == q - 1;
+        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
+        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
+        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
+        sbi_memory_instant(relaxing, &f[p], fibre, s0);
+        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
+        memcpy(point, s0, sizeof s0);
+    }
+}
+
+/* H of a cell's points for a step of dt. */
+static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
+{
+    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
+    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
+        sb_real *point = assembly->history + at * stride;
+        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
+                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
+    }
+}
+
+static void sbi_memory_chunk(void *user, int chunk)
+{
+    const sbi_memory_job *job = (const sbi_memory_job *)user;
+    sbi_assembly *assembly = job->assembly;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        int index = assembly->cell_material[e];
+        if (assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+            continue;
+        if (job->u)
+            sbi_memory_advance_cell(job, e);
+        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
+    }
+}
+
+static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous)
+        return 0;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = dt;
+    job.material = material;
+    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
+    sbi_memory_relax(assembly, u ? 0 : dt);
+    return 1;
+}
+
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt) { return sbi_memory_run(assembly, NULL, dt, -1); }
+
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
+{
+    return sbi_memory_run(assembly, u, dt, -1);
+}
+
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
+{
+    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
+}
+
 /* ---- entry points ---- */
 
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material)
 {
     const sb_domain *domain = assembly->domain;
-    size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
+    int q = domain->points_per_cell;
     assembly->materials = materials;
+    assembly->material_count = material_count;
     assembly->cell_material = cell_material;
     assembly->batched = sbi_assembly_can_batch(domain);
+    assembly->viscous = 0;
     assembly->energy_unit = 0;
-    for (size_t p = 0; p < points; p++) {
-        const sb_material *material = materials + cell_material[p / (size_t)domain->points_per_cell];
-        assembly->energy_unit += domain->weights[p] * (material->lambda + 2 * material->mu);
-    }
-    for (int i = 0; i < material_count; i++)
+    for (int e = 0; e < domain->cell_count; e++)
+        for (int p = 0; p < q - domain->mean_point; p++) {
+            const sb_material *material = materials + cell_material[e];
+            assembly->energy_unit +=
+                domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
+        }
+    for (int i = 0; i < material_count; i++) {
         if (materials[i].model != SB_COROTATED)
             assembly->batched = 0;
+        assembly->viscous |= materials[i].prony_count > 0;
+    }
+    sbi_assembly_derive(assembly);
+    sbi_assembly_begin_step(assembly, 0);
 }
 
 static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assembly_work work, const sb_vec3 *u)
@@ -876,6 +1202,5 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    sbi_cell_stresses(assembly, assembly->materials + assembly->cell_material[cell], cell, u, f, q,
-                      domain->single_rotation, rotation, p, admissible);
+    sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
 }

@@ -13,7 +13,13 @@
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials;  /* [material_count] */
+    int material_count;
     const int *cell_material;      /* [cell_count] index into materials */
+    sb_material *shares;           /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                                    * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;         /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *fibres;         /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                                    * fibres */
     const sb_jobs *jobs;
     const sb_vec3 *reference;      /* [node_count] (m) */
     int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
@@ -31,6 +37,13 @@ typedef struct sbi_assembly {
     sb_real *chunk_energy;         /* [chunk_count] (J) */
     int *chunk_bad_cell;           /* [chunk_count] first cell with an inadmissible F, or -1 */
 
+    /* memory of materials with Prony terms, NULL before the first */
+    int viscous;                   /* 1: some material has terms now */
+    int terms;                     /* most terms that the memory has room for */
+    sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
+                                    * (Pa), in the order 00 11 22 01 12 02 */
+    sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
+
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
     sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
     sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
@@ -40,16 +53,20 @@ typedef struct sbi_assembly {
     int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
 } sbi_assembly;
 
-/* Takes the arrays that the domain and the matrix pattern ask for from the arena (measuring or for real). */
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
+/* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
+ * or for real). */
+SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
+                                 sbi_arena *arena);
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
-/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. */
+/* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
+ * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material);
 /* Forgets the warm starts: rotations become the identity. */
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly);
-/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. */
+/* Keeps the warm starts, and brings them back: a step that was undone leaves no trace, to the last bit. Bringing them
+ * back also leaves a step that sbi_assembly_begin_step began. */
 SBI_API void sbi_assembly_save_rotations(sbi_assembly *assembly);
 SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly);
 
@@ -59,10 +76,31 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
-/* *energy (J) = elastic energy at u; returns -1 or the first inadmissible cell. Rotations stay as they are. */
+/* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* F and P at all points of a cell at u; f and p: [points_per_cell]. admissible[point] is 0 where the material does not
- * admit F (p is 0 there). */
+/* ---- memory of materials with Prony terms ----
+ * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
+ * and Goudreau 1970), so that the step has the energy W_relaxed + H : E. Between steps dt is 0: energy, force and
+ * tangent are those of a sudden change from the present state. Bodies without Prony terms pay one test per call. */
+
+/* Room for the memory of so many terms; SB_ERROR_MEMORY changes nothing. What is remembered stays. */
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error);
+SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator);
+/* The part of the state that the memory is, one array of *bytes bytes; NULL and 0 without Prony terms. Whoever
+ * overwrites it calls sbi_assembly_begin_step(assembly, 0) afterwards. */
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
+/* Energy, force and tangent become those at the end of a step of dt (s; 0: of a jump; infinite: long after) from the
+ * memory's state. Returns 1 when they may differ from before, so that a force at hand is stale. Pure: begin(0) brings
+ * back the state between steps to the last bit. */
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt);
+/* The step of dt ended at u: the memory moves on, and dt is 0 again. Returns as above. */
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt);
+/* The cells of one material (-1: all) forget: as if they had been at u for ever. */
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
+
+/* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
+ * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);
 

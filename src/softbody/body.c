@@ -42,7 +42,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
                         def->max_iterations, def->max_newton);
     if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_CURVED)
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
@@ -162,6 +162,75 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     return SB_OK;
 }
 
+/* ---- creation: fibres ---- */
+
+/* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
+static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
+        if (index < 0 || body->cell_material[e] == index)
+            return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
+                                    "the material of element %d has fibres, but no directions were given (def.fibres)",
+                                    e);
+    return SB_OK;
+}
+
+/* Copies the directions at unit length. Scaled first, so that neither long nor short ones lose their square. */
+static void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
+{
+    for (int e = 0; e < count; e++) {
+        sb_vec3 a = fibres[e];
+        sb_real largest = sb_max(sb_max(sb_abs(a.x), sb_abs(a.y)), sb_abs(a.z));
+        if (largest > 0) {
+            a = sb_v3(a.x / largest, a.y / largest, a.z / largest);
+            a = sb_v3_scale(1 / sb_v3_norm(a), a);
+        }
+        out[e] = a;
+    }
+}
+
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    int count;
+    sb_vec3 *copy;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_fibres needs a body");
+    count = body->domain.cell_count;
+    for (int e = 0; fibres && e < count; e++)
+        if (!sb_v3_is_finite(fibres[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite", e);
+    copy = body->fibres;
+    if (!fibres) {
+        for (int i = 0; i < body->material_count; i++) {
+            sb_result result = sbi_body_miss_fibres(body, i, body->materials + i, error);
+            if (result != SB_OK)
+                return result;
+        }
+        sbi_free(&body->allocator, copy);
+        copy = NULL;
+    } else if (!copy) {
+        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        if (!copy)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
+    }
+    if (fibres)
+        sbi_body_copy_fibres(copy, fibres, count);
+    body->fibres = copy;
+    body->assembly.fibres = copy;
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    return SB_OK;
+}
+
+/* What a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory. */
+static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_memory(&body->assembly, material->prony_count, &body->allocator, error);
+    return result;
+}
+
 /* ---- creation: memory ---- */
 
 /* Lays out every array of the body; walked once to measure and once to hand out. */
@@ -186,7 +255,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, arena);
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
 static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
@@ -428,6 +497,11 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_materials_changed(body);
     sb_body_reset(body);
     return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
@@ -477,7 +551,9 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_matrix_free(&body->matrix);
     sb_index_table_free(&body->element_component);
     sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free_memory(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
     sbi_free(&allocator, body->cell_material);
@@ -491,7 +567,7 @@ SB_API void sb_body_destroy(sb_body *body)
 
 SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
 SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
-SB_API int sb_body_point_count(const sb_body *body) { return body->domain.points_per_cell; }
+SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
 
 /* ---- properties ---- */
@@ -503,12 +579,15 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
     result = sbi_body_check_material(material, body->domain.single_rotation, error);
     if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < body->material_count; i++)
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
     return SB_OK;
 }
 
@@ -524,11 +603,14 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
         return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
     result = sbi_body_check_material(material, body->domain.single_rotation, error);
     if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
     if (result != SB_OK)
         return result;
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
     return SB_OK;
 }
 
@@ -823,6 +905,7 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
     sbi_assembly_reset_rotations(&body->assembly);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
@@ -833,9 +916,13 @@ SB_API void sb_body_reset(sb_body *body)
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
 {
     sb_energy sum = {0, 0};
+    int bad;
     if (!body || !energy)
         return SB_ERROR_ARGUMENT;
-    if (sbi_assembly_energy(&body->assembly, body->displacement, &sum.elastic) >= 0)
+    sbi_assembly_begin_step(&body->assembly, (sb_real)INFINITY);
+    bad = sbi_assembly_energy(&body->assembly, body->displacement, &sum.elastic);
+    sbi_assembly_begin_step(&body->assembly, 0);
+    if (bad >= 0)
         return SB_ERROR_INVERTED;
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
@@ -867,12 +954,17 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
 {
     const sb_material *material = body->materials + body->cell_material[element];
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS], p[SB_MAX_QUADRATURE_POINTS];
+    int mean = body->domain.points_per_cell - 1;
     sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
-    for (int i = 0; i < body->domain.points_per_cell; i++) {
+    for (int i = mean; i >= 0; i--) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
             admissible[i] = 0;
         if (admissible[i])
             stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
+        if (body->domain.mean_point && i < mean) { /* its share of the stress belongs to every point */
+            admissible[i] &= admissible[mean];
+            stress[i] = sb_m3_add(stress[i], stress[mean]);
+        }
         if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
             stress[i] = sb_m3_zero();
             admissible[i] = 0;
@@ -886,7 +978,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
-    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= body->domain.points_per_cell)
+    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= sbi_body_points(body))
         return SB_ERROR_INDEX;
     sbi_body_element_stresses(body, element, all, admissible);
     if (!admissible[point])
@@ -901,9 +993,9 @@ static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
     int admissible[SB_MAX_QUADRATURE_POINTS];
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);
-    for (int p = 0; p < body->domain.points_per_cell; p++)
+    for (int p = 0; p < sbi_body_points(body); p++)
         sum += sb_von_mises(stress[p]);
-    return sum / (sb_real)body->domain.points_per_cell;
+    return sum / (sb_real)sbi_body_points(body);
 }
 
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
@@ -916,7 +1008,7 @@ static sb_real sbi_body_element_volume(const sb_body *body, int element)
 {
     sb_real sum = 0;
     int q = body->domain.points_per_cell;
-    for (int p = 0; p < q; p++)
+    for (int p = 0; p < sbi_body_points(body); p++)
         sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
     return sum;
 }
@@ -1054,7 +1146,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
 
 static void sbi_body_check_materials(const sb_body *body, sb_check_report *report)
 {
-    int locks = body->domain.element_type == SB_TET4 || body->domain.element_type == SB_HEX8;
+    int locks = body->domain.element_type == SB_TET4 ||
+                (body->domain.element_type == SB_HEX8 && !body->domain.mean_point);
     for (int i = 0; i < body->material_count; i++) {
         const sb_material *material = body->materials + i;
         sb_real young = sb_material_young(material);
@@ -1088,7 +1181,7 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_DENSITY: return "a density is outside 100 to 10,000 kg/m^3: are the units SI?";
     case SB_CHECK_STIFFNESS: return "a Young's modulus is outside 10 Pa to 10 MPa: are the units SI?";
     case SB_CHECK_SLIVERS: return "some elements are slivers (quality under 0.1): solves will be slow";
-    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10";
+    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10 or B-bar hex8";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
     case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";

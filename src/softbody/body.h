@@ -32,7 +32,11 @@ typedef struct sb_body_def {
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
-    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO */
+    const sb_vec3 *fibres;            /* [element_count] direction of the fibres at rest, of any length; 0: this element
+                                       * has none. Read during sb_body_create only. A material with fibres needs it;
+                                       * default NULL */
+    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO.
+                                       * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible */
     int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
     sb_mass_kind mass;                /* default SB_MASS_LUMPED */
     sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
@@ -57,22 +61,28 @@ SB_API sb_body_def sb_default_body_def(void);
 /* Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is
  * untouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),
  * SB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),
- * SB_ERROR_MATERIAL, SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
+ * SB_ERROR_MATERIAL (the material, or the element whose material has fibres but that no direction was given for),
+ * SB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy. */
 SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error);
 SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 
 /* ---- sizes ---- */
 SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
-SB_API int sb_body_point_count(const sb_body *body); /* integration points per element */
+SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
 
 /* ---- properties: may change between steps ----
  * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
- * steps take several iterations (SB_ERROR_MEMORY). */
+ * steps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set
+ * forgets what its Prony terms remember: it counts as long relaxed in its present shape. */
 SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error); /* all regions */
 SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
                                              sb_error *error);
+/* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
+ * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms remember
+ * of the stress along the old directions stays and fades. */
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
@@ -105,11 +115,11 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
- * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
+/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
+ * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
-/* Back to the reference shape at rest; supports, loads and materials stay. */
+/* Back to the reference shape at rest, with nothing remembered; supports, loads and materials stay. */
 SB_API void sb_body_reset(sb_body *body);
 
 /* ---- readings: no allocation ---- */
@@ -120,14 +130,16 @@ SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
-    sb_real elastic;    /* J */
+    sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
+                         * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic;    /* J */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);
 SB_API sb_vec3 sb_body_momentum(const sb_body *body);
-/* Cauchy stress (Pa) at an integration point of an element, from the current state. SB_ERROR_INDEX,
+/* Cauchy stress (Pa) at an integration point of an element, from the current state, with what fibres and Prony terms
+ * add. SB_ERROR_INDEX,
  * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
 /* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
@@ -142,7 +154,7 @@ enum {
     SB_CHECK_DENSITY = 2,        /* a density outside 100 .. 10,000 kg/m^3: units? */
     SB_CHECK_STIFFNESS = 4,      /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
     SB_CHECK_SLIVERS = 8,        /* elements of quality under 0.1 */
-    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 */
+    SB_CHECK_LOCKING = 16,       /* Poisson's ratio above 0.49 on tet4 or hex8, which lock: use tet10 or B-bar hex8 */
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
     SB_CHECK_COMPONENTS = 128,   /* more than one connected part */

@@ -21,6 +21,7 @@ struct sb_body {
     int *material_regions;       /* [material_count] ascending region numbers */
     sb_material *materials;      /* [material_count] */
     int *cell_material;          /* [cell_count] */
+    sb_vec3 *fibres;             /* [cell_count] unit directions or 0; NULL: none were given */
     sb_real force_unit;          /* stiffness times volume over size (N): times epsilon, rounding in the forces */
     int component_count;         /* connected parts */
     sb_index_table element_component;
@@ -85,5 +86,11 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* A node of the first connected part whose supports leave a rigid motion free, or -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
+
+/* Points of an element that others may see: its mean point is ours. */
+SB_INLINE int sbi_body_points(const sb_body *body)
+{
+    return body->domain.points_per_cell - body->domain.mean_point;
+}
 
 #endif /* SB_BODY_STATE_H */

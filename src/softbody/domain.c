@@ -81,6 +81,24 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     return 0;
 }
 
+/* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
+static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
+{
+    size_t first = (size_t)cell * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    const sb_real *weights = domain->weights + first;
+    sb_real *gradients = domain->gradients + first * values, *mean = gradients + (size_t)ordinary * values;
+    sb_real volume = 0;
+    for (int p = 0; p < ordinary; p++)
+        volume += weights[p];
+    domain->weights[first + (size_t)ordinary] = volume;
+    for (size_t k = 0; k < values; k++) {
+        sb_real sum = 0;
+        for (int p = 0; p < ordinary; p++)
+            sum += weights[p] * gradients[(size_t)p * values + k];
+        mean[k] = sum / volume;
+    }
+}
+
 /* Fills weights and gradients of every cell; the arrays are there. */
 static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
 {
@@ -94,7 +112,7 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
         sbi_domain_gather(mesh, e, n, x);
         for (int p = 0; p < q; p++) {
-            size_t at = (size_t)e * (size_t)q + (size_t)p;
+            size_t at = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
             if (!(det > 0))
                 return sbi_fail_element(error, SB_ERROR_MESH, e,
@@ -102,6 +120,8 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
                                         (double)det);
             domain->weights[at] = det * weights[p];
         }
+        if (domain->mean_point)
+            sbi_domain_fill_mean(domain, e, q);
         if (domain->single_rotation) {
             sb_real tet4_gradient[4][3], centre[3] = {(sb_real)0.25, (sb_real)0.25, (sb_real)0.25};
             sb_element_shape(SB_TET4, centre, NULL, tet4_gradient);
@@ -155,6 +175,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
+    if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
+                        sb_element_name(mesh->element_type));
     if (integration == SB_INTEGRATION_CURVED ||
         (integration == SB_INTEGRATION_AUTO && sbi_domain_has_curved_side(mesh)))
         kind = SB_QUADRATURE_STIFFNESS_CURVED;
@@ -163,8 +186,10 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.node_count = mesh->node_count;
     made.cell_count = mesh->element_count;
     made.table = sbi_mesh_element_kind(mesh).table;
+    made.mean_point = integration == SB_INTEGRATION_BBAR;
     made.nodes_per_cell = sb_mesh_element_width(mesh);
-    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights);
+    made.points_per_cell =
+        sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(mesh, kind, &made, error);

@@ -13,6 +13,9 @@ typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
     int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
+    int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
+                                   * gradients and their volume, and stands for the share of the material that resists
+                                   * changes of volume, which the others then leave out */
     int node_count;
     int cell_count;
     int nodes_per_cell;
@@ -28,13 +31,17 @@ typedef struct sb_domain {
 typedef enum sb_integration {
     SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
     SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
-    SB_INTEGRATION_CURVED = 2  /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_CURVED = 2, /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_BBAR = 3    /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
+                                * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
+                                * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
+                                * stays as stiff as with the standard rule */
 } sb_integration;
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
- * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh or single_rotation on
- * another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
+ * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
+ * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
  * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);

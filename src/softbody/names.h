@@ -17,6 +17,7 @@
 #define sb_element_node_point sb_element_node_point_f32
 #define sb_element_shape sb_element_shape_f32
 #define sb_element_quadrature sb_element_quadrature_f32
+#define sb_element_table_check sb_element_table_check_f32
 #define sb_mesh_free sb_mesh_free_f32
 #define sb_mesh_copy sb_mesh_copy_f32
 #define sb_mesh_validate sb_mesh_validate_f32
@@ -42,6 +43,8 @@
 #define sb_mesh_node_elements sb_mesh_node_elements_f32
 #define sb_mesh_components sb_mesh_components_f32
 #define sb_mesh_to_tet10 sb_mesh_to_tet10_f32
+#define sb_mesh_to_hex20 sb_mesh_to_hex20_f32
+#define sb_mesh_to_hex27 sb_mesh_to_hex27_f32
 #define sb_mesh_reorder sb_mesh_reorder_f32
 #define sb_mesh_beam sb_mesh_beam_f32
 #define sb_mesh_cylinder sb_mesh_cylinder_f32
@@ -117,6 +120,7 @@
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
+#define sb_body_set_fibres sb_body_set_fibres_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32

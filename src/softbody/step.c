@@ -731,6 +731,20 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
     return result;
 }
 
+/* Materials with Prony terms respond as over a step of dt from now on. */
+static void sbi_step_enter(sb_body *b, sb_real dt)
+{
+    if (sbi_assembly_begin_step(&b->assembly, dt))
+        b->force_current = 0;
+}
+
+/* The step of dt is done: their memory moves on. */
+static void sbi_step_leave(sb_body *b, sb_real dt)
+{
+    if (sbi_assembly_end_step(&b->assembly, b->displacement, dt))
+        b->force_current = 0;
+}
+
 static sb_result sbi_step_run(sbi_newton *newton)
 {
     sb_body *b = newton->body;
@@ -742,6 +756,7 @@ static sb_result sbi_step_run(sbi_newton *newton)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
+    sbi_step_enter(b, newton->dt);
     sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
@@ -784,6 +799,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {
+        sbi_step_leave(body, dt);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -898,6 +914,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     sb_step_info own;
     sbi_newton newton;
     sb_result result;
+    sb_real duration;
     double begin;
     info = info ? info : &own;
     options = options ? options : &defaults;
@@ -906,6 +923,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result != SB_OK)
         return result;
     begin = sbi_step_now(body);
+    duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&newton, 0, sizeof newton);
     newton.body = body;
     newton.info = info;
@@ -917,10 +935,12 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     newton.line_search = !body->domain.single_rotation;
     sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
+    sbi_step_enter(body, duration);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&newton);
+        sbi_step_leave(body, duration);
         info->error = error;
     } else {
         sbi_step_undo(body);

@@ -30,7 +30,7 @@ typedef struct sb_step_info {
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
@@ -45,6 +45,8 @@ typedef struct sb_static_options {
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
+    int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
+                               * (default): the one long after */
     void (*progress)(void *user, const sb_step_info *info); /* after each increment, or NULL */
     void *progress_user;
     unsigned cookie;          /* set by sb_default_static_options */
@@ -55,6 +57,9 @@ SB_API sb_static_options sb_default_static_options(void);
 /* Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
  * definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the
  * loads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.
+ *
+ * Materials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else
+ * remembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.
  *
  * Errors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element
  * that would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times. */
