@@ -479,11 +479,210 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_domain_free(&body->domain);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->memory);
     sbi_free(&allocator, body);
+}
+
+/* ---- couplings beyond the elements ---- */
+
+/* 1 when the pattern has a block for every pair of the nodes. */
+static int sbi_body_row_fits(const sb_body *body, const int *nodes, int count)
+{
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            if (sb_matrix_find(&body->matrix, nodes[a], nodes[b]) < 0)
+                return 0;
+    return 1;
+}
+
+/* The body's rows so far and, after them, those of the new ones that do not fit. Counts only when pattern has no
+ * arrays yet; *entries is the number of their nodes. */
+static void sbi_body_list_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                sbi_body_pattern *pattern, size_t *entries)
+{
+    int count = body->extra_count;
+    size_t used = count ? (size_t)body->extra_start[count] : 0;
+    if (pattern->extra_start && count) {
+        memcpy(pattern->extra_start, body->extra_start, ((size_t)count + 1) * sizeof(int));
+        memcpy(pattern->extra_nodes, body->extra_nodes, used * sizeof(int));
+    }
+    for (int c = 0; c < cell_count; c++) {
+        int size = cell_start[c + 1] - cell_start[c];
+        if (sbi_body_row_fits(body, cells + cell_start[c], size))
+            continue;
+        if (pattern->extra_start) {
+            pattern->extra_start[count] = (int)used;
+            memcpy(pattern->extra_nodes + used, cells + cell_start[c], (size_t)size * sizeof(int));
+            pattern->extra_start[count + 1] = (int)(used + (size_t)size);
+        }
+        used += (size_t)size;
+        count++;
+    }
+    pattern->extra_count = count;
+    *entries = used;
+}
+
+static sb_result sbi_body_make_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                     sbi_body_pattern *pattern, sb_error *error)
+{
+    size_t entries, bytes = 0;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    pattern->needed = pattern->extra_count > body->extra_count;
+    if (!pattern->needed)
+        return SB_OK;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)pattern->extra_count + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d coupling rows", pattern->extra_count);
+    pattern->extra_nodes = pattern->extra_start + pattern->extra_count + 1;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    return SB_OK;
+}
+
+/* The matrix of elements and rows together. */
+static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)domain->cell_count * n;
+    size_t extra = (size_t)pattern->extra_start[pattern->extra_count], bytes = 0;
+    size_t cells = (size_t)domain->cell_count + (size_t)pattern->extra_count;
+    int *start = NULL, *nodes;
+    sb_result result;
+    if (own + extra <= INT32_MAX && cells < INT32_MAX && sbi_size_add(&bytes, cells + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, own + extra, sizeof(int)))
+        start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", pattern->extra_count);
+    nodes = start + cells + 1;
+    for (int e = 0; e < domain->cell_count; e++)
+        start[e] = e * domain->nodes_per_cell;
+    for (int c = 0; c <= pattern->extra_count; c++)
+        start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
+    memcpy(nodes, domain->cells, own * sizeof(int));
+    memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
+    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
+                              error);
+    sbi_free(&body->allocator, start);
+    return result;
+}
+
+/* Takes the arrays of one entry per block from the arena (measuring or for real). */
+static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
+{
+    size_t blocks = (size_t)pattern->matrix.block_count;
+    if (body->mass_blocks)
+        pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
+    if (sbi_assembly_has_pairs(&body->assembly))
+        pattern->pair_start = (int *)sbi_arena_take(arena, blocks + 1, sizeof(int));
+}
+
+static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    int most = pattern->matrix.block_count;
+    const int *row_start = pattern->matrix.row_start;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            pattern->support_used += row_start[i + 1] - row_start[i];
+    pattern->support_capacity = body->support_capacity;
+    if (pattern->support_used > body->support_capacity) {
+        pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
+                                    pattern->support_used;
+        pattern->support_blocks =
+            sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
+    }
+    if (body->damping_blocks)
+        pattern->damping_blocks = sbi_alloc(&body->allocator, (size_t)most + 1, 9 * sizeof(sb_real));
+    if (!pattern->memory || (pattern->support_used > body->support_capacity && !pattern->support_blocks) ||
+        (body->damping_blocks && !pattern->damping_blocks))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tangent of %d blocks", most);
+    arena.base = (unsigned char *)pattern->memory;
+    arena.used = 0;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    return SB_OK;
+}
+
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern)
+{
+    sbi_free(&body->allocator, pattern->extra_start);
+    sbi_free(&body->allocator, pattern->memory);
+    sbi_free(&body->allocator, pattern->support_blocks);
+    sbi_free(&body->allocator, pattern->damping_blocks);
+    sb_preconditioner_free(pattern->precond);
+    sb_matrix_free(&pattern->matrix);
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_result result;
+    memset(pattern, 0, sizeof *pattern);
+    result = sbi_body_make_extra(body, cell_count, cell_start, cells, pattern, error);
+    if (result != SB_OK || !pattern->needed)
+        return result;
+    settings.kind = sb_preconditioner_get_info(body->precond).kind;
+    settings.positions = body->reference;
+    result = sbi_body_make_extended_matrix(body, pattern, error);
+    if (result == SB_OK)
+        result = sbi_body_make_block_arrays(body, pattern, error);
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result != SB_OK)
+        sbi_body_free_pattern(body, pattern);
+    return result;
+}
+
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
+{
+    if (!pattern->needed)
+        return;
+    sbi_free(&body->allocator, body->extra_start);
+    sbi_free(&body->allocator, body->pattern_memory);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    body->extra_count = pattern->extra_count;
+    body->extra_start = pattern->extra_start;
+    body->extra_nodes = pattern->extra_nodes;
+    body->pattern_memory = pattern->memory;
+    body->precond = pattern->precond;
+    body->matrix = pattern->matrix;
+    body->support_used = pattern->support_used;
+    body->support_capacity = pattern->support_capacity;
+    if (pattern->support_blocks) {
+        sbi_free(&body->allocator, body->support_blocks);
+        body->support_blocks = (sb_real(*)[9])pattern->support_blocks;
+    }
+    if (pattern->damping_blocks) {
+        sbi_free(&body->allocator, body->damping_blocks);
+        body->damping_blocks = (sb_real(*)[9])pattern->damping_blocks;
+    }
+    sbi_assembly_remap(&body->assembly, &body->matrix, pattern->pair_start);
+    if (body->mass_blocks) {
+        body->mass_blocks = pattern->mass_blocks;
+        sbi_body_update_mass(body);
+    }
+    body->pattern_version++;
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error)
+{
+    sbi_body_pattern pattern;
+    sb_result result = sbi_body_make_pattern(body, cell_count, cell_start, cells, &pattern, error);
+    if (result == SB_OK)
+        sbi_body_take_pattern(body, &pattern);
+    return result;
 }
 
 /* ---- sizes ---- */

@@ -27,6 +27,13 @@ struct sb_body {
     sb_index_lists node_elements;
     int *node_component;         /* [node_count], -1: no element */
 
+    /* couplings beyond the elements: each row's nodes have blocks with each other in the matrix */
+    int extra_count;
+    int *extra_start;            /* [extra_count + 1] */
+    int *extra_nodes;            /* [extra_start[extra_count]] */
+    void *pattern_memory;        /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
+    int pattern_version;         /* rises when the pattern changes: block positions kept elsewhere are stale then */
+
     /* settings */
     sb_mass_kind mass_kind;
     sb_integrator integrator;
@@ -70,6 +77,36 @@ struct sb_body {
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
+
+/* All that depends on the pattern of the matrix, made anew before any of it is put in place. A caller with matrices
+ * of its own makes them from `matrix` between sbi_body_make_pattern and sbi_body_take_pattern, so that it can still
+ * give up. */
+typedef struct sbi_body_pattern {
+    int needed;                  /* 0: every row fits the present pattern, and nothing was made */
+    sb_matrix matrix;
+    sb_preconditioner *precond;
+    int extra_count;
+    int *extra_start, *extra_nodes;
+    void *memory;
+    sb_real *mass_blocks;        /* NULL: lumped */
+    int *pair_start;             /* NULL: not a batched body */
+    int support_used, support_capacity;
+    void *support_blocks;        /* NULL: the present ones are large enough */
+    void *damping_blocks;        /* NULL: the body has none */
+} sbi_body_pattern;
+
+/* Makes the pattern in which the nodes of each of the rows cells[cell_start[c]] .. cells[cell_start[c + 1]] - 1 are
+ * coupled too, beside the elements' and those of all rows before. SB_ERROR_MEMORY, SB_ERROR_INDEX (a node out of
+ * range): nothing was made. Takes nothing when every row fits already. */
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error);
+/* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
+/* Gives it up. */
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern);
+/* Makes and takes: all or nothing. */
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error);
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
