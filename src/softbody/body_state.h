@@ -20,7 +20,7 @@ typedef struct sbi_load {
     int pattern_version;      /* of the pattern that blocks are positions in; -1: of none yet */
     int balanced;             /* 1: a static solve has ended with the balanced values */
 
-    sb_element_type face_type;
+    sb_element_type *face_types; /* [row_count] of a pressure */
     sb_real pressure, balanced_pressure; /* Pa */
 
     sb_real *weights;         /* [row_start[row_count]]; rows only, as all below */

@@ -80,6 +80,7 @@ static sb_result sbi_load_get_face(const sb_body *body, const int *faces, int f,
                                    sb_error *error)
 {
     const int *face = faces + (size_t)f * (size_t)corners;
+    found->count = 0;
     if (sbi_body_check_nodes(body, face, corners) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
     if (!sbi_load_find_face(body, face, corners, found))
@@ -90,15 +91,20 @@ static sb_result sbi_load_get_face(const sb_body *body, const int *faces, int f,
 
 /* Shape functions of a face type at its quadrature points. */
 typedef struct sbi_load_rule {
+    sb_element_type type; /* SB_NO_ELEMENT: none yet */
     int count;
     sb_real weights[SB_MAX_QUADRATURE_POINTS];
     sb_real shape[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES];
     sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
 } sbi_load_rule;
 
-static void sbi_load_make_rule(sb_element_type type, sbi_load_rule *rule)
+/* Makes the rule of a type unless it is there already. */
+static void sbi_load_need_rule(sb_element_type type, sbi_load_rule *rule)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3];
+    if (rule->type == type)
+        return;
+    rule->type = type;
     rule->count = sb_element_quadrature(type, SB_QUADRATURE_FACE, points, rule->weights);
     for (int p = 0; p < rule->count; p++)
         sb_element_shape(type, points[p], rule->shape[p], rule->gradient[p]);
@@ -143,7 +149,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
                                       sb_vec3 traction, sb_error *error)
 {
     sbi_load_rule rule;
-    sb_element_type made = SB_NO_ELEMENT;
+    rule.type = SB_NO_ELEMENT;
     if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
     if (!sb_v3_is_finite(traction))
@@ -154,9 +160,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
             sb_result result = sbi_load_get_face(body, faces, f, corners, &face, error);
             if (result != SB_OK)
                 return result;
-            if (face.type != made)
-                sbi_load_make_rule(face.type, &rule);
-            made = face.type;
+            sbi_load_need_rule(face.type, &rule);
             if (pass == 1)
                 sbi_load_add_traction(body, &face, &rule, traction);
         }
@@ -207,8 +211,10 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
     load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
     load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
-    if (load->kind == SBI_LOAD_PRESSURE)
+    if (load->kind == SBI_LOAD_PRESSURE) {
+        load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
         return;
+    }
     load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
@@ -246,40 +252,42 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 
 /* ---- pressure ---- */
 
-static sb_result sbi_load_fill_faces(const sb_body *body, const int *faces, int face_count, int corners,
+/* Face number f of a caller's list, which must be of the surface. */
+static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *face,
+                                     sb_error *error)
+{
+    sb_result result = sbi_load_get_face(body, faces, f, corners, face, error);
+    if (result == SB_OK && face->inner)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face->nodes[0],
+                             "face %d (nodes %d %d %d ...) lies between two elements", f, face->nodes[0],
+                             face->nodes[1], face->nodes[2]);
+    return result;
+}
+
+/* A pressure load of these faces, its pressure still 0. */
+static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners,
                                      sbi_load *load, sb_error *error)
 {
-    int entries = 0;
-    size_t pairs = 0;
-    for (int pass = 0; pass < 2; pass++) { /* count, then fill */
-        int used = 0;
-        for (int f = 0; f < face_count; f++) {
-            sbi_load_face face;
-            sb_result result = sbi_load_get_face(body, faces, f, corners, &face, error);
-            if (result == SB_OK && face.inner)
-                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, face.nodes[0],
-                                       "face %d (nodes %d %d %d ...) lies between two elements", f, face.nodes[0],
-                                       face.nodes[1], face.nodes[2]);
-            if (result != SB_OK)
-                return result;
-            if (used > INT32_MAX - face.count)
-                return sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
-            if (pass == 1) {
-                load->face_type = face.type;
-                memcpy(load->nodes + used, face.nodes, (size_t)face.count * sizeof(int));
-                load->row_start[f + 1] = used + face.count;
-            }
-            used += face.count;
-            pairs += pass == 0 ? (size_t)(face.count * face.count) : 0;
-        }
-        entries = used;
-        if (pass == 0) {
-            sb_result result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, entries, pairs, load, error);
-            if (result != SB_OK)
-                return result;
-        }
+    size_t entries = 0, pairs = 0;
+    sbi_load_face face;
+    sb_result result = SB_OK;
+    for (int f = 0; f < face_count && result == SB_OK; f++) {
+        result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        entries += (size_t)face.count;
+        pairs += (size_t)(face.count * face.count);
+        if (result == SB_OK && entries > INT32_MAX)
+            result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
     }
-    return SB_OK;
+    if (result == SB_OK)
+        result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+    for (int f = 0; f < face_count && result == SB_OK; f++) {
+        int *nodes = load->nodes + load->row_start[f];
+        result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        load->face_types[f] = face.type;
+        load->row_start[f + 1] = load->row_start[f] + face.count;
+        memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
+    }
+    return result;
 }
 
 SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_count, int corners, sb_real pressure,
@@ -292,7 +300,7 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
                         "sb_body_add_pressure needs a body, faces of 3 or 4 corners, and a place for the id");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
-    result = sbi_load_fill_faces(body, faces, face_count, corners, &load, error);
+    result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
     if (result != SB_OK)
         return result;
     result = sbi_load_reserve(body, error);
@@ -583,8 +591,11 @@ static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *
 
 /* ---- pressure on one face ---- */
 
-static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x)
+/* Positions of a face's nodes at u, and the rule of its type. Returns the number of nodes. */
+static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x,
+                           sbi_load_rule *rule)
 {
+    sbi_load_need_rule(load->face_types[face], rule);
     const int *nodes = load->nodes + load->row_start[face];
     int count = load->row_start[face + 1] - load->row_start[face];
     for (int a = 0; a < count; a++)
@@ -642,16 +653,14 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
         sbi_load_rule rule;
-        rule.count = 0;
-        if (load->kind == SBI_LOAD_PRESSURE)
-            sbi_load_make_rule(load->face_type, &rule);
+        rule.type = SB_NO_ELEMENT;
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
             sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES], pull;
             double k, reach;
             if (load->kind == SBI_LOAD_PRESSURE) {
-                sbi_load_gather(body, load, j, u, x);
+                sbi_load_gather(body, load, j, u, x, &rule);
                 sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
                     body->follower[nodes[a]] = sb_v3_add(body->follower[nodes[a]], force[a]);
@@ -706,13 +715,12 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
         if (load->kind == SBI_LOAD_PRESSURE && kind != SB_TANGENT_EXACT)
             continue;
         sbi_load_locate(body, load);
-        if (load->kind == SBI_LOAD_PRESSURE)
-            sbi_load_make_rule(load->face_type, &rule);
+        rule.type = SB_NO_ELEMENT;
         for (int j = 0; j < load->row_count; j++) {
             size_t count = (size_t)(load->row_start[j + 1] - load->row_start[j]);
             sb_vec3 x[SB_MAX_FACE_NODES];
             if (load->kind == SBI_LOAD_PRESSURE) {
-                sbi_load_gather(body, load, j, u, x);
+                sbi_load_gather(body, load, j, u, x, &rule);
                 sbi_load_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
             } else {
                 sbi_load_row_tangent(load, j, blocks, factor, matrix);
@@ -754,12 +762,11 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
         sbi_load_rule rule;
-        if (load->kind == SBI_LOAD_PRESSURE)
-            sbi_load_make_rule(load->face_type, &rule);
+        rule.type = SB_NO_ELEMENT;
         for (int j = 0; j < load->row_count; j++) {
             sb_vec3 x[SB_MAX_FACE_NODES], d[SB_MAX_FACE_NODES], way;
             if (load->kind == SBI_LOAD_PRESSURE) {
-                int count = sbi_load_gather(body, load, j, u, x);
+                int count = sbi_load_gather(body, load, j, u, x, &rule);
                 for (int a = 0; a < count; a++)
                     d[a] = du[load->nodes[load->row_start[j] + a]];
                 sbi_load_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
@@ -819,14 +826,13 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real 
         sbi_load *load = body->loads + l;
         sbi_load_rule rule;
         memset(load->net, 0, sizeof load->net);
-        if (load->kind == SBI_LOAD_PRESSURE)
-            sbi_load_make_rule(load->face_type, &rule);
+        rule.type = SB_NO_ELEMENT;
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
             sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
             if (load->kind == SBI_LOAD_PRESSURE) {
-                sbi_load_gather(body, load, j, pressure_u, x);
+                sbi_load_gather(body, load, j, pressure_u, x, &rule);
                 sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
                     sbi_load_collect(body, nodes[a], force[a], load, body->external);
@@ -886,14 +892,13 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
 static void sbi_load_fade(sb_body *body, const sbi_load *load)
 {
     sbi_load_rule rule;
-    if (load->kind == SBI_LOAD_PRESSURE)
-        sbi_load_make_rule(load->face_type, &rule);
+    rule.type = SB_NO_ELEMENT;
     for (int j = 0; j < load->row_count; j++) {
         const int *nodes = load->nodes + load->row_start[j];
         int count = load->row_start[j + 1] - load->row_start[j];
         sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
         if (load->kind == SBI_LOAD_PRESSURE) {
-            sbi_load_gather(body, load, j, body->displacement, x);
+            sbi_load_gather(body, load, j, body->displacement, x, &rule);
             sbi_load_face_force(&rule, count, x, load->balanced_pressure, force);
         }
         for (int a = 0; a < count; a++) {
