@@ -354,9 +354,6 @@
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
 #define sb_body_supports sb_body_supports_f32
-#define sb_body_add_forces sb_body_add_forces_f32
-#define sb_body_add_traction sb_body_add_traction_f32
-#define sb_body_clear_loads sb_body_clear_loads_f32
 #define sb_body_positions sb_body_positions_f32
 #define sb_body_displacements sb_body_displacements_f32
 #define sb_body_velocities sb_body_velocities_f32
@@ -373,6 +370,22 @@
 #define sb_body_nodal_von_mises sb_body_nodal_von_mises_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_add_forces sb_body_add_forces_f32
+#define sb_body_add_traction sb_body_add_traction_f32
+#define sb_body_clear_loads sb_body_clear_loads_f32
+#define sb_body_add_pressure sb_body_add_pressure_f32
+#define sb_body_set_pressure sb_body_set_pressure_f32
+#define sb_body_add_springs sb_body_add_springs_f32
+#define sb_body_move_springs sb_body_move_springs_f32
+#define sb_body_set_spring_stiffness sb_body_set_spring_stiffness_f32
+#define sb_body_add_mapping sb_body_add_mapping_f32
+#define sb_body_set_mapping_targets sb_body_set_mapping_targets_f32
+#define sb_body_set_mapping_stiffness sb_body_set_mapping_stiffness_f32
+#define sb_body_mapping_points sb_body_mapping_points_f32
+#define sb_body_remove_load sb_body_remove_load_f32
+#define sb_body_load_force sb_body_load_force_f32
+#define sb_body_spring_forces sb_body_spring_forces_f32
+#define sb_body_mapping_forces sb_body_mapping_forces_f32
 #define sb_body_step sb_body_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
@@ -4023,15 +4036,6 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
 
-/* ---- loads: dead loads that stay until cleared ---- */
-/* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
-/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 or 4 (hex) corner nodes in
- * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error);
-SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity stays */
-
 /* ---- state ---- */
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
@@ -4047,13 +4051,16 @@ SB_API void sb_body_reset(sb_body *body);
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
  * loads it balances the rate of momentum. [node_count], valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
-/* All loads of the last solve (gravity, forces, tractions) as nodal forces (N), [node_count]. */
+/* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
+ * nodal forces (N), [node_count]. */
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
     sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
                          * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic;    /* J */
+    sb_real springs;    /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
+                         * have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* Total mass (kg) and momentum (kg m/s). */
@@ -4097,6 +4104,108 @@ SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);
 SB_API const char *sb_check_string(unsigned warning);
 
 #endif /* SB_BODY_H */
+
+/* ==== src/softbody/load.h ==== */
+/* load: forces on a body: dead loads, follower pressure, springs, penalty mappings. Floor 3. */
+#ifndef SB_LOAD_H
+#define SB_LOAD_H
+
+
+/* ---- dead loads: stay as they are until cleared ---- */
+/* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
+/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
+ * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
+                                      sb_vec3 traction, sb_error *error);
+SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
+
+/* ---- loads that follow the body ----
+ * Each adder makes one load and gives it an id (> 0, never used again), which the functions below take: they return
+ * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
+ * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
+ * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
+ * with to the present ones; a load that is new to it starts from no force.
+ *
+ * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
+ * ones are safe at any dt. The tangent of a pressure has no sign. It is part of the exact tangent, made symmetric
+ * (which only drops terms at the open rim of a patch), and left out of projected tangents and of linearised steps
+ * (max_newton 1): these must stay positive definite, and treat pressure as it was at the start of the step. */
+
+/* Pressure (Pa on the deformed area; positive pushes inwards, along the present normal) on faces of the surface, given
+ * as for sb_body_add_traction. SB_ERROR_INDEX and SB_ERROR_ARGUMENT name the first face with a node that the mesh does
+ * not have, that no element has, or that lies between two elements; SB_ERROR_NOT_FINITE. f_a = -p int N_a x_r x x_s. */
+SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_count, int corners, sb_real pressure,
+                                      int *load_id, sb_error *error);
+SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressure);
+
+/* Springs of rest length 0 from nodes[count] to points in space points[count] (m): each pulls its node with
+ * stiffness (point - position). stiffness: N/m, >= 0, one for each spring, or one for all when uniform is 1. */
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
+                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error);
+SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
+SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
+
+/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
+ * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
+ * whose weights do not sum to 1 is no point, but works too. */
+typedef struct sb_mapping {
+    int row_count;
+    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;         /* [row_start[row_count]] */
+    const sb_real *weights;   /* [row_start[row_count]] */
+} sb_mapping;
+
+/* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
+ * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
+ * common element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with
+ * the square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX and
+ * SB_ERROR_NOT_FINITE name the row (error->element) or its node. Source: Robin condition through a mapping. */
+SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *targets, int *load_id, sb_error *error);
+SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets);
+SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
+/* Where the rows are now (m): points[row_count]. */
+SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points);
+
+/* Takes a pressure, springs or a mapping away; its id is then unknown. The next static solve lets its force fade. */
+SB_API sb_result sb_body_remove_load(sb_body *body, int load_id);
+
+/* ---- readings of the last step or static solve: 0 before the first, no allocation ---- */
+/* Net force (N) of a load on the body, and its torque (N m) about a point (m); either place may be NULL. */
+SB_API sb_result sb_body_load_force(const sb_body *body, int load_id, sb_vec3 about, sb_vec3 *force, sb_vec3 *torque);
+/* Force (N) of each spring on its node, forces[count], and of each row on the body, forces[row_count]. */
+SB_API sb_result sb_body_spring_forces(const sb_body *body, int load_id, sb_vec3 *forces);
+SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec3 *forces);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
+ * quadratic in u, springs linear. */
+typedef struct sbi_loads_work {
+    sb_real linear, quadratic, cubic;
+} sbi_loads_work;
+
+/* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
+/* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
+ * rounding error of the follower's norm. */
+SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);
+/* matrix += their stiffness -df/du at u; that of pressures for SB_TANGENT_EXACT only. */
+SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                   sb_matrix *matrix);
+/* out -= K x with the stiffness of springs and mappings, which is what sbi_loads_add_tangent added for linearised
+ * steps. */
+SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
+SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
+/* Start of a static solve: loads that are new to it begin where they exert no force. */
+SBI_API void sbi_loads_begin_static(sb_body *body);
+/* A static solve ended at this factor: the next one starts from these values. */
+SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs act at the present displacement,
+ * pressures at pressure_u (a linearised step's is the one it started from). */
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor);
+#endif
+
+#endif /* SB_LOAD_H */
 
 /* ==== src/softbody/step.h ==== */
 /* step: time steps and static solves of a body. Floor 3. */
@@ -15650,6 +15759,10 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
                                  sbi_arena *arena);
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
+/* The same for another pattern of the matrix: only where blocks are has changed. pair_start: [block_count + 1], used
+ * from now on by batched bodies, which sbi_assembly_has_pairs tells. */
+SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start);
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly);
 /* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
  * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
@@ -15887,6 +16000,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
 {
     sbi_assembly_copy_rotations(assembly, 1);
     sbi_assembly_begin_step(assembly, 0);
+}
+
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_assembly_can_batch(assembly->domain); }
+
+SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
+{
+    sbi_assembly_map_blocks(assembly, matrix);
+    if (sbi_assembly_has_pairs(assembly)) {
+        assembly->pair_start = pair_start;
+        sbi_assembly_list_pairs(assembly, matrix);
+    }
 }
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
@@ -16910,6 +17034,32 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
 #define SB_BODY_STATE_H
 
 
+typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
+
+/* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
+ * rows are the nodes of its faces. State: stiffness, target, pressure, their balanced twins, balanced, force, net. */
+typedef struct sbi_load {
+    sbi_load_kind kind;
+    int id;
+    void *memory;             /* the one block behind the arrays */
+    int row_count;            /* springs, rows, or faces */
+    int *row_start;           /* [row_count + 1] */
+    int *nodes;               /* [row_start[row_count]] */
+    int *blocks;              /* for each row, the matrix block of each pair of its nodes */
+    int pattern_version;      /* of the pattern that blocks are positions in; -1: of none yet */
+    int balanced;             /* 1: a static solve has ended with the balanced values */
+
+    sb_element_type *face_types; /* [row_count] of a pressure */
+    sb_real pressure, balanced_pressure; /* Pa */
+
+    sb_real *weights;         /* [row_start[row_count]]; rows only, as all below */
+    sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
+    sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
+                               * and not as a position, the force has the displacement's precision */
+    sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
+    double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
+} sbi_load;
+
 struct sb_body {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -16933,6 +17083,13 @@ struct sb_body {
     sb_index_lists node_elements;
     int *node_component;         /* [node_count], -1: no element */
 
+    /* couplings beyond the elements: each row's nodes have blocks with each other in the matrix */
+    int extra_count;
+    int *extra_start;            /* [extra_count + 1] */
+    int *extra_nodes;            /* [extra_start[extra_count]] */
+    void *pattern_memory;        /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
+    int pattern_version;         /* rises when the pattern changes: block positions kept elsewhere are stale then */
+
     /* settings */
     sb_mass_kind mass_kind;
     sb_integrator integrator;
@@ -16950,6 +17107,11 @@ struct sb_body {
     unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
     sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
     sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
+    sbi_load *loads;             /* [load_count] by ascending id */
+    int load_count, load_capacity, last_load_id;
+    int tie_count, tie_capacity; /* parts that rows of mappings tie to each other */
+    int *tie_of;                 /* [component_count] number among the tied parts, or -1 */
+    double *tie_gram;            /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
     int support_used;            /* blocks in the rows of nodes with fixed axes */
     int support_capacity;        /* blocks that support_blocks holds */
     sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
@@ -16966,7 +17128,8 @@ struct sb_body {
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;           /* internal force (N) */
     sb_vec3 *external;           /* loads of the last solve (N) */
-    sb_vec3 *equilibrated;       /* loads that the last static solve ended with (N) */
+    sb_vec3 *follower;           /* forces of `loads` at the displacement of the last residual (N) */
+    sb_vec3 *equilibrated;       /* dead loads that the last static solve ended with (N) */
     sb_vec3 *residual;           /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
@@ -16976,6 +17139,36 @@ struct sb_body {
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
+
+/* All that depends on the pattern of the matrix, made anew before any of it is put in place. A caller with matrices
+ * of its own makes them from `matrix` between sbi_body_make_pattern and sbi_body_take_pattern, so that it can still
+ * give up. */
+typedef struct sbi_body_pattern {
+    int needed;                  /* 0: every row fits the present pattern, and nothing was made */
+    sb_matrix matrix;
+    sb_preconditioner *precond;
+    int extra_count;
+    int *extra_start, *extra_nodes;
+    void *memory;
+    sb_real *mass_blocks;        /* NULL: lumped */
+    int *pair_start;             /* NULL: not a batched body */
+    int support_used, support_capacity;
+    void *support_blocks;        /* NULL: the present ones are large enough */
+    void *damping_blocks;        /* NULL: the body has none */
+} sbi_body_pattern;
+
+/* Makes the pattern in which the nodes of each of the rows cells[cell_start[c]] .. cells[cell_start[c + 1]] - 1 are
+ * coupled too, beside the elements' and those of all rows before. SB_ERROR_MEMORY, SB_ERROR_INDEX (a node out of
+ * range): nothing was made. Takes nothing when every row fits already. */
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error);
+/* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
+/* Gives it up. */
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern);
+/* Makes and takes: all or nothing. */
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error);
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
@@ -16989,7 +17182,17 @@ SBI_API int sbi_body_max_newton(const sb_body *body);
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
-/* A node of the first connected part whose supports leave a rigid motion free, or -1. */
+/* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+/* 1 when the named corners of an element (all different) are those of the list. */
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
+/* H^T u of a row: the displacement of its point. */
+SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
+/* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
+ * place. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
+                                        sb_error *error);
+/* A node of the first connected part whose supports, springs and mappings leave a rigid motion free, or -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
 
 /* Points of an element that others may see: its mean point is ours. */
@@ -17240,7 +17443,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     size_t n = (size_t)body->domain.node_count;
     sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
                            &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->equilibrated, &body->residual,      &body->rhs,
+                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
                            &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
                            &body->start,     &body->saved_velocity, &body->saved_acceleration,
                            &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
@@ -17256,6 +17459,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
@@ -17419,6 +17623,7 @@ static void sbi_body_label_nodes(sb_body *body)
     for (int c = 0; c < body->component_count; c++) {
         body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
         body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        body->tie_of[c] = -1;
     }
     for (int i = 0; i < body->domain.node_count; i++) {
         int first = lists->offsets[i];
@@ -17547,6 +17752,10 @@ SB_API void sb_body_destroy(sb_body *body)
     if (!body)
         return;
     allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_free(&allocator, body->loads[i].memory);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
     sb_matrix_free(&body->matrix);
@@ -17557,11 +17766,210 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->fibres);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->memory);
     sbi_free(&allocator, body);
+}
+
+/* ---- couplings beyond the elements ---- */
+
+/* 1 when the pattern has a block for every pair of the nodes. */
+static int sbi_body_row_fits(const sb_body *body, const int *nodes, int count)
+{
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            if (sb_matrix_find(&body->matrix, nodes[a], nodes[b]) < 0)
+                return 0;
+    return 1;
+}
+
+/* The body's rows so far and, after them, those of the new ones that do not fit. Counts only when pattern has no
+ * arrays yet; *entries is the number of their nodes. */
+static void sbi_body_list_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                sbi_body_pattern *pattern, size_t *entries)
+{
+    int count = body->extra_count;
+    size_t used = count ? (size_t)body->extra_start[count] : 0;
+    if (pattern->extra_start && count) {
+        memcpy(pattern->extra_start, body->extra_start, ((size_t)count + 1) * sizeof(int));
+        memcpy(pattern->extra_nodes, body->extra_nodes, used * sizeof(int));
+    }
+    for (int c = 0; c < cell_count; c++) {
+        int size = cell_start[c + 1] - cell_start[c];
+        if (sbi_body_row_fits(body, cells + cell_start[c], size))
+            continue;
+        if (pattern->extra_start) {
+            pattern->extra_start[count] = (int)used;
+            memcpy(pattern->extra_nodes + used, cells + cell_start[c], (size_t)size * sizeof(int));
+            pattern->extra_start[count + 1] = (int)(used + (size_t)size);
+        }
+        used += (size_t)size;
+        count++;
+    }
+    pattern->extra_count = count;
+    *entries = used;
+}
+
+static sb_result sbi_body_make_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                     sbi_body_pattern *pattern, sb_error *error)
+{
+    size_t entries, bytes = 0;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    pattern->needed = pattern->extra_count > body->extra_count;
+    if (!pattern->needed)
+        return SB_OK;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)pattern->extra_count + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d coupling rows", pattern->extra_count);
+    pattern->extra_nodes = pattern->extra_start + pattern->extra_count + 1;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    return SB_OK;
+}
+
+/* The matrix of elements and rows together. */
+static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)domain->cell_count * n;
+    size_t extra = (size_t)pattern->extra_start[pattern->extra_count], bytes = 0;
+    size_t cells = (size_t)domain->cell_count + (size_t)pattern->extra_count;
+    int *start = NULL, *nodes;
+    sb_result result;
+    if (own + extra <= INT32_MAX && cells < INT32_MAX && sbi_size_add(&bytes, cells + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, own + extra, sizeof(int)))
+        start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", pattern->extra_count);
+    nodes = start + cells + 1;
+    for (int e = 0; e < domain->cell_count; e++)
+        start[e] = e * domain->nodes_per_cell;
+    for (int c = 0; c <= pattern->extra_count; c++)
+        start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
+    memcpy(nodes, domain->cells, own * sizeof(int));
+    memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
+    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
+                              error);
+    sbi_free(&body->allocator, start);
+    return result;
+}
+
+/* Takes the arrays of one entry per block from the arena (measuring or for real). */
+static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
+{
+    size_t blocks = (size_t)pattern->matrix.block_count;
+    if (body->mass_blocks)
+        pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
+    if (sbi_assembly_has_pairs(&body->assembly))
+        pattern->pair_start = (int *)sbi_arena_take(arena, blocks + 1, sizeof(int));
+}
+
+static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    int most = pattern->matrix.block_count;
+    const int *row_start = pattern->matrix.row_start;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            pattern->support_used += row_start[i + 1] - row_start[i];
+    pattern->support_capacity = body->support_capacity;
+    if (pattern->support_used > body->support_capacity) {
+        pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
+                                    pattern->support_used;
+        pattern->support_blocks =
+            sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
+    }
+    if (body->damping_blocks)
+        pattern->damping_blocks = sbi_alloc(&body->allocator, (size_t)most + 1, 9 * sizeof(sb_real));
+    if (!pattern->memory || (pattern->support_used > body->support_capacity && !pattern->support_blocks) ||
+        (body->damping_blocks && !pattern->damping_blocks))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tangent of %d blocks", most);
+    arena.base = (unsigned char *)pattern->memory;
+    arena.used = 0;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    return SB_OK;
+}
+
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern)
+{
+    sbi_free(&body->allocator, pattern->extra_start);
+    sbi_free(&body->allocator, pattern->memory);
+    sbi_free(&body->allocator, pattern->support_blocks);
+    sbi_free(&body->allocator, pattern->damping_blocks);
+    sb_preconditioner_free(pattern->precond);
+    sb_matrix_free(&pattern->matrix);
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_result result;
+    memset(pattern, 0, sizeof *pattern);
+    result = sbi_body_make_extra(body, cell_count, cell_start, cells, pattern, error);
+    if (result != SB_OK || !pattern->needed)
+        return result;
+    settings.kind = sb_preconditioner_get_info(body->precond).kind;
+    settings.positions = body->reference;
+    result = sbi_body_make_extended_matrix(body, pattern, error);
+    if (result == SB_OK)
+        result = sbi_body_make_block_arrays(body, pattern, error);
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result != SB_OK)
+        sbi_body_free_pattern(body, pattern);
+    return result;
+}
+
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
+{
+    if (!pattern->needed)
+        return;
+    sbi_free(&body->allocator, body->extra_start);
+    sbi_free(&body->allocator, body->pattern_memory);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    body->extra_count = pattern->extra_count;
+    body->extra_start = pattern->extra_start;
+    body->extra_nodes = pattern->extra_nodes;
+    body->pattern_memory = pattern->memory;
+    body->precond = pattern->precond;
+    body->matrix = pattern->matrix;
+    body->support_used = pattern->support_used;
+    body->support_capacity = pattern->support_capacity;
+    if (pattern->support_blocks) {
+        sbi_free(&body->allocator, body->support_blocks);
+        body->support_blocks = (sb_real(*)[9])pattern->support_blocks;
+    }
+    if (pattern->damping_blocks) {
+        sbi_free(&body->allocator, body->damping_blocks);
+        body->damping_blocks = (sb_real(*)[9])pattern->damping_blocks;
+    }
+    sbi_assembly_remap(&body->assembly, &body->matrix, pattern->pair_start);
+    if (body->mass_blocks) {
+        body->mass_blocks = pattern->mass_blocks;
+        sbi_body_update_mass(body);
+    }
+    body->pattern_version++;
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error)
+{
+    sbi_body_pattern pattern;
+    sb_result result = sbi_body_make_pattern(body, cell_count, cell_start, cells, &pattern, error);
+    if (result == SB_OK)
+        sbi_body_take_pattern(body, &pattern);
+    return result;
 }
 
 /* ---- sizes ---- */
@@ -17645,7 +18053,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ---- */
 
-static sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
         return SB_ERROR_ARGUMENT;
@@ -17747,109 +18155,6 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body->fixed; }
 
-/* ---- loads ---- */
-
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
-{
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
-        return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
-    for (int i = 0; i < count; i++)
-        body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
-    return SB_OK;
-}
-
-SB_API void sb_body_clear_loads(sb_body *body)
-{
-    memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
-}
-
-/* 1 when the named corners of an element (all different) are those of the list. */
-static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
-{
-    int found = 0;
-    for (int k = 0; k < count; k++)
-        for (int i = 0; i < count; i++)
-            if (cell[local[k]] == list[i]) {
-                found++;
-                break;
-            }
-    return found == count;
-}
-
-/* Finds the element face with these corner nodes: its global nodes, count and type; 0 when there is none. */
-static int sbi_body_find_face(const sb_body *body, const int *corners, int count, int *nodes,
-                              sb_element_type *face_type)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    sbi_element element = sbi_domain_element(&body->domain);
-    int n = body->domain.nodes_per_cell;
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        for (int face = 0; face < sbi_element_face_count(element); face++) {
-            int local[SB_MAX_FACE_NODES], face_nodes = sbi_element_face(element, face, local, face_type);
-            if (sb_element_corner_count(*face_type) != count ||
-                !sbi_body_has_corners(corners, cell, local, count))
-                continue;
-            for (int i = 0; i < face_nodes; i++)
-                nodes[i] = cell[local[i]];
-            return face_nodes;
-        }
-    }
-    return 0;
-}
-
-/* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_body_add_face_load(sb_body *body, const int *nodes, int count, sb_element_type face_type,
-                                   sb_vec3 traction)
-{
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int q = sb_element_quadrature(face_type, SB_QUADRATURE_FACE, points, weights);
-    for (int p = 0; p < q; p++) {
-        sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3], area;
-        sb_vec3 r = sb_v3(0, 0, 0), s = r;
-        sb_element_shape(face_type, points[p], shape, gradient);
-        for (int a = 0; a < count; a++) {
-            r = sb_v3_madd(r, gradient[a][0], body->reference[nodes[a]]);
-            s = sb_v3_madd(s, gradient[a][1], body->reference[nodes[a]]);
-        }
-        area = weights[p] * sb_v3_norm(sb_v3_cross(r, s));
-        for (int a = 0; a < count; a++)
-            body->dead_load[nodes[a]] = sb_v3_madd(body->dead_load[nodes[a]], area * shape[a], traction);
-    }
-}
-
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error)
-{
-    int nodes[SB_MAX_FACE_NODES];
-    sb_element_type face_type;
-    if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
-    if (!sb_v3_is_finite(traction))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
-        for (int f = 0; f < face_count; f++) {
-            const int *face = faces + (size_t)f * (size_t)corners;
-            int count;
-            if (pass == 0 && sbi_body_check_nodes(body, face, corners) != SB_OK)
-                return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
-            count = sbi_body_find_face(body, face, corners, nodes, &face_type);
-            if (count == 0)
-                return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0],
-                                     "face %d (nodes %d %d %d ...) is no face of an element", f, face[0], face[1],
-                                     face[2]);
-            if (pass == 1)
-                sbi_body_add_face_load(body, nodes, count, face_type, traction);
-        }
-    return SB_OK;
-}
-
 /* ---- state ---- */
 
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body->position; }
@@ -17896,6 +18201,16 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
     return SB_OK;
 }
 
+/* The load has taken part in no solve. */
+static void sbi_body_reset_load(sbi_load *load)
+{
+    load->balanced = 0;
+    load->balanced_pressure = 0;
+    memset(load->net, 0, sizeof load->net);
+    if (load->force)
+        memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
+}
+
 SB_API void sb_body_reset(sb_body *body)
 {
     size_t bytes = (size_t)body->domain.node_count * sizeof(sb_vec3);
@@ -17905,6 +18220,8 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->reaction, 0, bytes);
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
+    for (int i = 0; i < body->load_count; i++)
+        sbi_body_reset_load(body->loads + i);
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
@@ -17914,9 +18231,28 @@ SB_API void sb_body_reset(sb_body *body)
 
 /* ---- readings ---- */
 
+SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++)
+        sum = sb_v3_madd(sum, load->weights[k], u[load->nodes[k]]);
+    return sum;
+}
+
+/* sum over the rows of k |H^T u - target|^2 / 2. */
+static sb_real sbi_body_load_energy(const sb_body *body, const sbi_load *load)
+{
+    sb_real sum = 0;
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        sb_vec3 stretch = sb_v3_sub(sbi_body_row_value(load, j, body->displacement), load->target[j]);
+        sum += (sb_real)0.5 * load->stiffness[j] * sb_v3_dot(stretch, stretch);
+    }
+    return sum;
+}
+
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
 {
-    sb_energy sum = {0, 0};
+    sb_energy sum = {0, 0, 0};
     int bad;
     if (!body || !energy)
         return SB_ERROR_ARGUMENT;
@@ -17928,7 +18264,9 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
         sum.kinetic += (sb_real)0.5 * sb_v3_dot(body->velocity[i], body->work[i]);
-    if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic))
+    for (int i = 0; i < body->load_count; i++)
+        sum.springs += sbi_body_load_energy(body, body->loads + i);
+    if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic) || !sb_is_finite(sum.springs))
         return SB_ERROR_NOT_FINITE;
     *energy = sum;
     return SB_OK;
@@ -18033,42 +18371,7 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     }
 }
 
-/* ---- set-up check ---- */
-
-/* Adds row r r^T of one supported axis: r is what the six rigid motions do to it. */
-static void sbi_body_add_support(double *gram, const double *arm, int axis)
-{
-    double r[6] = {0, 0, 0, 0, 0, 0};
-    r[axis] = 1;
-    r[3 + (axis + 1) % 3] = arm[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] = -arm[(axis + 1) % 3];
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            gram[6 * i + j] += r[i] * r[j];
-}
-
-/* Rank 6 by Gauss elimination with diagonal pivots; arms are of order 1, so pivots compare with the trace. */
-static int sbi_body_has_full_rank(double *gram)
-{
-    double trace = 0;
-    unsigned done = 0;
-    for (int i = 0; i < 6; i++)
-        trace += gram[7 * i];
-    for (int step = 0; step < 6; step++) {
-        int pivot = -1;
-        for (int i = 0; i < 6; i++)
-            if (!(done >> i & 1) && (pivot < 0 || gram[7 * i] > gram[7 * pivot]))
-                pivot = i;
-        if (!(gram[7 * pivot] > 1e-10 * trace))
-            return 0;
-        done |= 1u << pivot;
-        for (int i = 0; i < 6; i++)
-            for (int j = 0; j < 6 && !(done >> i & 1); j++)
-                if (!(done >> j & 1))
-                    gram[6 * i + j] -= gram[6 * i + pivot] * gram[6 * j + pivot] / gram[7 * pivot];
-    }
-    return 1;
-}
+/* ---- what holds the parts ---- */
 
 /* Arm of a node about the centre of its part, in units of the part's size. */
 static void sbi_body_arm(const sb_body *body, int node, double arm[3])
@@ -18081,24 +18384,208 @@ static void sbi_body_arm(const sb_body *body, int node, double arm[3])
     arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
 }
 
-SBI_API int sbi_body_unsupported_node(const sb_body *body)
+/* r += weight times what the six rigid motions do to one axis of a node. */
+static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
 {
+    double arm[3];
+    sbi_body_arm(body, node, arm);
+    r[axis] += weight;
+    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
+}
+
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
+}
+
+/* What all nodes of one part in a row do to one of its axes. */
+static void sbi_body_row_motion(const sb_body *body, const int *nodes, const sb_real *weights, int count, int part,
+                                int axis, double scale, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int a = 0; a < count; a++)
+        if (body->node_component[nodes[a]] == part)
+            sbi_body_add_motion(body, nodes[a], axis, (double)weights[a] / scale, r);
+}
+
+/* 1 when the part of node `at` of a row is that of no node before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const int *nodes, int at)
+{
+    int part = body->node_component[nodes[at]];
+    for (int a = 0; a < at; a++)
+        if (body->node_component[nodes[a]] == part)
+            return 0;
+    return part >= 0;
+}
+
+static int sbi_body_row_parts(const sb_body *body, const int *nodes, int count)
+{
+    int parts = 0;
+    for (int a = 0; a < count; a++)
+        parts += sbi_body_is_new_part(body, nodes, a);
+    return parts;
+}
+
+/* Adds one row: all three axes of sum_a weights[a] u(nodes[a]) are held. Rows through several parts go to the gram of
+ * the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const int *nodes, const sb_real *weights, int count)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    int tied = sbi_body_row_parts(body, nodes, count) > 1;
+    double scale = 0;
+    for (int a = 0; a < count; a++)
+        scale += (double)sb_abs(weights[a]);
+    for (int a = 0; a < count && scale > 0; a++)
+        for (int b = 0; b < count && sbi_body_is_new_part(body, nodes, a); b++) {
+            int part = body->node_component[nodes[a]], other = body->node_component[nodes[b]];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, nodes, b))
+                continue;
+            for (int axis = 0; axis < 3; axis++) {
+                double r[6], s[6];
+                sbi_body_row_motion(body, nodes, weights, count, part, axis, scale, r);
+                sbi_body_row_motion(body, nodes, weights, count, other, axis, scale, s);
+                if (tied)
+                    sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+                else
+                    sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
+            }
+        }
+}
+
+/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
+ * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
+static int sbi_body_free_motion(double *gram, int parts, double *traces)
+{
+    int size = 6 * parts;
+    size_t n = (size_t)size;
+    for (int p = 0; p < parts; p++) {
+        traces[p] = 0;
+        for (int i = 6 * p; i < 6 * p + 6; i++)
+            traces[p] += gram[(size_t)i * (n + 1)];
+    }
+    for (int step = 0; step < size; step++) {
+        int pivot = -1, first = -1;
+        for (int i = 0; i < size; i++) {
+            double d = gram[(size_t)i * (n + 1)];
+            if (d < 0) /* done: marked below */
+                continue;
+            first = first < 0 ? i : first;
+            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
+                pivot = i;
+        }
+        if (pivot < 0)
+            return first;
+        for (int i = 0; i < size; i++) {
+            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
+            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
+                continue;
+            for (int j = 0; j < size; j++)
+                if (j != pivot)
+                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
+            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
+                gram[(size_t)i * (n + 1)] = 0;
+        }
+        gram[(size_t)pivot * (n + 1)] = -1;
+    }
+    return -1;
+}
+
+/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
+static int sbi_body_number_ties(sb_body *body, int row_count, const int *row_start, const int *nodes, int count)
+{
+    for (int j = 0; j < row_count; j++) {
+        const int *row = nodes + row_start[j];
+        int size = row_start[j + 1] - row_start[j], tied = sbi_body_row_parts(body, row, size) > 1;
+        for (int a = 0; a < size && tied; a++)
+            if (body->node_component[row[a]] >= 0 && body->tie_of[body->node_component[row[a]]] < 0)
+                body->tie_of[body->node_component[row[a]]] = count++;
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
+                                        sb_error *error)
+{
+    int count = sbi_body_number_ties(body, row_count, row_start, nodes, body->tie_count);
+    if (count > body->tie_capacity) {
+        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
+        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
+        for (int c = 0; c < body->component_count && !gram; c++)
+            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
+        if (!gram)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
+        sbi_free(&body->allocator, body->tie_gram);
+        body->tie_gram = gram;
+        body->tie_capacity = count;
+    }
+    body->tie_count = count;
+    return SB_OK;
+}
+
+/* Sums what holds each part: supports, springs, and rows of mappings. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    for (int i = 0; i < body->domain.node_count; i++) {
-        double arm[3];
-        if (!body->fixed[i] || body->node_component[i] < 0)
-            continue;
-        sbi_body_arm(body, i, arm);
-        for (int axis = 0; axis < 3; axis++)
-            if (body->fixed[i] >> axis & 1)
-                sbi_body_add_support(body->support_grams[body->node_component[i]], arm, axis);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
+            if (body->fixed[i] >> axis & 1) {
+                double r[6] = {0, 0, 0, 0, 0, 0};
+                sbi_body_add_motion(body, i, axis, 1, r);
+                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
+            }
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+            if (load->stiffness[j] > 0)
+                sbi_body_hold_row(body, load->nodes + load->row_start[j], load->weights + load->row_start[j],
+                                  load->row_start[j + 1] - load->row_start[j]);
     }
     for (int c = 0; c < body->component_count; c++)
-        if (!sbi_body_has_full_rank(body->support_grams[c]))
-            for (int i = 0; i < body->domain.node_count; i++)
-                if (body->node_component[i] == c)
-                    return i;
+        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
+            for (int j = 0; j < 6; j++)
+                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
+                               (size_t)j] += body->support_grams[c][6 * i + j];
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    int loose = -1; /* number of a tied part that is free */
+    sbi_body_gather_holds(body);
+    if (body->tie_count > 0) {
+        size_t n = 6 * (size_t)body->tie_count;
+        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
+        loose = motion < 0 ? -1 : motion / 6;
+    }
+    for (int c = 0; c < body->component_count; c++) {
+        double trace;
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+            continue;
+        for (int i = 0; i < body->domain.node_count; i++)
+            if (body->node_component[i] == c)
+                return i;
+    }
     return -1;
+}
+
+/* ---- set-up check ---- */
+
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+{
+    int found = 0;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
+                found++;
+                break;
+            }
+    return found == count;
 }
 
 /* 1 when an element before this one has the same corners. */
@@ -18191,6 +18678,934 @@ SB_API const char *sb_check_string(unsigned warning)
     }
 }
 
+/* ==== src/softbody/load.c ==== */
+/* load: dead loads, follower pressure, springs, penalty mappings. */
+
+#include <string.h>
+
+
+/* ---- dead loads ---- */
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    if (result != SB_OK)
+        return result;
+    if (count > 0 && !forces)
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(forces[i]))
+            return SB_ERROR_NOT_FINITE;
+    for (int i = 0; i < count; i++)
+        body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
+    return SB_OK;
+}
+
+SB_API void sb_body_clear_loads(sb_body *body)
+{
+    memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+}
+
+/* ---- faces ---- */
+
+/* An element's face as a load sees it. */
+typedef struct sbi_load_face {
+    sb_element_type type;
+    int count;
+    int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
+    int inner;                    /* 1: an element stands on its other side, too */
+} sbi_load_face;
+
+/* 1 when the corners of b go round the other way than those of a. */
+static int sbi_load_is_reversed(const int *a, const int *b, int corners)
+{
+    for (int i = 0; i < corners; i++)
+        if (b[i] == a[0])
+            return b[(i + 1) % corners] != a[1];
+    return 0;
+}
+
+/* Finds the element face with these corner nodes; 0 when there is none. */
+static int sbi_load_find_face(const sb_body *body, const int *corners, int count, sbi_load_face *found)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    sbi_element element = sbi_domain_element(&body->domain);
+    int n = body->domain.nodes_per_cell;
+    memset(found, 0, sizeof *found);
+    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        for (int face = 0; face < sbi_element_face_count(element); face++) {
+            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
+            sb_element_type face_type = SB_NO_ELEMENT;
+            int face_nodes = sbi_element_face(element, face, local, &face_type);
+            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
+                continue;
+            for (int i = 0; i < face_nodes; i++)
+                nodes[i] = cell[local[i]];
+            if (found->count) {
+                found->inner |= sbi_load_is_reversed(found->nodes, nodes, count);
+                continue;
+            }
+            found->type = face_type;
+            found->count = face_nodes;
+            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
+        }
+    }
+    return found->count > 0;
+}
+
+/* The face number f of a caller's list, or an error that names it. */
+static sb_result sbi_load_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *found,
+                                   sb_error *error)
+{
+    const int *face = faces + (size_t)f * (size_t)corners;
+    found->count = 0;
+    if (sbi_body_check_nodes(body, face, corners) != SB_OK)
+        return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
+    if (!sbi_load_find_face(body, face, corners, found))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
+                             f, face[0], face[1], face[2]);
+    return SB_OK;
+}
+
+/* Shape functions of a face type at its quadrature points. */
+typedef struct sbi_load_rule {
+    sb_element_type type; /* SB_NO_ELEMENT: none yet */
+    int count;
+    sb_real weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES];
+    sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
+} sbi_load_rule;
+
+/* Makes the rule of a type unless it is there already. */
+static void sbi_load_need_rule(sb_element_type type, sbi_load_rule *rule)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3];
+    if (rule->type == type)
+        return;
+    rule->type = type;
+    rule->count = sb_element_quadrature(type, SB_QUADRATURE_FACE, points, rule->weights);
+    for (int p = 0; p < rule->count; p++)
+        sb_element_shape(type, points[p], rule->shape[p], rule->gradient[p]);
+}
+
+/* Sum of N_a x_a and of its derivatives by the face's parameters, at point p. */
+typedef struct sbi_load_tangents {
+    sb_vec3 value, r, s;
+} sbi_load_tangents;
+
+static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, int count, const sb_vec3 *x)
+{
+    sbi_load_tangents sum = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    for (int a = 0; a < count; a++) {
+        sum.value = sb_v3_madd(sum.value, rule->shape[p][a], x[a]);
+        sum.r = sb_v3_madd(sum.r, rule->gradient[p][a][0], x[a]);
+        sum.s = sb_v3_madd(sum.s, rule->gradient[p][a][1], x[a]);
+    }
+    return sum;
+}
+
+/* ---- traction ---- */
+
+/* load_a += int t N_a dA over a face of the reference shape. */
+static void sbi_load_add_traction(sb_body *body, const sbi_load_face *face, const sbi_load_rule *rule,
+                                  sb_vec3 traction)
+{
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    for (int a = 0; a < face->count; a++)
+        x[a] = body->reference[face->nodes[a]];
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents t = sbi_load_interpolate(rule, p, face->count, x);
+        sb_real area = rule->weights[p] * sb_v3_norm(sb_v3_cross(t.r, t.s));
+        for (int a = 0; a < face->count; a++) {
+            sb_vec3 *load = body->dead_load + face->nodes[a];
+            *load = sb_v3_madd(*load, area * rule->shape[p][a], traction);
+        }
+    }
+}
+
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
+                                      sb_vec3 traction, sb_error *error)
+{
+    sbi_load_rule rule;
+    rule.type = SB_NO_ELEMENT;
+    if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
+    if (!sb_v3_is_finite(traction))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
+    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
+        for (int f = 0; f < face_count; f++) {
+            sbi_load_face face;
+            sb_result result = sbi_load_get_face(body, faces, f, corners, &face, error);
+            if (result != SB_OK)
+                return result;
+            sbi_load_need_rule(face.type, &rule);
+            if (pass == 1)
+                sbi_load_add_traction(body, &face, &rule, traction);
+        }
+    return SB_OK;
+}
+
+/* ---- the list of loads ---- */
+
+/* The load with this id and kind (0: any), or NULL. */
+static sbi_load *sbi_load_find(const sb_body *body, int id, int kind)
+{
+    int low = 0, high = body ? body->load_count : 0;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (body->loads[middle].id < id)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    if (!body || low == body->load_count || body->loads[low].id != id || (kind && (int)body->loads[low].kind != kind))
+        return NULL;
+    return body->loads + low;
+}
+
+static sb_result sbi_load_reserve(sb_body *body, sb_error *error)
+{
+    int capacity = body->load_capacity + body->load_capacity / 2 + 4;
+    sbi_load *grown;
+    if (body->last_load_id == INT32_MAX)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "all ids of loads are used up");
+    if (body->load_count < body->load_capacity)
+        return SB_OK;
+    grown = (sbi_load *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+    if (!grown)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d loads", capacity);
+    if (body->load_count)
+        memcpy(grown, body->loads, (size_t)body->load_count * sizeof *grown);
+    sbi_free(&body->allocator, body->loads);
+    body->loads = grown;
+    body->load_capacity = capacity;
+    return SB_OK;
+}
+
+/* Takes the arrays of a load (measuring or for real). */
+static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena *arena)
+{
+    size_t rows = (size_t)load->row_count;
+    load->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
+    load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
+    if (load->kind == SBI_LOAD_PRESSURE) {
+        load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
+        return;
+    }
+    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
+    load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    load->balanced_target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+}
+
+/* Memory for a load of these rows, zeroed. */
+static sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                               sbi_load *load, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    memset(load, 0, sizeof *load);
+    load->kind = kind;
+    load->row_count = rows;
+    load->pattern_version = -1;
+    sbi_load_layout(load, entries, pairs, &arena);
+    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used, 1);
+    if (!load->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a load of %d rows", rows);
+    arena.base = (unsigned char *)load->memory;
+    arena.used = 0;
+    sbi_load_layout(load, entries, pairs, &arena);
+    return SB_OK;
+}
+
+/* Appends a load for which sbi_load_reserve found room. */
+static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
+{
+    load->id = ++body->last_load_id;
+    body->loads[body->load_count++] = *load;
+    *load_id = load->id;
+}
+
+/* ---- pressure ---- */
+
+/* Face number f of a caller's list, which must be of the surface. */
+static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *face,
+                                     sb_error *error)
+{
+    sb_result result = sbi_load_get_face(body, faces, f, corners, face, error);
+    if (result == SB_OK && face->inner)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face->nodes[0],
+                             "face %d (nodes %d %d %d ...) lies between two elements", f, face->nodes[0],
+                             face->nodes[1], face->nodes[2]);
+    return result;
+}
+
+/* A pressure load of these faces, its pressure still 0. */
+static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners,
+                                     sbi_load *load, sb_error *error)
+{
+    size_t entries = 0, pairs = 0;
+    sbi_load_face face;
+    sb_result result = SB_OK;
+    for (int f = 0; f < face_count && result == SB_OK; f++) {
+        result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        entries += (size_t)face.count;
+        pairs += (size_t)(face.count * face.count);
+        if (result == SB_OK && entries > INT32_MAX)
+            result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
+    }
+    if (result == SB_OK)
+        result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+    for (int f = 0; f < face_count && result == SB_OK; f++) {
+        int *nodes = load->nodes + load->row_start[f];
+        result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        load->face_types[f] = face.type;
+        load->row_start[f + 1] = load->row_start[f] + face.count;
+        memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
+    }
+    return result;
+}
+
+SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_count, int corners, sb_real pressure,
+                                      int *load_id, sb_error *error)
+{
+    sbi_load load;
+    sb_result result;
+    if (!body || !load_id || face_count < 1 || corners < 3 || corners > 4 || !faces)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_body_add_pressure needs a body, faces of 3 or 4 corners, and a place for the id");
+    if (!sb_is_finite(pressure))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
+    result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_load_reserve(body, error);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, load.memory);
+        return result;
+    }
+    load.pressure = pressure;
+    sbi_load_append(body, &load, load_id);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressure)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_PRESSURE);
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(pressure))
+        return SB_ERROR_NOT_FINITE;
+    load->pressure = pressure;
+    return SB_OK;
+}
+
+/* ---- springs and mappings: making and changing ---- */
+
+/* stiffness[count], or one: each finite and >= 0. */
+static sb_result sbi_load_check_stiffness(const sb_real *stiffness, int count, int uniform, sb_error *error)
+{
+    if (!stiffness)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the stiffness is NULL");
+    for (int j = 0; j < (uniform ? sbi_min_int(count, 1) : count); j++) {
+        if (!sb_is_finite(stiffness[j]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "stiffness %d is not finite", j);
+        if (stiffness[j] < 0)
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "stiffness %d is negative: %g", j,
+                                    (double)stiffness[j]);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_load_check_points(const sb_vec3 *points, int count, sb_error *error)
+{
+    if (!points)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the points are NULL");
+    for (int j = 0; j < count; j++)
+        if (!sb_v3_is_finite(points[j]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "point %d is not finite", j);
+    return SB_OK;
+}
+
+static void sbi_load_put_stiffness(sbi_load *load, const sb_real *stiffness, int uniform)
+{
+    for (int j = 0; j < load->row_count; j++)
+        load->stiffness[j] = stiffness[uniform ? 0 : j];
+}
+
+/* H^T X of a row, in double. */
+static void sbi_load_rest_point(const sb_body *body, const sbi_load *load, int row, double x[3])
+{
+    x[0] = x[1] = x[2] = 0;
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++) {
+        sb_vec3 node = body->reference[load->nodes[k]];
+        x[0] += (double)load->weights[k] * (double)node.x;
+        x[1] += (double)load->weights[k] * (double)node.y;
+        x[2] += (double)load->weights[k] * (double)node.z;
+    }
+}
+
+/* target = y - H^T X */
+static void sbi_load_put_points(const sb_body *body, sbi_load *load, const sb_vec3 *points)
+{
+    for (int j = 0; j < load->row_count; j++) {
+        double x[3];
+        sbi_load_rest_point(body, load, j, x);
+        load->target[j] = sb_v3((sb_real)((double)points[j].x - x[0]), (sb_real)((double)points[j].y - x[1]),
+                                (sb_real)((double)points[j].z - x[2]));
+    }
+}
+
+/* Adds a load of checked rows; all or nothing. */
+static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping,
+                                   const sb_real *stiffness, int uniform, const sb_vec3 *points, int *load_id,
+                                   sb_error *error)
+{
+    int rows = mapping->row_count, entries = mapping->row_start[rows];
+    size_t pairs = 0;
+    sbi_load load;
+    sb_result result;
+    for (int j = 0; j < rows; j++) {
+        size_t size = (size_t)(mapping->row_start[j + 1] - mapping->row_start[j]);
+        if (!sbi_size_add(&pairs, size, size))
+            return sbi_fail_element(error, SB_ERROR_MEMORY, j, "row %d is too long", j);
+    }
+    result = sbi_load_make(body, kind, rows, entries, pairs, &load, error);
+    if (result != SB_OK)
+        return result;
+    memcpy(load.row_start, mapping->row_start, ((size_t)rows + 1) * sizeof(int));
+    memcpy(load.nodes, mapping->nodes, (size_t)entries * sizeof(int));
+    memcpy(load.weights, mapping->weights, (size_t)entries * sizeof(sb_real));
+    sbi_load_put_stiffness(&load, stiffness, uniform);
+    sbi_load_put_points(body, &load, points);
+    result = sbi_load_check_points(load.target, rows, error); /* the difference may overflow */
+    if (result == SB_OK)
+        result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_ties(body, rows, load.row_start, load.nodes, error);
+    if (result == SB_OK)
+        result = sbi_body_extend_pattern(body, rows, load.row_start, load.nodes, error);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, load.memory);
+        return result;
+    }
+    sbi_load_append(body, &load, load_id);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
+                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error)
+{
+    sb_mapping mapping;
+    sb_result result;
+    int *starts;
+    sb_real *ones;
+    if (!body || !nodes || count < 1 || !load_id)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body, nodes, and a place for the id");
+    for (int i = 0; i < count; i++)
+        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
+                                 body->domain.node_count);
+    result = sbi_load_check_stiffness(stiffness, count, uniform, error);
+    if (result == SB_OK)
+        result = sbi_load_check_points(points, count, error);
+    if (result != SB_OK)
+        return result;
+    starts = (int *)sbi_alloc(&body->allocator, (size_t)count + 1, sizeof(int));
+    ones = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
+    for (int i = 0; i <= count && starts && ones; i++) {
+        starts[i] = i;
+        if (i < count)
+            ones[i] = 1;
+    }
+    mapping.row_count = count;
+    mapping.row_start = starts;
+    mapping.nodes = nodes;
+    mapping.weights = ones;
+    result = starts && ones ? sbi_load_add_rows(body, SBI_LOAD_SPRINGS, &mapping, stiffness, uniform, points, load_id,
+                                                error)
+                            : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d springs", count);
+    sbi_free(&body->allocator, starts);
+    sbi_free(&body->allocator, ones);
+    return result;
+}
+
+static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *mapping, sb_error *error)
+{
+    const int *start = mapping ? mapping->row_start : NULL;
+    if (!mapping || mapping->row_count < 1 || !start || !mapping->nodes || !mapping->weights)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mapping needs rows, nodes and weights");
+    if (start[0] != 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "row_start begins with %d, not 0", start[0]);
+    for (int j = 0; j < mapping->row_count; j++)
+        if (start[j + 1] <= start[j])
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
+    for (int j = 0; j < mapping->row_count; j++)
+        for (int k = start[j]; k < start[j + 1]; k++) {
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+                return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
+                                        mapping->nodes[k], body->domain.node_count);
+            if (!sb_is_finite(mapping->weights[k]))
+                return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "row %d of the mapping has a weight that is "
+                                        "not finite", j);
+        }
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *targets, int *load_id, sb_error *error)
+{
+    sb_result result;
+    if (!body || !load_id)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body and a place for the id");
+    result = sbi_load_check_mapping(body, mapping, error);
+    if (result == SB_OK)
+        result = sbi_load_check_stiffness(stiffness, mapping->row_count, uniform, error);
+    if (result == SB_OK)
+        result = sbi_load_check_points(targets, mapping->row_count, error);
+    if (result != SB_OK)
+        return result;
+    return sbi_load_add_rows(body, SBI_LOAD_MAPPING, mapping, stiffness, uniform, targets, load_id, error);
+}
+
+static sb_result sbi_load_set_points(sb_body *body, int load_id, sbi_load_kind kind, const sb_vec3 *points)
+{
+    sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    sb_result result;
+    if (!body || !points)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    result = sbi_load_check_points(points, load->row_count, NULL);
+    for (int j = 0; j < load->row_count && result == SB_OK; j++) { /* as sbi_load_put_points will: may overflow */
+        double x[3];
+        sbi_load_rest_point(body, load, j, x);
+        if (!sb_is_finite((sb_real)((double)points[j].x - x[0])) || !sb_is_finite((sb_real)((double)points[j].y - x[1])) ||
+            !sb_is_finite((sb_real)((double)points[j].z - x[2])))
+            result = SB_ERROR_NOT_FINITE;
+    }
+    if (result == SB_OK)
+        sbi_load_put_points(body, load, points);
+    return result;
+}
+
+static sb_result sbi_load_set_stiffness(sb_body *body, int load_id, sbi_load_kind kind, const sb_real *stiffness,
+                                        int uniform)
+{
+    sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    sb_result result;
+    if (!body || !stiffness)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    result = sbi_load_check_stiffness(stiffness, load->row_count, uniform, NULL);
+    if (result == SB_OK)
+        sbi_load_put_stiffness(load, stiffness, uniform);
+    return result;
+}
+
+SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points)
+{
+    return sbi_load_set_points(body, load_id, SBI_LOAD_SPRINGS, points);
+}
+
+SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
+{
+    return sbi_load_set_stiffness(body, load_id, SBI_LOAD_SPRINGS, stiffness, uniform);
+}
+
+SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets)
+{
+    return sbi_load_set_points(body, load_id, SBI_LOAD_MAPPING, targets);
+}
+
+SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
+{
+    return sbi_load_set_stiffness(body, load_id, SBI_LOAD_MAPPING, stiffness, uniform);
+}
+
+SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points)
+{
+    const sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    if (!body || !points)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    for (int j = 0; j < load->row_count; j++)
+        points[j] = sbi_body_row_value(load, j, body->position);
+    return SB_OK;
+}
+
+/* ---- values between the last static solve and now ---- */
+
+static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
+{
+    return factor == 1 ? load->pressure
+                       : load->balanced_pressure + factor * (load->pressure - load->balanced_pressure);
+}
+
+static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
+{
+    sb_real from = load->balanced_stiffness[row];
+    return factor == 1 ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+}
+
+static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
+{
+    sb_vec3 from = load->balanced_target[row];
+    return factor == 1 ? load->target[row] : sb_v3_madd(from, factor, sb_v3_sub(load->target[row], from));
+}
+
+/* k (target - H^T u): the force of a row on the body. */
+static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
+{
+    return sb_v3_scale(sbi_load_stiffness_at(load, row, factor),
+                       sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u)));
+}
+
+/* ---- pressure on one face ---- */
+
+/* Positions of a face's nodes at u, and the rule of its type. Returns the number of nodes. */
+static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x,
+                           sbi_load_rule *rule)
+{
+    sbi_load_need_rule(load->face_types[face], rule);
+    const int *nodes = load->nodes + load->row_start[face];
+    int count = load->row_start[face + 1] - load->row_start[face];
+    for (int a = 0; a < count; a++)
+        x[a] = sb_v3_add(body->reference[nodes[a]], u[nodes[a]]);
+    return count;
+}
+
+/* force_a = -p int N_a x_r x x_s dr ds */
+static void sbi_load_face_force(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+                                sb_vec3 *force)
+{
+    memset(force, 0, (size_t)count * sizeof *force);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
+        sb_vec3 push = sb_v3_scale(-pressure * rule->weights[p], sb_v3_cross(t.r, t.s));
+        for (int a = 0; a < count; a++)
+            force[a] = sb_v3_madd(force[a], rule->shape[p][a], push);
+    }
+}
+
+/* df_a/dx_b = [k_ab]x with k_ab = p int N_a (x_s N_b,r - x_r N_b,s), symmetrised: [(k_ab - k_ba) / 2]x. What this drops
+ * is the boundary term of the patch's rim; inside the faces' shares of it cancel. */
+static void sbi_load_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+                                  const int *blocks, sb_matrix *matrix)
+{
+    sb_vec3 k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
+    memset(k, 0, sizeof k);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
+        for (int b = 0; b < count; b++) {
+            sb_vec3 arm = sb_v3_sub(sb_v3_scale(rule->gradient[p][b][0], t.s), sb_v3_scale(rule->gradient[p][b][1], t.r));
+            for (int a = 0; a < count; a++)
+                k[a][b] = sb_v3_madd(k[a][b], pressure * rule->weights[p] * rule->shape[p][a], arm);
+        }
+    }
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) {
+            sb_vec3 v = sb_v3_scale((sb_real)0.5, sb_v3_sub(k[a][b], k[b][a]));
+            sb_real *block = matrix->blocks[blocks[a * count + b]]; /* stiffness is -df/dx */
+            block[1] += v.z;
+            block[2] -= v.y;
+            block[3] -= v.z;
+            block[5] += v.x;
+            block[6] += v.y;
+            block[7] -= v.x;
+        }
+}
+
+/* ---- all loads ---- */
+
+SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
+{
+    double size = 0;
+    memset(body->follower, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        sbi_load_rule rule;
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            const int *nodes = load->nodes + load->row_start[j];
+            int count = load->row_start[j + 1] - load->row_start[j];
+            sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES], pull;
+            double k, reach;
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                sbi_load_gather(body, load, j, u, x, &rule);
+                sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                for (int a = 0; a < count; a++)
+                    body->follower[nodes[a]] = sb_v3_add(body->follower[nodes[a]], force[a]);
+                continue;
+            }
+            pull = sbi_load_row_force(load, j, u, factor);
+            for (int a = 0; a < count; a++) {
+                sb_vec3 *node = body->follower + nodes[a];
+                *node = sb_v3_madd(*node, load->weights[load->row_start[j] + a], pull);
+            }
+            k = (double)sbi_load_stiffness_at(load, j, factor);
+            reach = (double)sb_v3_norm(sbi_load_target_at(load, j, factor));
+            size += k * reach * k * reach;
+        }
+    }
+    return sb_sqrt((sb_real)size);
+}
+
+/* Positions of a load's blocks in the present pattern. */
+static void sbi_load_locate(const sb_body *body, sbi_load *load)
+{
+    int *out = load->blocks;
+    if (load->pattern_version == body->pattern_version)
+        return;
+    for (int j = 0; j < load->row_count; j++)
+        for (int a = load->row_start[j]; a < load->row_start[j + 1]; a++)
+            for (int b = load->row_start[j]; b < load->row_start[j + 1]; b++)
+                *out++ = sb_matrix_find(&body->matrix, load->nodes[a], load->nodes[b]);
+    load->pattern_version = body->pattern_version;
+}
+
+/* matrix += k H H^T of a row */
+static void sbi_load_row_tangent(const sbi_load *load, int row, const int *blocks, sb_real factor, sb_matrix *matrix)
+{
+    sb_real k = sbi_load_stiffness_at(load, row, factor);
+    for (int a = load->row_start[row]; a < load->row_start[row + 1]; a++)
+        for (int b = load->row_start[row]; b < load->row_start[row + 1]; b++) {
+            sb_real value = load->weights[a] * load->weights[b] * k, *block = matrix->blocks[*blocks++];
+            block[0] += value;
+            block[4] += value;
+            block[8] += value;
+        }
+}
+
+SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                   sb_matrix *matrix)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        const int *blocks = load->blocks;
+        sbi_load_rule rule;
+        if (load->kind == SBI_LOAD_PRESSURE && kind != SB_TANGENT_EXACT)
+            continue;
+        sbi_load_locate(body, load);
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            size_t count = (size_t)(load->row_start[j + 1] - load->row_start[j]);
+            sb_vec3 x[SB_MAX_FACE_NODES];
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                sbi_load_gather(body, load, j, u, x, &rule);
+                sbi_load_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
+            } else {
+                sbi_load_row_tangent(load, j, blocks, factor, matrix);
+            }
+            blocks += count * count;
+        }
+    }
+}
+
+SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            sb_vec3 pull = sb_v3_scale(-sbi_load_stiffness_at(load, j, factor), sbi_body_row_value(load, j, x));
+            for (int k = load->row_start[j]; k < load->row_start[j + 1]; k++)
+                out[load->nodes[k]] = sb_v3_madd(out[load->nodes[k]], load->weights[k], pull);
+        }
+    }
+}
+
+/* Adds the work of a pressure on a face at x along x + s d: the integrand -p N d.(x_r + s d_r) x (x_s + s d_s). */
+static void sbi_load_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
+                               sb_real pressure, sbi_loads_work *work)
+{
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents at = sbi_load_interpolate(rule, p, count, x), by = sbi_load_interpolate(rule, p, count, d);
+        sb_vec3 turn = sb_v3_add(sb_v3_cross(at.r, by.s), sb_v3_cross(by.r, at.s));
+        sb_real scale = -pressure * rule->weights[p];
+        work->linear += scale * sb_v3_dot(by.value, sb_v3_cross(at.r, at.s));
+        work->quadratic += scale / 2 * sb_v3_dot(by.value, turn);
+        work->cubic += scale / 3 * sb_v3_dot(by.value, sb_v3_cross(by.r, by.s));
+    }
+}
+
+SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor)
+{
+    sbi_loads_work work = {0, 0, 0};
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        sbi_load_rule rule;
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            sb_vec3 x[SB_MAX_FACE_NODES], d[SB_MAX_FACE_NODES], way;
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                int count = sbi_load_gather(body, load, j, u, x, &rule);
+                for (int a = 0; a < count; a++)
+                    d[a] = du[load->nodes[load->row_start[j] + a]];
+                sbi_load_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
+                continue;
+            }
+            way = sbi_body_row_value(load, j, du);
+            work.linear += sb_v3_dot(sbi_load_row_force(load, j, u, factor), way);
+            work.quadratic -= sbi_load_stiffness_at(load, j, factor) / 2 * sb_v3_dot(way, way);
+        }
+    }
+    return work;
+}
+
+SBI_API void sbi_loads_begin_static(sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && !load->balanced && j < load->row_count; j++) {
+            load->balanced_stiffness[j] = load->stiffness[j];
+            load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
+        }
+    }
+}
+
+SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        load->balanced = 1;
+        load->balanced_pressure = sbi_load_pressure_at(load, factor);
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            load->balanced_target[j] = sbi_load_target_at(load, j, factor);
+            load->balanced_stiffness[j] = sbi_load_stiffness_at(load, j, factor);
+        }
+    }
+}
+
+/* ---- readings ---- */
+
+/* Adds a nodal force of a load to its net force and torque and to `sum`. */
+static void sbi_load_collect(const sb_body *body, int node, sb_vec3 f, sbi_load *load, sb_vec3 *sum)
+{
+    sb_vec3 at = body->position[node];
+    double fx = (double)f.x, fy = (double)f.y, fz = (double)f.z;
+    load->net[0] += fx;
+    load->net[1] += fy;
+    load->net[2] += fz;
+    load->net[3] += (double)at.y * fz - (double)at.z * fy;
+    load->net[4] += (double)at.z * fx - (double)at.x * fz;
+    load->net[5] += (double)at.x * fy - (double)at.y * fx;
+    sum[node] = sb_v3_add(sum[node], f);
+}
+
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        sbi_load_rule rule;
+        memset(load->net, 0, sizeof load->net);
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            const int *nodes = load->nodes + load->row_start[j];
+            int count = load->row_start[j + 1] - load->row_start[j];
+            sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                sbi_load_gather(body, load, j, pressure_u, x, &rule);
+                sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                for (int a = 0; a < count; a++)
+                    sbi_load_collect(body, nodes[a], force[a], load, body->external);
+                continue;
+            }
+            load->force[j] = sbi_load_row_force(load, j, body->displacement, factor);
+            for (int a = 0; a < count; a++)
+                sbi_load_collect(body, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]), load,
+                                 body->external);
+        }
+    }
+}
+
+SB_API sb_result sb_body_load_force(const sb_body *body, int load_id, sb_vec3 about, sb_vec3 *force, sb_vec3 *torque)
+{
+    const sbi_load *load = sbi_load_find(body, load_id, 0);
+    double x = (double)about.x, y = (double)about.y, z = (double)about.z;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!sb_v3_is_finite(about))
+        return SB_ERROR_NOT_FINITE;
+    if (force)
+        *force = sb_v3((sb_real)load->net[0], (sb_real)load->net[1], (sb_real)load->net[2]);
+    if (torque)
+        *torque = sb_v3((sb_real)(load->net[3] - (y * load->net[2] - z * load->net[1])),
+                        (sb_real)(load->net[4] - (z * load->net[0] - x * load->net[2])),
+                        (sb_real)(load->net[5] - (x * load->net[1] - y * load->net[0])));
+    return SB_OK;
+}
+
+static sb_result sbi_load_get_forces(const sb_body *body, int load_id, sbi_load_kind kind, sb_vec3 *forces)
+{
+    const sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    if (!body || !forces)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    memcpy(forces, load->force, (size_t)load->row_count * sizeof *forces);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_spring_forces(const sb_body *body, int load_id, sb_vec3 *forces)
+{
+    return sbi_load_get_forces(body, load_id, SBI_LOAD_SPRINGS, forces);
+}
+
+SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec3 *forces)
+{
+    return sbi_load_get_forces(body, load_id, SBI_LOAD_MAPPING, forces);
+}
+
+/* ---- removal ---- */
+
+/* equilibrated += what a load exerted in the last static solve, so that the next one lets it fade as a dead load. */
+static void sbi_load_fade(sb_body *body, const sbi_load *load)
+{
+    sbi_load_rule rule;
+    rule.type = SB_NO_ELEMENT;
+    for (int j = 0; j < load->row_count; j++) {
+        const int *nodes = load->nodes + load->row_start[j];
+        int count = load->row_start[j + 1] - load->row_start[j];
+        sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
+        if (load->kind == SBI_LOAD_PRESSURE) {
+            sbi_load_gather(body, load, j, body->displacement, x, &rule);
+            sbi_load_face_force(&rule, count, x, load->balanced_pressure, force);
+        }
+        for (int a = 0; a < count; a++) {
+            sb_vec3 *sum = body->equilibrated + nodes[a];
+            *sum = load->kind == SBI_LOAD_PRESSURE
+                       ? sb_v3_add(*sum, force[a])
+                       : sb_v3_madd(*sum, load->weights[load->row_start[j] + a], load->force[j]);
+        }
+    }
+}
+
+SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
+{
+    sbi_load *load = sbi_load_find(body, load_id, 0);
+    size_t after;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (load->balanced)
+        sbi_load_fade(body, load);
+    sbi_free(&body->allocator, load->memory);
+    after = (size_t)(body->loads + body->load_count - (load + 1));
+    memmove(load, load + 1, after * sizeof *load);
+    body->load_count--;
+    return SB_OK;
+}
+
 /* ==== src/softbody/step.c ==== */
 /* step: one Newton driver for time steps and static solves.
  *
@@ -18218,6 +19633,7 @@ typedef struct sbi_newton {
     int has_velocity;         /* v may differ from 0 at the current u */
     int moves_supports;       /* the present increment moves supported nodes */
     sb_real scale;            /* largest force (N), to compare residuals with */
+    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
     sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
     sb_real energy;           /* elastic, at the current u; valid when energy_known */
     int energy_known;
@@ -18312,6 +19728,8 @@ static void sbi_newton_tangent(sbi_newton *newton, sb_tangent_kind kind)
             for (int c = 0; c < 9; c++)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
     }
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, kind, newton->load_factor, &b->matrix);
     newton->info->seconds_tangent += sbi_step_now(b) - begin;
 }
 
@@ -18332,7 +19750,8 @@ static sb_result sbi_newton_keep_damping(sbi_newton *newton)
     return SB_OK;
 }
 
-/* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K, which is assembled by then. */
+/* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K + (springs), which is assembled by
+ * then. */
 static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *x, sb_vec3 *out)
 {
     sb_body *b = newton->body;
@@ -18343,6 +19762,8 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
         return;
     }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
+    if (b->load_count)
+        sbi_loads_subtract_product(b, x, newton->load_factor, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -18368,6 +19789,17 @@ static void sbi_newton_add_dynamics(sbi_newton *newton)
         b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
 }
 
+/* residual -= forces of the loads that follow the body. `external` holds the dead ones only until a solve ends. */
+static void sbi_newton_add_loads(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    int n = b->domain.node_count;
+    newton->load_size = sbi_loads_force(b, b->displacement, newton->load_factor);
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
+    newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->follower, b->follower, n)));
+}
+
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
 static void sbi_newton_residual(sbi_newton *newton)
 {
@@ -18376,6 +19808,8 @@ static void sbi_newton_residual(sbi_newton *newton)
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
     newton->scale = sb_max(sb_sqrt(sbi_step_dot(b->external, b->external, n)), sbi_step_norm(b, b->internal, 1));
+    if (b->load_count)
+        sbi_newton_add_loads(newton);
     if (newton->dynamic) {
         newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->internal, b->internal, n)));
         sbi_newton_add_dynamics(newton);
@@ -18520,17 +19954,19 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
 
 /* ---- one Newton iteration: line search ---- */
 
-/* Potential along du without the elastic energy: t * linear + t^2 * quadratic, from inertia, damping and loads. */
+/* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
+ * loads. Pressures may have no potential; the work they do along the line serves in its place. */
 typedef struct sbi_newton_line {
     sb_real slope;      /* r . du, what Armijo asks a share of */
-    sb_real linear, quadratic;
+    sb_real linear, quadratic, cubic;
+    sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
 } sbi_newton_line;
 
 static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
 {
     sb_body *b = newton->body;
     int n = b->domain.node_count;
-    sbi_newton_line line = {0, 0, 0};
+    sbi_newton_line line = {0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
     if (newton->dynamic) {
@@ -18541,6 +19977,12 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
             line.quadratic += b->damping_stiffness * newton->cv * sbi_step_dot(b->increment, b->work, n);
         }
         line.quadratic *= (sb_real)0.5;
+    }
+    if (b->load_count) { /* the residual has their linear part */
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->load_factor);
+        line.quadratic -= work.quadratic;
+        line.cubic -= work.cubic;
+        line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     return line;
 }
@@ -18625,8 +20067,9 @@ static sb_result sbi_newton_search(sbi_newton *newton)
         sbi_newton_trial(newton, t);
         if (!sbi_newton_try(newton, b->work2, &energy, &bad))
             continue;
-        change = energy - newton->energy + t * line.linear + t * t * line.quadratic;
-        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(newton->energy) + sb_abs(t * line.linear)) +
+        change = energy - newton->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(newton->energy) + sb_abs(t * line.linear) +
+                                   t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
             sbi_newton_take(newton, b->work2, energy);
@@ -18714,7 +20157,7 @@ static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
         return 0;
     if (newton->norm <= newton->tolerance * newton->scale)
         return 1;
-    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * newton->body->force_unit ||
+    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size) ||
                              sbi_newton_is_exhausted(newton->body));
 }
 
@@ -18992,6 +20435,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
         sbi_step_undo(body);
     } else {
         sbi_step_leave(body, dt);
+        sbi_loads_commit(body, newton.linearised ? body->start : body->displacement, 1);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -19051,6 +20495,7 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     sb_real reached = 0, stride = (sb_real)1 / (sb_real)options->load_steps, least = stride / 64;
     memcpy(b->converged, b->displacement, bytes);
+    sbi_loads_begin_static(b);
     while (reached < 1) {
         int before = newton->info->newton_iterations, spent;
         sb_result result;
@@ -19090,13 +20535,15 @@ static void sbi_static_commit(sbi_newton *newton)
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     memset(b->velocity, 0, bytes);
     memset(b->acceleration, 0, bytes);
+    sbi_body_update_positions(b);
     sbi_static_loads(b, newton->info->load_factor);
+    memcpy(b->equilibrated, b->external, bytes);
+    sbi_loads_commit(b, b->displacement, newton->info->load_factor);
+    sbi_loads_end_static(b, newton->info->load_factor);
     if (sbi_newton_force(newton) == SB_OK)
         for (int i = 0; i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
                                            sb_v3_sub(b->internal[i], b->external[i]), zero);
-    memcpy(b->equilibrated, b->external, bytes);
-    sbi_body_update_positions(b);
     b->acceleration_known = 0;
 }
 

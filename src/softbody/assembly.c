@@ -190,6 +190,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_assembly_can_batch(assembly->domain); }
+
+SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
+{
+    sbi_assembly_map_blocks(assembly, matrix);
+    if (sbi_assembly_has_pairs(assembly)) {
+        assembly->pair_start = pair_start;
+        sbi_assembly_list_pairs(assembly, matrix);
+    }
+}
+
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
     sbi_assembly_colour(assembly, node_colours);

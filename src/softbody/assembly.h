@@ -59,6 +59,10 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
                                  sbi_arena *arena);
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
+/* The same for another pattern of the matrix: only where blocks are has changed. pair_start: [block_count + 1], used
+ * from now on by batched bodies, which sbi_assembly_has_pairs tells. */
+SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start);
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly);
 /* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
  * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,

@@ -239,7 +239,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     size_t n = (size_t)body->domain.node_count;
     sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
                            &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->equilibrated, &body->residual,      &body->rhs,
+                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
                            &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
                            &body->start,     &body->saved_velocity, &body->saved_acceleration,
                            &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
@@ -255,6 +255,7 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
@@ -418,6 +419,7 @@ static void sbi_body_label_nodes(sb_body *body)
     for (int c = 0; c < body->component_count; c++) {
         body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
         body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        body->tie_of[c] = -1;
     }
     for (int i = 0; i < body->domain.node_count; i++) {
         int first = lists->offsets[i];
@@ -546,6 +548,10 @@ SB_API void sb_body_destroy(sb_body *body)
     if (!body)
         return;
     allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_free(&allocator, body->loads[i].memory);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
     sb_matrix_free(&body->matrix);
@@ -556,11 +562,210 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->fibres);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->memory);
     sbi_free(&allocator, body);
+}
+
+/* ---- couplings beyond the elements ---- */
+
+/* 1 when the pattern has a block for every pair of the nodes. */
+static int sbi_body_row_fits(const sb_body *body, const int *nodes, int count)
+{
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            if (sb_matrix_find(&body->matrix, nodes[a], nodes[b]) < 0)
+                return 0;
+    return 1;
+}
+
+/* The body's rows so far and, after them, those of the new ones that do not fit. Counts only when pattern has no
+ * arrays yet; *entries is the number of their nodes. */
+static void sbi_body_list_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                sbi_body_pattern *pattern, size_t *entries)
+{
+    int count = body->extra_count;
+    size_t used = count ? (size_t)body->extra_start[count] : 0;
+    if (pattern->extra_start && count) {
+        memcpy(pattern->extra_start, body->extra_start, ((size_t)count + 1) * sizeof(int));
+        memcpy(pattern->extra_nodes, body->extra_nodes, used * sizeof(int));
+    }
+    for (int c = 0; c < cell_count; c++) {
+        int size = cell_start[c + 1] - cell_start[c];
+        if (sbi_body_row_fits(body, cells + cell_start[c], size))
+            continue;
+        if (pattern->extra_start) {
+            pattern->extra_start[count] = (int)used;
+            memcpy(pattern->extra_nodes + used, cells + cell_start[c], (size_t)size * sizeof(int));
+            pattern->extra_start[count + 1] = (int)(used + (size_t)size);
+        }
+        used += (size_t)size;
+        count++;
+    }
+    pattern->extra_count = count;
+    *entries = used;
+}
+
+static sb_result sbi_body_make_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                     sbi_body_pattern *pattern, sb_error *error)
+{
+    size_t entries, bytes = 0;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    pattern->needed = pattern->extra_count > body->extra_count;
+    if (!pattern->needed)
+        return SB_OK;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)pattern->extra_count + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d coupling rows", pattern->extra_count);
+    pattern->extra_nodes = pattern->extra_start + pattern->extra_count + 1;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    return SB_OK;
+}
+
+/* The matrix of elements and rows together. */
+static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)domain->cell_count * n;
+    size_t extra = (size_t)pattern->extra_start[pattern->extra_count], bytes = 0;
+    size_t cells = (size_t)domain->cell_count + (size_t)pattern->extra_count;
+    int *start = NULL, *nodes;
+    sb_result result;
+    if (own + extra <= INT32_MAX && cells < INT32_MAX && sbi_size_add(&bytes, cells + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, own + extra, sizeof(int)))
+        start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", pattern->extra_count);
+    nodes = start + cells + 1;
+    for (int e = 0; e < domain->cell_count; e++)
+        start[e] = e * domain->nodes_per_cell;
+    for (int c = 0; c <= pattern->extra_count; c++)
+        start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
+    memcpy(nodes, domain->cells, own * sizeof(int));
+    memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
+    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
+                              error);
+    sbi_free(&body->allocator, start);
+    return result;
+}
+
+/* Takes the arrays of one entry per block from the arena (measuring or for real). */
+static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
+{
+    size_t blocks = (size_t)pattern->matrix.block_count;
+    if (body->mass_blocks)
+        pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
+    if (sbi_assembly_has_pairs(&body->assembly))
+        pattern->pair_start = (int *)sbi_arena_take(arena, blocks + 1, sizeof(int));
+}
+
+static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    int most = pattern->matrix.block_count;
+    const int *row_start = pattern->matrix.row_start;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            pattern->support_used += row_start[i + 1] - row_start[i];
+    pattern->support_capacity = body->support_capacity;
+    if (pattern->support_used > body->support_capacity) {
+        pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
+                                    pattern->support_used;
+        pattern->support_blocks =
+            sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
+    }
+    if (body->damping_blocks)
+        pattern->damping_blocks = sbi_alloc(&body->allocator, (size_t)most + 1, 9 * sizeof(sb_real));
+    if (!pattern->memory || (pattern->support_used > body->support_capacity && !pattern->support_blocks) ||
+        (body->damping_blocks && !pattern->damping_blocks))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tangent of %d blocks", most);
+    arena.base = (unsigned char *)pattern->memory;
+    arena.used = 0;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    return SB_OK;
+}
+
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern)
+{
+    sbi_free(&body->allocator, pattern->extra_start);
+    sbi_free(&body->allocator, pattern->memory);
+    sbi_free(&body->allocator, pattern->support_blocks);
+    sbi_free(&body->allocator, pattern->damping_blocks);
+    sb_preconditioner_free(pattern->precond);
+    sb_matrix_free(&pattern->matrix);
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_result result;
+    memset(pattern, 0, sizeof *pattern);
+    result = sbi_body_make_extra(body, cell_count, cell_start, cells, pattern, error);
+    if (result != SB_OK || !pattern->needed)
+        return result;
+    settings.kind = sb_preconditioner_get_info(body->precond).kind;
+    settings.positions = body->reference;
+    result = sbi_body_make_extended_matrix(body, pattern, error);
+    if (result == SB_OK)
+        result = sbi_body_make_block_arrays(body, pattern, error);
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result != SB_OK)
+        sbi_body_free_pattern(body, pattern);
+    return result;
+}
+
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
+{
+    if (!pattern->needed)
+        return;
+    sbi_free(&body->allocator, body->extra_start);
+    sbi_free(&body->allocator, body->pattern_memory);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    body->extra_count = pattern->extra_count;
+    body->extra_start = pattern->extra_start;
+    body->extra_nodes = pattern->extra_nodes;
+    body->pattern_memory = pattern->memory;
+    body->precond = pattern->precond;
+    body->matrix = pattern->matrix;
+    body->support_used = pattern->support_used;
+    body->support_capacity = pattern->support_capacity;
+    if (pattern->support_blocks) {
+        sbi_free(&body->allocator, body->support_blocks);
+        body->support_blocks = (sb_real(*)[9])pattern->support_blocks;
+    }
+    if (pattern->damping_blocks) {
+        sbi_free(&body->allocator, body->damping_blocks);
+        body->damping_blocks = (sb_real(*)[9])pattern->damping_blocks;
+    }
+    sbi_assembly_remap(&body->assembly, &body->matrix, pattern->pair_start);
+    if (body->mass_blocks) {
+        body->mass_blocks = pattern->mass_blocks;
+        sbi_body_update_mass(body);
+    }
+    body->pattern_version++;
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error)
+{
+    sbi_body_pattern pattern;
+    sb_result result = sbi_body_make_pattern(body, cell_count, cell_start, cells, &pattern, error);
+    if (result == SB_OK)
+        sbi_body_take_pattern(body, &pattern);
+    return result;
 }
 
 /* ---- sizes ---- */
@@ -644,7 +849,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ---- */
 
-static sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
         return SB_ERROR_ARGUMENT;
@@ -746,109 +951,6 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body->fixed; }
 
-/* ---- loads ---- */
-
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
-{
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
-        return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
-    for (int i = 0; i < count; i++)
-        body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
-    return SB_OK;
-}
-
-SB_API void sb_body_clear_loads(sb_body *body)
-{
-    memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
-}
-
-/* 1 when the named corners of an element (all different) are those of the list. */
-static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
-{
-    int found = 0;
-    for (int k = 0; k < count; k++)
-        for (int i = 0; i < count; i++)
-            if (cell[local[k]] == list[i]) {
-                found++;
-                break;
-            }
-    return found == count;
-}
-
-/* Finds the element face with these corner nodes: its global nodes, count and type; 0 when there is none. */
-static int sbi_body_find_face(const sb_body *body, const int *corners, int count, int *nodes,
-                              sb_element_type *face_type)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    sbi_element element = sbi_domain_element(&body->domain);
-    int n = body->domain.nodes_per_cell;
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        for (int face = 0; face < sbi_element_face_count(element); face++) {
-            int local[SB_MAX_FACE_NODES], face_nodes = sbi_element_face(element, face, local, face_type);
-            if (sb_element_corner_count(*face_type) != count ||
-                !sbi_body_has_corners(corners, cell, local, count))
-                continue;
-            for (int i = 0; i < face_nodes; i++)
-                nodes[i] = cell[local[i]];
-            return face_nodes;
-        }
-    }
-    return 0;
-}
-
-/* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_body_add_face_load(sb_body *body, const int *nodes, int count, sb_element_type face_type,
-                                   sb_vec3 traction)
-{
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int q = sb_element_quadrature(face_type, SB_QUADRATURE_FACE, points, weights);
-    for (int p = 0; p < q; p++) {
-        sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3], area;
-        sb_vec3 r = sb_v3(0, 0, 0), s = r;
-        sb_element_shape(face_type, points[p], shape, gradient);
-        for (int a = 0; a < count; a++) {
-            r = sb_v3_madd(r, gradient[a][0], body->reference[nodes[a]]);
-            s = sb_v3_madd(s, gradient[a][1], body->reference[nodes[a]]);
-        }
-        area = weights[p] * sb_v3_norm(sb_v3_cross(r, s));
-        for (int a = 0; a < count; a++)
-            body->dead_load[nodes[a]] = sb_v3_madd(body->dead_load[nodes[a]], area * shape[a], traction);
-    }
-}
-
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error)
-{
-    int nodes[SB_MAX_FACE_NODES];
-    sb_element_type face_type;
-    if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
-    if (!sb_v3_is_finite(traction))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
-        for (int f = 0; f < face_count; f++) {
-            const int *face = faces + (size_t)f * (size_t)corners;
-            int count;
-            if (pass == 0 && sbi_body_check_nodes(body, face, corners) != SB_OK)
-                return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
-            count = sbi_body_find_face(body, face, corners, nodes, &face_type);
-            if (count == 0)
-                return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0],
-                                     "face %d (nodes %d %d %d ...) is no face of an element", f, face[0], face[1],
-                                     face[2]);
-            if (pass == 1)
-                sbi_body_add_face_load(body, nodes, count, face_type, traction);
-        }
-    return SB_OK;
-}
-
 /* ---- state ---- */
 
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body->position; }
@@ -895,6 +997,16 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
     return SB_OK;
 }
 
+/* The load has taken part in no solve. */
+static void sbi_body_reset_load(sbi_load *load)
+{
+    load->balanced = 0;
+    load->balanced_pressure = 0;
+    memset(load->net, 0, sizeof load->net);
+    if (load->force)
+        memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
+}
+
 SB_API void sb_body_reset(sb_body *body)
 {
     size_t bytes = (size_t)body->domain.node_count * sizeof(sb_vec3);
@@ -904,6 +1016,8 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->reaction, 0, bytes);
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
+    for (int i = 0; i < body->load_count; i++)
+        sbi_body_reset_load(body->loads + i);
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
@@ -913,9 +1027,28 @@ SB_API void sb_body_reset(sb_body *body)
 
 /* ---- readings ---- */
 
+SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++)
+        sum = sb_v3_madd(sum, load->weights[k], u[load->nodes[k]]);
+    return sum;
+}
+
+/* sum over the rows of k |H^T u - target|^2 / 2. */
+static sb_real sbi_body_load_energy(const sb_body *body, const sbi_load *load)
+{
+    sb_real sum = 0;
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        sb_vec3 stretch = sb_v3_sub(sbi_body_row_value(load, j, body->displacement), load->target[j]);
+        sum += (sb_real)0.5 * load->stiffness[j] * sb_v3_dot(stretch, stretch);
+    }
+    return sum;
+}
+
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
 {
-    sb_energy sum = {0, 0};
+    sb_energy sum = {0, 0, 0};
     int bad;
     if (!body || !energy)
         return SB_ERROR_ARGUMENT;
@@ -927,7 +1060,9 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     sbi_body_mass_multiply(body, body->velocity, body->work);
     for (int i = 0; i < body->domain.node_count; i++)
         sum.kinetic += (sb_real)0.5 * sb_v3_dot(body->velocity[i], body->work[i]);
-    if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic))
+    for (int i = 0; i < body->load_count; i++)
+        sum.springs += sbi_body_load_energy(body, body->loads + i);
+    if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic) || !sb_is_finite(sum.springs))
         return SB_ERROR_NOT_FINITE;
     *energy = sum;
     return SB_OK;
@@ -1032,42 +1167,7 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     }
 }
 
-/* ---- set-up check ---- */
-
-/* Adds row r r^T of one supported axis: r is what the six rigid motions do to it. */
-static void sbi_body_add_support(double *gram, const double *arm, int axis)
-{
-    double r[6] = {0, 0, 0, 0, 0, 0};
-    r[axis] = 1;
-    r[3 + (axis + 1) % 3] = arm[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] = -arm[(axis + 1) % 3];
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            gram[6 * i + j] += r[i] * r[j];
-}
-
-/* Rank 6 by Gauss elimination with diagonal pivots; arms are of order 1, so pivots compare with the trace. */
-static int sbi_body_has_full_rank(double *gram)
-{
-    double trace = 0;
-    unsigned done = 0;
-    for (int i = 0; i < 6; i++)
-        trace += gram[7 * i];
-    for (int step = 0; step < 6; step++) {
-        int pivot = -1;
-        for (int i = 0; i < 6; i++)
-            if (!(done >> i & 1) && (pivot < 0 || gram[7 * i] > gram[7 * pivot]))
-                pivot = i;
-        if (!(gram[7 * pivot] > 1e-10 * trace))
-            return 0;
-        done |= 1u << pivot;
-        for (int i = 0; i < 6; i++)
-            for (int j = 0; j < 6 && !(done >> i & 1); j++)
-                if (!(done >> j & 1))
-                    gram[6 * i + j] -= gram[6 * i + pivot] * gram[6 * j + pivot] / gram[7 * pivot];
-    }
-    return 1;
-}
+/* ---- what holds the parts ---- */
 
 /* Arm of a node about the centre of its part, in units of the part's size. */
 static void sbi_body_arm(const sb_body *body, int node, double arm[3])
@@ -1080,24 +1180,208 @@ static void sbi_body_arm(const sb_body *body, int node, double arm[3])
     arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
 }
 
-SBI_API int sbi_body_unsupported_node(const sb_body *body)
+/* r += weight times what the six rigid motions do to one axis of a node. */
+static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
 {
+    double arm[3];
+    sbi_body_arm(body, node, arm);
+    r[axis] += weight;
+    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
+}
+
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
+}
+
+/* What all nodes of one part in a row do to one of its axes. */
+static void sbi_body_row_motion(const sb_body *body, const int *nodes, const sb_real *weights, int count, int part,
+                                int axis, double scale, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int a = 0; a < count; a++)
+        if (body->node_component[nodes[a]] == part)
+            sbi_body_add_motion(body, nodes[a], axis, (double)weights[a] / scale, r);
+}
+
+/* 1 when the part of node `at` of a row is that of no node before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const int *nodes, int at)
+{
+    int part = body->node_component[nodes[at]];
+    for (int a = 0; a < at; a++)
+        if (body->node_component[nodes[a]] == part)
+            return 0;
+    return part >= 0;
+}
+
+static int sbi_body_row_parts(const sb_body *body, const int *nodes, int count)
+{
+    int parts = 0;
+    for (int a = 0; a < count; a++)
+        parts += sbi_body_is_new_part(body, nodes, a);
+    return parts;
+}
+
+/* Adds one row: all three axes of sum_a weights[a] u(nodes[a]) are held. Rows through several parts go to the gram of
+ * the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const int *nodes, const sb_real *weights, int count)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    int tied = sbi_body_row_parts(body, nodes, count) > 1;
+    double scale = 0;
+    for (int a = 0; a < count; a++)
+        scale += (double)sb_abs(weights[a]);
+    for (int a = 0; a < count && scale > 0; a++)
+        for (int b = 0; b < count && sbi_body_is_new_part(body, nodes, a); b++) {
+            int part = body->node_component[nodes[a]], other = body->node_component[nodes[b]];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, nodes, b))
+                continue;
+            for (int axis = 0; axis < 3; axis++) {
+                double r[6], s[6];
+                sbi_body_row_motion(body, nodes, weights, count, part, axis, scale, r);
+                sbi_body_row_motion(body, nodes, weights, count, other, axis, scale, s);
+                if (tied)
+                    sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+                else
+                    sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
+            }
+        }
+}
+
+/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
+ * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
+static int sbi_body_free_motion(double *gram, int parts, double *traces)
+{
+    int size = 6 * parts;
+    size_t n = (size_t)size;
+    for (int p = 0; p < parts; p++) {
+        traces[p] = 0;
+        for (int i = 6 * p; i < 6 * p + 6; i++)
+            traces[p] += gram[(size_t)i * (n + 1)];
+    }
+    for (int step = 0; step < size; step++) {
+        int pivot = -1, first = -1;
+        for (int i = 0; i < size; i++) {
+            double d = gram[(size_t)i * (n + 1)];
+            if (d < 0) /* done: marked below */
+                continue;
+            first = first < 0 ? i : first;
+            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
+                pivot = i;
+        }
+        if (pivot < 0)
+            return first;
+        for (int i = 0; i < size; i++) {
+            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
+            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
+                continue;
+            for (int j = 0; j < size; j++)
+                if (j != pivot)
+                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
+            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
+                gram[(size_t)i * (n + 1)] = 0;
+        }
+        gram[(size_t)pivot * (n + 1)] = -1;
+    }
+    return -1;
+}
+
+/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
+static int sbi_body_number_ties(sb_body *body, int row_count, const int *row_start, const int *nodes, int count)
+{
+    for (int j = 0; j < row_count; j++) {
+        const int *row = nodes + row_start[j];
+        int size = row_start[j + 1] - row_start[j], tied = sbi_body_row_parts(body, row, size) > 1;
+        for (int a = 0; a < size && tied; a++)
+            if (body->node_component[row[a]] >= 0 && body->tie_of[body->node_component[row[a]]] < 0)
+                body->tie_of[body->node_component[row[a]]] = count++;
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
+                                        sb_error *error)
+{
+    int count = sbi_body_number_ties(body, row_count, row_start, nodes, body->tie_count);
+    if (count > body->tie_capacity) {
+        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
+        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
+        for (int c = 0; c < body->component_count && !gram; c++)
+            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
+        if (!gram)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
+        sbi_free(&body->allocator, body->tie_gram);
+        body->tie_gram = gram;
+        body->tie_capacity = count;
+    }
+    body->tie_count = count;
+    return SB_OK;
+}
+
+/* Sums what holds each part: supports, springs, and rows of mappings. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    for (int i = 0; i < body->domain.node_count; i++) {
-        double arm[3];
-        if (!body->fixed[i] || body->node_component[i] < 0)
-            continue;
-        sbi_body_arm(body, i, arm);
-        for (int axis = 0; axis < 3; axis++)
-            if (body->fixed[i] >> axis & 1)
-                sbi_body_add_support(body->support_grams[body->node_component[i]], arm, axis);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
+            if (body->fixed[i] >> axis & 1) {
+                double r[6] = {0, 0, 0, 0, 0, 0};
+                sbi_body_add_motion(body, i, axis, 1, r);
+                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
+            }
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+            if (load->stiffness[j] > 0)
+                sbi_body_hold_row(body, load->nodes + load->row_start[j], load->weights + load->row_start[j],
+                                  load->row_start[j + 1] - load->row_start[j]);
     }
     for (int c = 0; c < body->component_count; c++)
-        if (!sbi_body_has_full_rank(body->support_grams[c]))
-            for (int i = 0; i < body->domain.node_count; i++)
-                if (body->node_component[i] == c)
-                    return i;
+        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
+            for (int j = 0; j < 6; j++)
+                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
+                               (size_t)j] += body->support_grams[c][6 * i + j];
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    int loose = -1; /* number of a tied part that is free */
+    sbi_body_gather_holds(body);
+    if (body->tie_count > 0) {
+        size_t n = 6 * (size_t)body->tie_count;
+        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
+        loose = motion < 0 ? -1 : motion / 6;
+    }
+    for (int c = 0; c < body->component_count; c++) {
+        double trace;
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+            continue;
+        for (int i = 0; i < body->domain.node_count; i++)
+            if (body->node_component[i] == c)
+                return i;
+    }
     return -1;
+}
+
+/* ---- set-up check ---- */
+
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+{
+    int found = 0;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
+                found++;
+                break;
+            }
+    return found == count;
 }
 
 /* 1 when an element before this one has the same corners. */

@@ -102,15 +102,6 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
 
-/* ---- loads: dead loads that stay until cleared ---- */
-/* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
-/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 or 4 (hex) corner nodes in
- * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error);
-SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity stays */
-
 /* ---- state ---- */
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
@@ -126,13 +117,16 @@ SB_API void sb_body_reset(sb_body *body);
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
  * loads it balances the rate of momentum. [node_count], valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
-/* All loads of the last solve (gravity, forces, tractions) as nodal forces (N), [node_count]. */
+/* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
+ * nodal forces (N), [node_count]. */
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
     sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
                          * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic;    /* J */
+    sb_real springs;    /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
+                         * have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* Total mass (kg) and momentum (kg m/s). */

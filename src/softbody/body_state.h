@@ -5,6 +5,32 @@
 #include "assembly.h"
 #include "body.h"
 
+typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
+
+/* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
+ * rows are the nodes of its faces. State: stiffness, target, pressure, their balanced twins, balanced, force, net. */
+typedef struct sbi_load {
+    sbi_load_kind kind;
+    int id;
+    void *memory;             /* the one block behind the arrays */
+    int row_count;            /* springs, rows, or faces */
+    int *row_start;           /* [row_count + 1] */
+    int *nodes;               /* [row_start[row_count]] */
+    int *blocks;              /* for each row, the matrix block of each pair of its nodes */
+    int pattern_version;      /* of the pattern that blocks are positions in; -1: of none yet */
+    int balanced;             /* 1: a static solve has ended with the balanced values */
+
+    sb_element_type *face_types; /* [row_count] of a pressure */
+    sb_real pressure, balanced_pressure; /* Pa */
+
+    sb_real *weights;         /* [row_start[row_count]]; rows only, as all below */
+    sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
+    sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
+                               * and not as a position, the force has the displacement's precision */
+    sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
+    double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
+} sbi_load;
+
 struct sb_body {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -28,6 +54,13 @@ struct sb_body {
     sb_index_lists node_elements;
     int *node_component;         /* [node_count], -1: no element */
 
+    /* couplings beyond the elements: each row's nodes have blocks with each other in the matrix */
+    int extra_count;
+    int *extra_start;            /* [extra_count + 1] */
+    int *extra_nodes;            /* [extra_start[extra_count]] */
+    void *pattern_memory;        /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
+    int pattern_version;         /* rises when the pattern changes: block positions kept elsewhere are stale then */
+
     /* settings */
     sb_mass_kind mass_kind;
     sb_integrator integrator;
@@ -45,6 +78,11 @@ struct sb_body {
     unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
     sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
     sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
+    sbi_load *loads;             /* [load_count] by ascending id */
+    int load_count, load_capacity, last_load_id;
+    int tie_count, tie_capacity; /* parts that rows of mappings tie to each other */
+    int *tie_of;                 /* [component_count] number among the tied parts, or -1 */
+    double *tie_gram;            /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
     int support_used;            /* blocks in the rows of nodes with fixed axes */
     int support_capacity;        /* blocks that support_blocks holds */
     sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
@@ -61,7 +99,8 @@ struct sb_body {
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;           /* internal force (N) */
     sb_vec3 *external;           /* loads of the last solve (N) */
-    sb_vec3 *equilibrated;       /* loads that the last static solve ended with (N) */
+    sb_vec3 *follower;           /* forces of `loads` at the displacement of the last residual (N) */
+    sb_vec3 *equilibrated;       /* dead loads that the last static solve ended with (N) */
     sb_vec3 *residual;           /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
@@ -71,6 +110,36 @@ struct sb_body {
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
+
+/* All that depends on the pattern of the matrix, made anew before any of it is put in place. A caller with matrices
+ * of its own makes them from `matrix` between sbi_body_make_pattern and sbi_body_take_pattern, so that it can still
+ * give up. */
+typedef struct sbi_body_pattern {
+    int needed;                  /* 0: every row fits the present pattern, and nothing was made */
+    sb_matrix matrix;
+    sb_preconditioner *precond;
+    int extra_count;
+    int *extra_start, *extra_nodes;
+    void *memory;
+    sb_real *mass_blocks;        /* NULL: lumped */
+    int *pair_start;             /* NULL: not a batched body */
+    int support_used, support_capacity;
+    void *support_blocks;        /* NULL: the present ones are large enough */
+    void *damping_blocks;        /* NULL: the body has none */
+} sbi_body_pattern;
+
+/* Makes the pattern in which the nodes of each of the rows cells[cell_start[c]] .. cells[cell_start[c + 1]] - 1 are
+ * coupled too, beside the elements' and those of all rows before. SB_ERROR_MEMORY, SB_ERROR_INDEX (a node out of
+ * range): nothing was made. Takes nothing when every row fits already. */
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error);
+/* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
+/* Gives it up. */
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern);
+/* Makes and takes: all or nothing. */
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error);
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
@@ -84,7 +153,17 @@ SBI_API int sbi_body_max_newton(const sb_body *body);
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
-/* A node of the first connected part whose supports leave a rigid motion free, or -1. */
+/* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+/* 1 when the named corners of an element (all different) are those of the list. */
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
+/* H^T u of a row: the displacement of its point. */
+SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
+/* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
+ * place. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
+                                        sb_error *error);
+/* A node of the first connected part whose supports, springs and mappings leave a rigid motion free, or -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
 
 /* Points of an element that others may see: its mean point is ours. */

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "body_state.h"
+#include "load.h"
 
 typedef struct sbi_newton {
     sb_body *body;
@@ -26,6 +27,7 @@ typedef struct sbi_newton {
     int has_velocity;         /* v may differ from 0 at the current u */
     int moves_supports;       /* the present increment moves supported nodes */
     sb_real scale;            /* largest force (N), to compare residuals with */
+    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
     sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
     sb_real energy;           /* elastic, at the current u; valid when energy_known */
     int energy_known;
@@ -120,6 +122,8 @@ static void sbi_newton_tangent(sbi_newton *newton, sb_tangent_kind kind)
             for (int c = 0; c < 9; c++)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
     }
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, kind, newton->load_factor, &b->matrix);
     newton->info->seconds_tangent += sbi_step_now(b) - begin;
 }
 
@@ -140,7 +144,8 @@ static sb_result sbi_newton_keep_damping(sbi_newton *newton)
     return SB_OK;
 }
 
-/* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K, which is assembled by then. */
+/* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K + (springs), which is assembled by
+ * then. */
 static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *x, sb_vec3 *out)
 {
     sb_body *b = newton->body;
@@ -151,6 +156,8 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
         return;
     }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
+    if (b->load_count)
+        sbi_loads_subtract_product(b, x, newton->load_factor, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -176,6 +183,17 @@ static void sbi_newton_add_dynamics(sbi_newton *newton)
         b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
 }
 
+/* residual -= forces of the loads that follow the body. `external` holds the dead ones only until a solve ends. */
+static void sbi_newton_add_loads(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    int n = b->domain.node_count;
+    newton->load_size = sbi_loads_force(b, b->displacement, newton->load_factor);
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
+    newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->follower, b->follower, n)));
+}
+
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
 static void sbi_newton_residual(sbi_newton *newton)
 {
@@ -184,6 +202,8 @@ static void sbi_newton_residual(sbi_newton *newton)
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
     newton->scale = sb_max(sb_sqrt(sbi_step_dot(b->external, b->external, n)), sbi_step_norm(b, b->internal, 1));
+    if (b->load_count)
+        sbi_newton_add_loads(newton);
     if (newton->dynamic) {
         newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->internal, b->internal, n)));
         sbi_newton_add_dynamics(newton);
@@ -328,17 +348,19 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
 
 /* ---- one Newton iteration: line search ---- */
 
-/* Potential along du without the elastic energy: t * linear + t^2 * quadratic, from inertia, damping and loads. */
+/* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
+ * loads. Pressures may have no potential; the work they do along the line serves in its place. */
 typedef struct sbi_newton_line {
     sb_real slope;      /* r . du, what Armijo asks a share of */
-    sb_real linear, quadratic;
+    sb_real linear, quadratic, cubic;
+    sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
 } sbi_newton_line;
 
 static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
 {
     sb_body *b = newton->body;
     int n = b->domain.node_count;
-    sbi_newton_line line = {0, 0, 0};
+    sbi_newton_line line = {0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
     if (newton->dynamic) {
@@ -349,6 +371,12 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
             line.quadratic += b->damping_stiffness * newton->cv * sbi_step_dot(b->increment, b->work, n);
         }
         line.quadratic *= (sb_real)0.5;
+    }
+    if (b->load_count) { /* the residual has their linear part */
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->load_factor);
+        line.quadratic -= work.quadratic;
+        line.cubic -= work.cubic;
+        line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     return line;
 }
@@ -433,8 +461,9 @@ static sb_result sbi_newton_search(sbi_newton *newton)
         sbi_newton_trial(newton, t);
         if (!sbi_newton_try(newton, b->work2, &energy, &bad))
             continue;
-        change = energy - newton->energy + t * line.linear + t * t * line.quadratic;
-        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(newton->energy) + sb_abs(t * line.linear)) +
+        change = energy - newton->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(newton->energy) + sb_abs(t * line.linear) +
+                                   t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
             sbi_newton_take(newton, b->work2, energy);
@@ -522,7 +551,7 @@ static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
         return 0;
     if (newton->norm <= newton->tolerance * newton->scale)
         return 1;
-    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * newton->body->force_unit ||
+    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size) ||
                              sbi_newton_is_exhausted(newton->body));
 }
 
@@ -800,6 +829,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
         sbi_step_undo(body);
     } else {
         sbi_step_leave(body, dt);
+        sbi_loads_commit(body, newton.linearised ? body->start : body->displacement, 1);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -859,6 +889,7 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     sb_real reached = 0, stride = (sb_real)1 / (sb_real)options->load_steps, least = stride / 64;
     memcpy(b->converged, b->displacement, bytes);
+    sbi_loads_begin_static(b);
     while (reached < 1) {
         int before = newton->info->newton_iterations, spent;
         sb_result result;
@@ -898,13 +929,15 @@ static void sbi_static_commit(sbi_newton *newton)
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     memset(b->velocity, 0, bytes);
     memset(b->acceleration, 0, bytes);
+    sbi_body_update_positions(b);
     sbi_static_loads(b, newton->info->load_factor);
+    memcpy(b->equilibrated, b->external, bytes);
+    sbi_loads_commit(b, b->displacement, newton->info->load_factor);
+    sbi_loads_end_static(b, newton->info->load_factor);
     if (sbi_newton_force(newton) == SB_OK)
         for (int i = 0; i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
                                            sb_v3_sub(b->internal[i], b->external[i]), zero);
-    memcpy(b->equilibrated, b->external, bytes);
-    sbi_body_update_positions(b);
     b->acceleration_known = 0;
 }
 

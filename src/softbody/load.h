@@ -1,0 +1,101 @@
+/* load: forces on a body: dead loads, follower pressure, springs, penalty mappings. Floor 3. */
+#ifndef SB_LOAD_H
+#define SB_LOAD_H
+
+#include "body.h"
+
+/* ---- dead loads: stay as they are until cleared ---- */
+/* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. */
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
+/* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
+ * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
+                                      sb_vec3 traction, sb_error *error);
+SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
+
+/* ---- loads that follow the body ----
+ * Each adder makes one load and gives it an id (> 0, never used again), which the functions below take: they return
+ * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
+ * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
+ * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
+ * with to the present ones; a load that is new to it starts from no force.
+ *
+ * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
+ * ones are safe at any dt. The tangent of a pressure has no sign. It is part of the exact tangent, made symmetric
+ * (which only drops terms at the open rim of a patch), and left out of projected tangents and of linearised steps
+ * (max_newton 1): these must stay positive definite, and treat pressure as it was at the start of the step. */
+
+/* Pressure (Pa on the deformed area; positive pushes inwards, along the present normal) on faces of the surface, given
+ * as for sb_body_add_traction. SB_ERROR_INDEX and SB_ERROR_ARGUMENT name the first face with a node that the mesh does
+ * not have, that no element has, or that lies between two elements; SB_ERROR_NOT_FINITE. f_a = -p int N_a x_r x x_s. */
+SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_count, int corners, sb_real pressure,
+                                      int *load_id, sb_error *error);
+SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressure);
+
+/* Springs of rest length 0 from nodes[count] to points in space points[count] (m): each pulls its node with
+ * stiffness (point - position). stiffness: N/m, >= 0, one for each spring, or one for all when uniform is 1. */
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
+                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error);
+SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
+SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
+
+/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
+ * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
+ * whose weights do not sum to 1 is no point, but works too. */
+typedef struct sb_mapping {
+    int row_count;
+    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;         /* [row_start[row_count]] */
+    const sb_real *weights;   /* [row_start[row_count]] */
+} sb_mapping;
+
+/* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
+ * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
+ * common element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with
+ * the square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX and
+ * SB_ERROR_NOT_FINITE name the row (error->element) or its node. Source: Robin condition through a mapping. */
+SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *targets, int *load_id, sb_error *error);
+SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets);
+SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
+/* Where the rows are now (m): points[row_count]. */
+SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points);
+
+/* Takes a pressure, springs or a mapping away; its id is then unknown. The next static solve lets its force fade. */
+SB_API sb_result sb_body_remove_load(sb_body *body, int load_id);
+
+/* ---- readings of the last step or static solve: 0 before the first, no allocation ---- */
+/* Net force (N) of a load on the body, and its torque (N m) about a point (m); either place may be NULL. */
+SB_API sb_result sb_body_load_force(const sb_body *body, int load_id, sb_vec3 about, sb_vec3 *force, sb_vec3 *torque);
+/* Force (N) of each spring on its node, forces[count], and of each row on the body, forces[row_count]. */
+SB_API sb_result sb_body_spring_forces(const sb_body *body, int load_id, sb_vec3 *forces);
+SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec3 *forces);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
+ * quadratic in u, springs linear. */
+typedef struct sbi_loads_work {
+    sb_real linear, quadratic, cubic;
+} sbi_loads_work;
+
+/* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
+/* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
+ * rounding error of the follower's norm. */
+SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);
+/* matrix += their stiffness -df/du at u; that of pressures for SB_TANGENT_EXACT only. */
+SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                   sb_matrix *matrix);
+/* out -= K x with the stiffness of springs and mappings, which is what sbi_loads_add_tangent added for linearised
+ * steps. */
+SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
+SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
+/* Start of a static solve: loads that are new to it begin where they exert no force. */
+SBI_API void sbi_loads_begin_static(sb_body *body);
+/* A static solve ended at this factor: the next one starts from these values. */
+SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs act at the present displacement,
+ * pressures at pressure_u (a linearised step's is the one it started from). */
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor);
+#endif
+
+#endif /* SB_LOAD_H */
