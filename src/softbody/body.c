@@ -471,6 +471,7 @@ SB_API void sb_body_destroy(sb_body *body)
     if (!body)
         return;
     allocator = body->allocator;
+    sbi_elimination_free(body->elimination);
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
     sb_matrix_free(&body->matrix);
@@ -614,6 +615,9 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         return SB_ERROR_ARGUMENT;
     if (axes == 0)
         return SB_OK;
+    for (int i = 0; i < count && body->elimination; i++)
+        if (body->elimination->slave[nodes[i]] & axes)
+            return SB_ERROR_ARGUMENT;
     result = sbi_body_reserve_supports(body, nodes, count);
     for (int i = 0; i < count && result == SB_OK; i++) {
         int node = nodes[i];
@@ -698,9 +702,8 @@ static int sbi_body_has_corners(const int *list, const int *cell, const int *loc
     return found == count;
 }
 
-/* Finds the element face with these corner nodes: its global nodes, count and type; 0 when there is none. */
-static int sbi_body_find_face(const sb_body *body, const int *corners, int count, int *nodes,
-                              sb_element_type *face_type)
+SBI_API int sbi_body_find_face(const sb_body *body, const int *corners, int count, int *nodes,
+                               sb_element_type *face_type)
 {
     const sb_index_lists *lists = &body->node_elements;
     sb_element_type type = body->domain.element_type;
@@ -821,6 +824,8 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->reaction, 0, bytes);
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
+    if (body->elimination)
+        memset(body->elimination->force, 0, (size_t)body->elimination->equations.count * sizeof(sb_real));
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_body_update_positions(body);
     body->force_current = 0;
@@ -941,39 +946,56 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 
 /* ---- set-up check ---- */
 
-/* Adds row r r^T of one supported axis: r is what the six rigid motions do to it. */
+/* r += factor times what the six rigid motions do to an axis at the arm. */
+static void sbi_body_add_rigid(double *r, const double *arm, int axis, double factor)
+{
+    r[axis] += factor;
+    r[3 + (axis + 1) % 3] += factor * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= factor * arm[(axis + 1) % 3];
+}
+
+/* Adds row r r^T of one supported axis. */
 static void sbi_body_add_support(double *gram, const double *arm, int axis)
 {
     double r[6] = {0, 0, 0, 0, 0, 0};
-    r[axis] = 1;
-    r[3 + (axis + 1) % 3] = arm[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] = -arm[(axis + 1) % 3];
+    sbi_body_add_rigid(r, arm, axis, 1);
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++)
             gram[6 * i + j] += r[i] * r[j];
 }
 
-/* Rank 6 by Gauss elimination with diagonal pivots; arms are of order 1, so pivots compare with the trace. */
-static int sbi_body_has_full_rank(double *gram)
+/* First column that is no pivot of Gauss elimination with diagonal pivots, or -1: full rank. Arms are of order 1, so
+ * pivots compare with the trace. done: scratch [n]. */
+static int sbi_body_free_column(double *gram, int n, unsigned char *done)
 {
     double trace = 0;
-    unsigned done = 0;
-    for (int i = 0; i < 6; i++)
-        trace += gram[7 * i];
-    for (int step = 0; step < 6; step++) {
+    int first = 0;
+    memset(done, 0, (size_t)n);
+    for (int i = 0; i < n; i++)
+        trace += gram[(size_t)i * (size_t)(n + 1)];
+    for (int step = 0; step < n; step++) {
         int pivot = -1;
-        for (int i = 0; i < 6; i++)
-            if (!(done >> i & 1) && (pivot < 0 || gram[7 * i] > gram[7 * pivot]))
+        double largest = 1e-10 * trace;
+        const double *from;
+        for (int i = 0; i < n; i++)
+            if (!done[i] && gram[(size_t)i * (size_t)(n + 1)] > largest) {
+                largest = gram[(size_t)i * (size_t)(n + 1)];
                 pivot = i;
-        if (!(gram[7 * pivot] > 1e-10 * trace))
-            return 0;
-        done |= 1u << pivot;
-        for (int i = 0; i < 6; i++)
-            for (int j = 0; j < 6 && !(done >> i & 1); j++)
-                if (!(done >> j & 1))
-                    gram[6 * i + j] -= gram[6 * i + pivot] * gram[6 * j + pivot] / gram[7 * pivot];
+            }
+        if (pivot < 0)
+            break;
+        done[pivot] = 1;
+        from = gram + (size_t)pivot * (size_t)n;
+        for (int i = 0; i < n; i++) {
+            double *row = gram + (size_t)i * (size_t)n, factor = row[pivot] / largest;
+            for (int j = 0; j < n && !done[i] && factor != 0; j++)
+                if (!done[j])
+                    row[j] -= factor * from[j];
+        }
     }
-    return 1;
+    while (first < n && done[first])
+        first++;
+    return first < n ? first : -1;
 }
 
 /* Arm of a node about the centre of its part, in units of the part's size. */
@@ -987,7 +1009,62 @@ static void sbi_body_arm(const sb_body *body, int node, double arm[3])
     arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
 }
 
-SBI_API int sbi_body_unsupported_node(const sb_body *body)
+/* Adds row r r^T of one constraint, r being what the rigid motions of all parts it touches do to it. */
+static void sbi_body_add_equation(const sb_body *body, int equation)
+{
+    const sbi_elimination *e = body->elimination;
+    const sbi_equations *q = &e->equations;
+    double largest = 0;
+    int parts = 0;
+    size_t n = 6 * (size_t)e->part_count;
+    for (int t = q->start[equation]; t < q->start[equation + 1]; t++)
+        largest = (double)sb_max((sb_real)largest, sb_abs(q->coefficient[t]));
+    for (int t = q->start[equation]; t < q->start[equation + 1]; t++) {
+        int node = q->dof[t] / 3, part = body->node_component[node], slot = part < 0 ? -1 : e->part_slot[part];
+        double arm[3];
+        if (slot < 0)
+            continue;
+        if (!e->part_mark[slot]) {
+            memset(e->part_row + 6 * slot, 0, 6 * sizeof(double));
+            e->part_mark[slot] = 1;
+            e->part_list[parts++] = slot;
+        }
+        sbi_body_arm(body, node, arm);
+        sbi_body_add_rigid(e->part_row + 6 * slot, arm, q->dof[t] % 3, (double)q->coefficient[t] / largest);
+    }
+    for (int a = 0; a < parts; a++)
+        for (int b = 0; b < parts; b++)
+            for (int i = 6 * e->part_list[a]; i < 6 * e->part_list[a] + 6; i++)
+                for (int j = 6 * e->part_list[b]; j < 6 * e->part_list[b] + 6; j++)
+                    e->part_gram[(size_t)i * n + (size_t)j] += e->part_row[i] * e->part_row[j];
+    for (int a = 0; a < parts; a++)
+        e->part_mark[e->part_list[a]] = 0;
+}
+
+/* First of the parts that constraints touch which all supports and constraints together leave free to move, or -1. */
+static int sbi_body_free_tied_part(const sb_body *body)
+{
+    const sbi_elimination *e = body->elimination;
+    size_t n = 6 * (size_t)e->part_count;
+    int column;
+    memset(e->part_gram, 0, n * n * sizeof(double));
+    memset(e->part_mark, 0, n);
+    for (int c = 0; c < body->component_count; c++)
+        for (int i = 0; i < 36 && e->part_slot[c] >= 0; i++) {
+            size_t at = 6 * (size_t)e->part_slot[c];
+            e->part_gram[(at + (size_t)(i / 6)) * n + at + (size_t)(i % 6)] = body->support_grams[c][i];
+        }
+    for (int equation = 0; equation < e->equations.count; equation++)
+        sbi_body_add_equation(body, equation);
+    column = sbi_body_free_column(e->part_gram, (int)n, e->part_mark);
+    for (int c = 0; c < body->component_count && column >= 0; c++)
+        if (e->part_slot[c] == column / 6)
+            return c;
+    return -1;
+}
+
+/* Adds up what the supports do to the rigid motions of each part. */
+static void sbi_body_gather_supports(const sb_body *body)
 {
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
     for (int i = 0; i < body->domain.node_count; i++) {
@@ -999,11 +1076,21 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
             if (body->fixed[i] >> axis & 1)
                 sbi_body_add_support(body->support_grams[body->node_component[i]], arm, axis);
     }
-    for (int c = 0; c < body->component_count; c++)
-        if (!sbi_body_has_full_rank(body->support_grams[c]))
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    unsigned char done[6];
+    int tied;
+    sbi_body_gather_supports(body);
+    tied = body->elimination ? sbi_body_free_tied_part(body) : -1;
+    for (int c = 0; c < body->component_count; c++) {
+        int is_tied = body->elimination && body->elimination->part_slot[c] >= 0;
+        if (is_tied ? c == tied : sbi_body_free_column(body->support_grams[c], 6, done) >= 0)
             for (int i = 0; i < body->domain.node_count; i++)
                 if (body->node_component[i] == c)
                     return i;
+    }
     return -1;
 }
 

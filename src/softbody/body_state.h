@@ -4,6 +4,7 @@
 
 #include "assembly.h"
 #include "body.h"
+#include "elimination.h"
 
 struct sb_body {
     sb_allocator allocator;
@@ -51,6 +52,10 @@ struct sb_body {
     double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
 
+    /* constraints */
+    sbi_elimination *elimination; /* the system they condense, or NULL: none */
+    int next_constraint;         /* number of the next one */
+
     /* state */
     sb_vec3 *reference;          /* [node_count] (m) */
     sb_vec3 *position, *displacement, *velocity, *acceleration;
@@ -83,7 +88,16 @@ SBI_API int sbi_body_max_newton(const sb_body *body);
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
-/* A node of the first connected part whose supports leave a rigid motion free, or -1. */
+/* Finds the element face with these corner nodes: its global nodes, count and type; 0 when there is none. */
+SBI_API int sbi_body_find_face(const sb_body *body, const int *corners, int count, int *nodes,
+                               sb_element_type *face_type);
+/* A node of the first connected part whose supports and constraints leave a rigid motion free, or -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
+
+/* Axes of node i, as bits, that no equation of the solved system is for: supported or a constraint's slave. */
+SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
+{
+    return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
+}
 
 #endif /* SB_BODY_STATE_H */
