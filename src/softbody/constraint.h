@@ -74,10 +74,11 @@ typedef struct sb_tie_report {
  *   options       sum of SB_TIE_..., 0: keep gaps, leave far nodes free
  *   report        may be NULL
  * c keeps each node's offset from the face as it is now, so that tying causes no stress by itself.
- * What holds: rigid translations and linear displacement fields are reproduced exactly by matching and non-matching
- * meshes alike when gaps are 0 (Dirichlet patch test), and forces balance. Constant stress passes exactly across
- * matching faces; across non-matching ones every node-to-surface tie leaves an error that falls with the element
- * size. Offsets do not turn with the faces: torque balances only for gaps of 0.
+ * What holds: slaves reproduce every displacement field that is linear in space exactly when gaps are 0, on flat and
+ * curved faces, and forces balance. Constant stress passes exactly across matching faces and where the slaves' grid
+ * refines the masters' (faces inside faces); else a node-to-surface tie leaves an error that falls with the element
+ * size, unless the interface carries no traction. Offsets do not turn with the faces: torque balances only for gaps
+ * of 0.
  * Errors, with nothing changed: those of sb_body_add_constraint; SB_ERROR_ARGUMENT names the first face that no
  * element has, or a node of both sides. Time O(slaves * faces), cheap each; memory during the call. */
 SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
