@@ -96,7 +96,7 @@ static sb_tie_report tie_blocks(sb_body *body, const sb_mesh *mesh, int split)
     if (sb_body_tie_faces(body, faces, face_count, corners, slaves, slave_count, -1, SB_TIE_ALL, &report, &error) !=
         SB_OK) {
         printf("%s\n", error.message);
-        CHECK(!"tied");
+        CHECK(report.tied_count > 0);
     }
     CHECK_INT(report.tied_count, slave_count);
     CHECK_INT(report.free_count, 0);
@@ -725,7 +725,7 @@ static void test_moving_value(void)
         scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
         CHECK_OK(sb_body_add_constraint(body, &drive, 1, 0, &id, NULL));
         link[0] = term(second, 2, 1);
-        link[1] = term(tip, 2, REAL(0.5));
+        link[1] = term(tip, 2, 0.5);
         CHECK_OK(sb_body_add_constraint(body, link, 2, REAL(0.003), &tie, NULL)); /* starts open: closes in one step */
         for (int s = 1; s <= 10; s++) {
             sb_vec3 v, u, before = sb_body_momentum(body), rate, sum;
@@ -752,35 +752,37 @@ static void test_moving_value(void)
     }
 }
 
-/* With the singular reduced mass, Newmark's start lumps masses through the ties: free fall stays free fall. */
+/* The reduced mass of two tied cells is singular: where a load asks for what it cannot give, Newmark's start lumps the
+ * masses through the ties, and says which constraint does not let it. */
 static void test_reduced_mass(void)
 {
-    int split;
-    sb_mesh mesh = two_blocks(SB_TET4, 2, 3, 0.1, &split);
+    sb_vec3 size = sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), load = sb_v3(REAL(0.1), REAL(0.2), REAL(0.3));
+    sb_mesh mesh = scene_box(SB_TET4, 1, 1, 1, size, 0), second = scene_box(SB_TET4, 1, 1, 1, size, 0);
+    int split = mesh.node_count, tip;
     sb_body_def def = exact_def(&mesh, soft());
     sb_constraint_term bad[3];
     sb_step_info info;
     sb_body *body;
+    for (int i = 0; i < second.node_count; i++)
+        second.nodes[i].x += REAL(0.1);
+    CHECK_OK(sb_mesh_append(&mesh, &second, NULL));
+    sb_mesh_free(&second);
     def.mass = SB_MASS_REDUCED;
     def.integrator = SB_NEWMARK;
-    def.gravity = sb_v3(0, 0, -10);
     body = scene_body(&def);
     tie_blocks(body, &mesh, split);
-    for (int s = 0; s < 5; s++)
-        CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
-    for (int i = 0; i < mesh.node_count; i++) {
-        CHECK_NEAR(sb_body_velocities(body)[i].z, -0.5, scene_tolerance(1e-8, 1e4));
-        CHECK_NEAR(sb_body_velocities(body)[i].x, 0, scene_tolerance(1e-8, 1e4));
-    }
-    bad[0] = term(split - 1, 1, 1);
-    bad[1] = term(0, 1, -2);
-    bad[2] = term(1, 1, 1);
+    tip = mesh.node_count - 1;
+    CHECK_OK(sb_body_add_forces(body, &tip, 1, &load, 1));
+    CHECK_OK(sb_body_step(body, REAL(0.01), &info));
+    CHECK(sb_v3_dot(sb_body_velocities(body)[tip], load) > 0);
+    CHECK(scene_all_finite(sb_body_velocities(body), mesh.node_count));
+    bad[0] = term(0, 1, 1);
+    bad[1] = term(tip, 1, -2);
+    bad[2] = term(2, 1, 1);
     CHECK_OK(sb_body_add_constraint(body, bad, 3, 0, NULL, NULL));
-    if (sb_body_step(body, REAL(0.01), &info) != SB_OK) {
-        CHECK_INT(info.error.result, SB_ERROR_UNSUPPORTED);
-        CHECK_INT(info.error.node, split - 1);
-        CHECK(strstr(info.error.message, "along y") != NULL);
-    }
+    CHECK_RESULT(sb_body_step(body, REAL(0.01), &info), SB_ERROR_UNSUPPORTED);
+    CHECK_INT(info.error.node, 0);
+    CHECK(strstr(info.error.message, "along y") != NULL);
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
 }
@@ -984,7 +986,7 @@ static void test_bad_constraints(void)
     /* a circle of three, closed by the last */
     for (int k = 0; k < 3; k++) {
         chain[0] = term(10 + k, 2, 1);
-        chain[1] = term(10 + (k + 1) % 3, 2, REAL(0.5));
+        chain[1] = term(10 + (k + 1) % 3, 2, 0.5);
         if (k < 2)
             CHECK_OK(sb_body_add_constraint(body, chain, 2, 0, &id, &error));
         else
