@@ -3732,7 +3732,8 @@ typedef struct sb_step_info {
  * no energy there.
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
- * SB_ERROR_INDEFINITE; with constraints, Newmark and SB_MASS_REDUCED SB_ERROR_UNSUPPORTED) positions, velocities, accelerations and reactions are as before the call and the body can
+ * SB_ERROR_INDEFINITE; SB_ERROR_UNSUPPORTED where Newmark meets SB_MASS_REDUCED and constraints that cannot be
+ * lumped) positions, velocities, accelerations, reactions and constraint forces are as before the call and the body can
  * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
@@ -14448,7 +14449,8 @@ SBI_API void sbi_equations_free(sbi_equations *equations);
 SBI_API int sbi_equations_find(const sbi_equations *equations, int id);
 
 /* Makes all that condensing needs and takes the equations over; on failure they stay the caller's and *out as it is.
- * There are at most 2^31-1 unknowns. SB_ERROR_ARGUMENT names node and axis of a slave that is one already, of its own equation or in a circle. */
+ * There are at most 2^31-1 unknowns. SB_ERROR_ARGUMENT names node and axis of a slave that is one already, is among its
+ * own masters or in a circle. */
 SBI_API sb_result sbi_elimination_create(const sbi_elimination_setup *setup, sbi_equations *equations,
                                          sbi_elimination **out, sb_error *error);
 SBI_API void sbi_elimination_free(sbi_elimination *e); /* NULL is fine */
@@ -16738,7 +16740,8 @@ enum { SBI_TIE_CUTS = 4 }; /* pieces per side of a curved face, to start from */
 static void sbi_tie_start(const sb_body *b, const sbi_tie_face *face, sb_vec3 p, int cuts, sb_real xi[3])
 {
     int box = sb_element_corner_count(face->type) == 4;
-    sb_real best = SB_REAL_MAX, low = box ? (sb_real)-1 : (sb_real)0, side = (box ? (sb_real)2 : (sb_real)1) / (sb_real)cuts;
+    sb_real best = SB_REAL_MAX, low = box ? (sb_real)-1 : (sb_real)0;
+    sb_real side = (box ? (sb_real)2 : (sb_real)1) / (sb_real)cuts;
     for (int i = 0; i < cuts; i++)
         for (int j = 0; j < (box ? cuts : cuts - i); j++)
             for (int half = 0; half < (box || i + j < cuts - 1 ? 2 : 1); half++) {

@@ -340,7 +340,8 @@ enum { SBI_TIE_CUTS = 4 }; /* pieces per side of a curved face, to start from */
 static void sbi_tie_start(const sb_body *b, const sbi_tie_face *face, sb_vec3 p, int cuts, sb_real xi[3])
 {
     int box = sb_element_corner_count(face->type) == 4;
-    sb_real best = SB_REAL_MAX, low = box ? (sb_real)-1 : (sb_real)0, side = (box ? (sb_real)2 : (sb_real)1) / (sb_real)cuts;
+    sb_real best = SB_REAL_MAX, low = box ? (sb_real)-1 : (sb_real)0;
+    sb_real side = (box ? (sb_real)2 : (sb_real)1) / (sb_real)cuts;
     for (int i = 0; i < cuts; i++)
         for (int j = 0; j < (box ? cuts : cuts - i); j++)
             for (int half = 0; half < (box || i + j < cuts - 1 ? 2 : 1); half++) {

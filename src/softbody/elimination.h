@@ -71,7 +71,8 @@ SBI_API void sbi_equations_free(sbi_equations *equations);
 SBI_API int sbi_equations_find(const sbi_equations *equations, int id);
 
 /* Makes all that condensing needs and takes the equations over; on failure they stay the caller's and *out as it is.
- * There are at most 2^31-1 unknowns. SB_ERROR_ARGUMENT names node and axis of a slave that is one already, of its own equation or in a circle. */
+ * There are at most 2^31-1 unknowns. SB_ERROR_ARGUMENT names node and axis of a slave that is one already, is among its
+ * own masters or in a circle. */
 SBI_API sb_result sbi_elimination_create(const sbi_elimination_setup *setup, sbi_equations *equations,
                                          sbi_elimination **out, sb_error *error);
 SBI_API void sbi_elimination_free(sbi_elimination *e); /* NULL is fine */
