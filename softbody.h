@@ -246,6 +246,7 @@
 #define sb_element_table_check sb_element_table_check_f32
 #define sb_mesh_free sb_mesh_free_f32
 #define sb_mesh_copy sb_mesh_copy_f32
+#define sb_mesh_append sb_mesh_append_f32
 #define sb_mesh_validate sb_mesh_validate_f32
 #define sb_mesh_check sb_mesh_check_f32
 #define sb_mesh_report_free sb_mesh_report_free_f32
@@ -386,6 +387,15 @@
 #define sb_body_load_force sb_body_load_force_f32
 #define sb_body_spring_forces sb_body_spring_forces_f32
 #define sb_body_mapping_forces sb_body_mapping_forces_f32
+#define sb_body_add_constraint sb_body_add_constraint_f32
+#define sb_body_add_constraints sb_body_add_constraints_f32
+#define sb_body_set_constraint_value sb_body_set_constraint_value_f32
+#define sb_body_remove_constraints sb_body_remove_constraints_f32
+#define sb_body_remove_constraint sb_body_remove_constraint_f32
+#define sb_body_clear_constraints sb_body_clear_constraints_f32
+#define sb_body_constraint_count sb_body_constraint_count_f32
+#define sb_body_constraint_force sb_body_constraint_force_f32
+#define sb_body_tie_faces sb_body_tie_faces_f32
 #define sb_body_step sb_body_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
@@ -2201,6 +2211,13 @@ SB_API void sb_mesh_free(sb_mesh *mesh);
 /* Deep copy with memory from `allocator`. */
 SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
                               sb_error *error);
+
+/* Appends nodes and elements of `other`, which has the same element type, to the mesh: they get the numbers
+ * after its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come
+ * from mesh->allocator, the old ones go back to it; `other` may be the mesh itself. On failure
+ * (SB_ERROR_ARGUMENT also for different types, _MESH for more than 2^31-1 nodes or elements, _INDEX,
+ * _NOT_FINITE, _MEMORY) the mesh is as it was. */
+SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *error);
 
 /* ---- checks ------------------------------------------------------------------------------------------ */
 
@@ -4024,7 +4041,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ----
  * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
+ * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
  * remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. */
 /* Holds the given axes where the nodes are now. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
@@ -4207,6 +4224,112 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real 
 
 #endif /* SB_LOAD_H */
 
+/* ==== src/softbody/constraint.h ==== */
+/* constraint: linear equations among displacements, and faces of two meshes tied together. Floor 3.
+ *
+ * Constraints hold exactly: each eliminates one degree of freedom, its slave, from the system that steps and static
+ * solves solve; no penalty and no multiplier changes the conditioning of it. They live on displacements, not on
+ * positions. All that stepping needs is made when constraints are added or removed, which costs about as much as
+ * creating the body's matrix and preconditioner again: hand many over in one call. */
+#ifndef SB_CONSTRAINT_H
+#define SB_CONSTRAINT_H
+
+
+/* coefficient * (displacement of the node along the axis). */
+typedef struct sb_constraint_term {
+    int node;
+    int axis;             /* 0 x, 1 y, 2 z */
+    sb_real coefficient;
+} sb_constraint_term;
+
+/* Adds the equation sum_k coefficient_k u[node_k].axis_k = value (m). The first term is the slave: its displacement
+ * follows from the others, as in Abaqus' *EQUATION, so its coefficient must not be 0 (nor so small beside the others
+ * that a quotient overflows).
+ *   terms[count]  count >= 1; other terms may name supported nodes (the slave follows), nodes of no element (as
+ *                 prescribed reference nodes) and slaves of other constraints (chains are resolved)
+ *   id            receives the constraint's number, >= 0, never used again by this body; may be NULL
+ * A gap that a new constraint finds open is closed like the way of a moving support: at once by a time step, by load
+ * increments in a static solve. A slave's velocity becomes that of its masters.
+ * Errors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, the
+ * slave of another constraint, among its own masters, or in a circle of constraints; node and axis named),
+ * SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples them all: m^2 matrix blocks. */
+SB_API sb_result sb_body_add_constraint(sb_body *body, const sb_constraint_term *terms, int count, sb_real value,
+                                        int *id, sb_error *error);
+/* Adds `count` constraints at once, all or none: constraint c has the next term_counts[c] of `terms` and values[c]
+ * (values NULL: all 0). They get the numbers *first_id, *first_id + 1, ... (first_id may be NULL). */
+SB_API sb_result sb_body_add_constraints(sb_body *body, const sb_constraint_term *terms, const int *term_counts,
+                                         const sb_real *values, int count, int *first_id, sb_error *error);
+/* Changes the right-hand side (m) of one constraint; the next step or solve moves its slave there. Allocates nothing.
+ * SB_ERROR_INDEX: there is no such constraint; SB_ERROR_NOT_FINITE. */
+SB_API sb_result sb_body_set_constraint_value(sb_body *body, int id, sb_real value);
+/* Removes the constraints first_id .. first_id + count - 1. SB_ERROR_INDEX when one of them does not exist,
+ * SB_ERROR_MEMORY: nothing removed. */
+SB_API sb_result sb_body_remove_constraints(sb_body *body, int first_id, int count, sb_error *error);
+SB_API sb_result sb_body_remove_constraint(sb_body *body, int id, sb_error *error);
+/* Removes all; cannot fail. */
+SB_API void sb_body_clear_constraints(sb_body *body);
+SB_API int sb_body_constraint_count(const sb_body *body);
+
+/* Force of a constraint in the last step or static solve, its Lagrange multiplier (N per unit of coefficient): the
+ * constraint pushes node_k along axis_k with *force * coefficient_k. sb_body_reactions at supported masters include
+ * what their slaves pass on. SB_ERROR_INDEX leaves *force untouched. */
+SB_API sb_result sb_body_constraint_force(const sb_body *body, int id, sb_real *force);
+
+/* Options of sb_body_tie_faces, to be added. */
+enum {
+    SB_TIE_CLOSE_GAPS = 1, /* pull the slave nodes onto the faces (stress from closing); otherwise gaps stay */
+    SB_TIE_ALL = 2         /* a slave node too far from all faces is an error; otherwise it is left free */
+};
+
+/* What a call of sb_body_tie_faces tied. Its constraints are first_constraint .. + constraint_count - 1. */
+typedef struct sb_tie_report {
+    int tied_count;        /* slave nodes tied */
+    int free_count;        /* slave nodes left free: too far from all faces */
+    int farthest_node;     /* the farthest of them, or -1 */
+    int supported_count;   /* slave nodes with supported axes; those axes are left to their supports */
+    sb_real largest_gap;   /* of the nodes tied (m) */
+    int first_constraint, constraint_count;
+} sb_tie_report;
+
+/* Ties slave nodes to faces: each to the closest point of the present shape of all faces, u_s = sum_a N_a u_a + c with
+ * the face's shape functions there, along every axis that is not supported. To tie two meshes, put them in one body
+ * (sb_mesh_append) and let the finer or softer side be the slave.
+ *   faces         [face_count][corners]: corner nodes of element faces in any order, corners 3 (tet) or 4 (hex)
+ *   slave_nodes   [slave_count], different, none on the faces, none a slave already
+ *   max_distance  (m) nodes further away are left free; negative: a tenth of the closest face's diameter
+ *   options       sum of SB_TIE_..., 0: keep gaps, leave far nodes free
+ *   report        may be NULL
+ * c keeps each node's offset from the face as it is now, so that tying causes no stress by itself.
+ * What holds: slaves reproduce every displacement field that is linear in space exactly when gaps are 0, on flat and
+ * curved faces, and forces balance. Constant stress passes exactly across matching faces and where the slaves' grid
+ * refines the masters' (faces inside faces); else a node-to-surface tie leaves an error that falls with the element
+ * size, unless the interface carries no traction. Offsets do not turn with the faces: torque balances only for gaps
+ * of 0.
+ * Errors, with nothing changed: those of sb_body_add_constraint; SB_ERROR_ARGUMENT names the first face that no
+ * element has, or a node of both sides. Time O(slaves * faces), cheap each; memory during the call. */
+SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
+                                   const int *slave_nodes, int slave_count, sb_real max_distance, int options,
+                                   sb_tie_report *report, sb_error *error);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
+SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
+/* Newmark and Euler: velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. */
+SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt);
+/* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
+ * constraints leaves over at each node. `out_of_balance` is overwritten. */
+SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
+/* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
+ * SB_ERROR_UNSUPPORTED names node and axis. */
+SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);
+/* Accelerations from forces [node_count] (N) with the lumped mass: slaves hand force and mass to their free masters
+ * (row sums of T^T M T) and follow. Supported axes of `acceleration` are given, the others are written. Call after
+ * sbi_constraint_explicit_check; positions then follow by sbi_elimination_follow. Allocates nothing. */
+SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration);
+#endif
+
+#endif /* SB_CONSTRAINT_H */
+
 /* ==== src/softbody/step.h ==== */
 /* step: time steps and static solves of a body. Floor 3. */
 #ifndef SB_STEP_H
@@ -4238,8 +4361,10 @@ typedef struct sb_step_info {
  * no energy there.
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
- * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * SB_ERROR_INDEFINITE; SB_ERROR_UNSUPPORTED where Newmark meets SB_MASS_REDUCED and constraints that cannot be
+ * lumped) positions, velocities, accelerations, reactions and constraint forces are as before the call and the body can
+ * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas:
+ * implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
@@ -5344,6 +5469,42 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
     if (mesh->regions)
         memcpy(made.regions, mesh->regions, sizeof(int) * (size_t)mesh->element_count);
     *copy = made;
+    return SB_OK;
+}
+
+static void sbi_mesh_append_part(sb_mesh *to, const sb_mesh *part, int first_node, int first_element)
+{
+    size_t per_element = (size_t)sb_element_node_count(part->element_type);
+    size_t count = per_element * (size_t)part->element_count;
+    int *elements = to->elements + per_element * (size_t)first_element;
+    memcpy(to->nodes + first_node, part->nodes, sizeof(sb_vec3) * (size_t)part->node_count);
+    for (size_t k = 0; k < count; k++)
+        elements[k] = part->elements[k] + first_node;
+    for (int e = 0; to->regions && e < part->element_count; e++)
+        to->regions[first_element + e] = part->regions ? part->regions[e] : 0;
+}
+
+SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *error)
+{
+    sb_mesh made;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result == SB_OK)
+        result = sbi_mesh_check_arrays(other, error);
+    if (result != SB_OK)
+        return result;
+    if (other->element_type != mesh->element_type)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot be appended to one of %s",
+                        sb_element_name(other->element_type), sb_element_name(mesh->element_type));
+    if (other->node_count > INT_MAX - mesh->node_count || other->element_count > INT_MAX - mesh->element_count)
+        return sbi_fail(error, SB_ERROR_MESH, "the two meshes have more than %d nodes or elements", INT_MAX);
+    if (!sbi_mesh_allocate(&made, mesh->element_type, mesh->node_count + other->node_count,
+                           mesh->element_count + other->element_count, mesh->regions || other->regions,
+                           &mesh->allocator))
+        return sbi_mesh_no_memory(error);
+    sbi_mesh_append_part(&made, mesh, 0, 0);
+    sbi_mesh_append_part(&made, other, mesh->node_count, mesh->element_count);
+    sb_mesh_free(mesh);
+    *mesh = made;
     return SB_OK;
 }
 
@@ -17028,6 +17189,723 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
 }
 
+/* ==== src/softbody/elimination.h ==== */
+/* elimination: linear equations among the unknowns of a block matrix, each solved for its first unknown. Floor 2,
+ * internal.
+ *
+ * Equation c, sum_k a_k u[dof_k] = value, gives its first unknown, the slave: u_s = (value - sum_{k>0} a_k u_k) / a_0.
+ * A master may be the slave of another equation as long as no circle closes, so u = T u' + b with u' the unknowns that
+ * are no slaves, and A u = f becomes (T^T A T) u' = T^T (f - A b): exact, symmetric and positive definite when A is.
+ * Vectors pass equation by equation, masters first; the matrix takes T's 3x3 blocks with all chains resolved.
+ * Condensed vectors and the condensed matrix keep the numbering of the nodes; slaves are 0 there. */
+#ifndef SB_ELIMINATION_H
+#define SB_ELIMINATION_H
+
+
+/* Equations as they were given. An unknown is 3 node + axis. */
+typedef struct sbi_equations {
+    int count;
+    int *id;              /* [count] ascending */
+    sb_real *value;       /* [count] (m) */
+    int *start;           /* [count + 1] first term of each */
+    int *dof;             /* [terms]; the first of each equation is its slave */
+    sb_real *coefficient; /* [terms] */
+    void *memory;         /* the one block behind the arrays */
+    sb_allocator allocator;
+} sbi_equations;
+
+typedef struct sbi_elimination {
+    sb_allocator allocator;
+    sbi_equations equations;
+    int node_count;
+    int *order;            /* [count] equations, masters before their slaves */
+    unsigned char *slave;  /* [node_count] eliminated axes as bits */
+    unsigned char *held;   /* [node_count] mask of the last condensed system */
+    sb_real *force, *saved_force; /* [count] multipliers (N per unit coefficient) of the last solve */
+    sb_real *start_gap;    /* [count] way of each slave to where it belongs (m), at the start of the step */
+    sb_real *gap;          /* [count] the same at the present displacement and load factor */
+    sb_vec3 *reduced;      /* [node_count] condensed residual */
+    sb_vec3 *work;         /* [node_count] */
+
+    /* T: the rows of nodes with slaves; of the others it is the identity */
+    int *first;            /* [node_count + 1] into master and weight */
+    int *master;
+    sb_real (*weight)[9];  /* row-major: [axis of the node][axis of the master] */
+    int *positions;        /* block of `matrix` for each pair of masters of each block of the full matrix */
+    sb_matrix matrix;      /* T^T A T */
+    sb_preconditioner *precond;
+    void *memory;
+} sbi_elimination;
+
+/* What an elimination is made for; borrowed. */
+typedef struct sbi_elimination_setup {
+    const sb_matrix *matrix;      /* the full matrix; its pattern is read */
+    const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
+    sb_precond_kind precond;
+    const sb_allocator *allocator;
+} sbi_elimination_setup;
+
+/* Arrays for equations, not filled but for the allocator and count; 0 when memory is short. */
+SBI_API int sbi_equations_allocate(const sb_allocator *allocator, int count, size_t terms, sbi_equations *equations);
+SBI_API void sbi_equations_free(sbi_equations *equations);
+/* Index of the equation with this id, or -1. */
+SBI_API int sbi_equations_find(const sbi_equations *equations, int id);
+
+/* Makes all that condensing needs and takes the equations over; on failure they stay the caller's and *out as it is.
+ * There are at most 2^31-1 unknowns. SB_ERROR_ARGUMENT names node and axis of a slave that is one already, is among its
+ * own masters or in a circle. */
+SBI_API sb_result sbi_elimination_create(const sbi_elimination_setup *setup, sbi_equations *equations,
+                                         sbi_elimination **out, sb_error *error);
+/* The same equations with the same multipliers for another pattern of the full matrix; e stays as it is. */
+SBI_API sb_result sbi_elimination_remake(const sbi_elimination *e, const sbi_elimination_setup *setup,
+                                         sbi_elimination **out, sb_error *error);
+SBI_API void sbi_elimination_free(sbi_elimination *e); /* NULL is fine */
+
+/* e->matrix = T^T A T. A linear pass, always in the same order. */
+SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matrix);
+/* out = T^T in, in place or not; multipliers [count] or NULL: in_s / a_0 of each slave once all that follows it has
+ * passed its share on. */
+SBI_API void sbi_elimination_reduce(const sbi_elimination *e, const sb_vec3 *in, sb_vec3 *out, sb_real *multipliers);
+/* Sets the slaves of an increment from its masters, plus e->gap when with_gaps. */
+SBI_API void sbi_elimination_expand(const sbi_elimination *e, sb_vec3 *increment, int with_gaps);
+/* Zeroes the slaves. */
+SBI_API void sbi_elimination_clear_slaves(const sbi_elimination *e, sb_vec3 *vector);
+
+/* What a step starts from: keeps the multipliers, for sbi_elimination_restore, and start_gap at displacement u. */
+SBI_API void sbi_elimination_save(sbi_elimination *e, const sb_vec3 *u);
+SBI_API void sbi_elimination_restore(sbi_elimination *e);
+/* Fills e->gap: how far each slave is from where it belongs at this share of the way from the start; 1 when any is. */
+SBI_API int sbi_elimination_open(sbi_elimination *e, const sb_vec3 *u, sb_real load_factor);
+/* Puts the slaves of u where they belong, so that sbi_elimination_open finds nothing to the last bit. */
+SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_real load_factor);
+
+/* One unknown of a node vector. */
+SB_INLINE sb_real *sbi_elimination_at(sb_vec3 *v, int dof)
+{
+    sb_vec3 *node = v + dof / 3;
+    return dof % 3 == 0 ? &node->x : dof % 3 == 1 ? &node->y : &node->z;
+}
+SB_INLINE sb_real sbi_elimination_get(const sb_vec3 *v, int dof)
+{
+    const sb_vec3 *node = v + dof / 3;
+    return dof % 3 == 0 ? node->x : dof % 3 == 1 ? node->y : node->z;
+}
+
+#endif /* SB_ELIMINATION_H */
+
+/* ==== src/softbody/elimination.c ==== */
+/* elimination: order of the equations, T, the condensed matrix, gaps. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- equations ---- */
+
+static void sbi_equations_layout(sbi_equations *equations, int count, size_t terms, sbi_arena *arena)
+{
+    size_t n = (size_t)count;
+    equations->value = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    equations->coefficient = (sb_real *)sbi_arena_take(arena, terms, sizeof(sb_real));
+    equations->id = (int *)sbi_arena_take(arena, n, sizeof(int));
+    equations->start = (int *)sbi_arena_take(arena, n + 1, sizeof(int));
+    equations->dof = (int *)sbi_arena_take(arena, terms, sizeof(int));
+}
+
+/* Zeroed memory for what an arena measured, aligned to a cache line through *base; NULL when it is short. */
+static void *sbi_elimination_take(const sb_allocator *allocator, sbi_arena *arena)
+{
+    unsigned char *memory = NULL;
+    if (!arena->overflow && arena->used <= (size_t)-1 - 64)
+        memory = (unsigned char *)sbi_alloc_zeroed(allocator, arena->used + 64, 1);
+    if (memory)
+        arena->base = memory + (64 - (size_t)((uintptr_t)memory & 63));
+    arena->used = 0;
+    return memory;
+}
+
+SBI_API int sbi_equations_allocate(const sb_allocator *allocator, int count, size_t terms, sbi_equations *equations)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    memset(equations, 0, sizeof *equations);
+    if (terms > INT_MAX)
+        return 0;
+    sbi_equations_layout(equations, count, terms, &arena);
+    equations->memory = sbi_elimination_take(allocator, &arena);
+    if (!equations->memory)
+        return 0;
+    sbi_equations_layout(equations, count, terms, &arena);
+    equations->count = count;
+    equations->allocator = *allocator;
+    return 1;
+}
+
+SBI_API void sbi_equations_free(sbi_equations *equations)
+{
+    sbi_free(&equations->allocator, equations->memory);
+    memset(equations, 0, sizeof *equations);
+}
+
+SBI_API int sbi_equations_find(const sbi_equations *equations, int id)
+{
+    int low = 0, high = equations->count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (equations->id[middle] < id)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < equations->count && equations->id[low] == id ? low : -1;
+}
+
+static int sbi_elimination_slave_dof(const sbi_elimination *e, int c)
+{
+    return e->equations.dof[e->equations.start[c]];
+}
+
+/* ---- creation: order ---- */
+
+/* Scratch of a creation. Rows of T, one per equation: entries begin[c] .. end[c] - 1 of dof and weight. */
+typedef struct sbi_elimination_maker {
+    const sbi_elimination_setup *setup;
+    int *owner;            /* [3 node_count] equation whose slave the unknown is, or -1 */
+    int *slot;             /* [3 node_count] where the row at work has the unknown, or -1 */
+    int *next, *stack;     /* [count] */
+    unsigned char *state;  /* [count] 0: not met, 1: being followed, 2: done */
+    int *begin, *end;      /* [count] */
+    int *dof;              /* [capacity] */
+    double *weight;        /* [capacity] */
+    int used, capacity;
+    void *memory, *rows;
+} sbi_elimination_maker;
+
+static sb_result sbi_elimination_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the system condensed by constraints");
+}
+
+static char sbi_elimination_axis(int dof) { return (char)('x' + dof % 3); }
+
+/* Who eliminates what; each unknown at most once, and not by an equation that names it again. */
+static sb_result sbi_elimination_claim(sbi_elimination *e, sbi_elimination_maker *maker, sb_error *error)
+{
+    const sbi_equations *q = &e->equations;
+    for (int i = 0; i < 3 * e->node_count; i++)
+        maker->owner[i] = maker->slot[i] = -1;
+    for (int c = 0; c < q->count; c++) {
+        int dof = q->dof[q->start[c]];
+        if (maker->owner[dof] >= 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3,
+                                 "node %d is the slave of two constraints along %c", dof / 3,
+                                 sbi_elimination_axis(dof));
+        for (int k = q->start[c] + 1; k < q->start[c + 1]; k++)
+            if (q->dof[k] == dof)
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3,
+                                     "node %d is slave and master of the same constraint along %c", dof / 3,
+                                     sbi_elimination_axis(dof));
+        maker->owner[dof] = c;
+        e->slave[dof / 3] |= (unsigned char)(1 << dof % 3);
+    }
+    return SB_OK;
+}
+
+/* Depth-first order from one equation; those it follows come first. */
+static sb_result sbi_elimination_sort_from(sbi_elimination *e, sbi_elimination_maker *maker, int root, int *done,
+                                           sb_error *error)
+{
+    const sbi_equations *q = &e->equations;
+    int depth = 1;
+    maker->stack[0] = root;
+    maker->state[root] = 1;
+    maker->next[root] = q->start[root] + 1;
+    while (depth > 0) {
+        int c = maker->stack[depth - 1], master;
+        if (maker->next[c] == q->start[c + 1]) {
+            maker->state[c] = 2;
+            e->order[(*done)++] = c;
+            depth--;
+            continue;
+        }
+        master = maker->owner[q->dof[maker->next[c]++]];
+        if (master < 0 || maker->state[master] == 2)
+            continue;
+        if (maker->state[master] == 1)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, sbi_elimination_slave_dof(e, master) / 3,
+                                 "constraints run in a circle through node %d along %c",
+                                 sbi_elimination_slave_dof(e, master) / 3,
+                                 sbi_elimination_axis(sbi_elimination_slave_dof(e, master)));
+        maker->state[master] = 1;
+        maker->next[master] = q->start[master] + 1;
+        maker->stack[depth++] = master;
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_elimination_sort(sbi_elimination *e, sbi_elimination_maker *maker, sb_error *error)
+{
+    int done = 0;
+    for (int c = 0; c < e->equations.count; c++) {
+        sb_result result = maker->state[c] ? SB_OK : sbi_elimination_sort_from(e, maker, c, &done, error);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+/* ---- creation: rows of T ---- */
+
+/* Room for one more entry. */
+static int sbi_elimination_grow(sbi_elimination_maker *maker)
+{
+    const sb_allocator *allocator = maker->setup->allocator;
+    size_t capacity = maker->capacity ? 2 * (size_t)maker->capacity : 64;
+    double *rows;
+    if (maker->used < maker->capacity)
+        return 1;
+    if (capacity > INT_MAX)
+        return 0;
+    rows = (double *)sbi_alloc(allocator, capacity, sizeof(double) + sizeof(int));
+    if (!rows)
+        return 0;
+    if (maker->used > 0) {
+        memcpy(rows, maker->weight, (size_t)maker->used * sizeof(double));
+        memcpy(rows + capacity, maker->dof, (size_t)maker->used * sizeof(int));
+    }
+    sbi_free(allocator, maker->rows);
+    maker->rows = rows;
+    maker->weight = rows;
+    maker->dof = (int *)(void *)(rows + capacity);
+    maker->capacity = (int)capacity;
+    return 1;
+}
+
+/* Adds weight * u[dof] to the row at work. */
+static int sbi_elimination_add_entry(sbi_elimination_maker *maker, int dof, double weight)
+{
+    if (maker->slot[dof] < 0) {
+        if (!sbi_elimination_grow(maker))
+            return 0;
+        maker->slot[dof] = maker->used++;
+        maker->dof[maker->slot[dof]] = dof;
+        maker->weight[maker->slot[dof]] = 0;
+    }
+    maker->weight[maker->slot[dof]] += weight;
+    return 1;
+}
+
+/* The row of equation c in unknowns that nobody eliminates; its masters' rows are there already. */
+static int sbi_elimination_resolve(const sbi_elimination *e, sbi_elimination_maker *maker, int c)
+{
+    const sbi_equations *q = &e->equations;
+    double pivot = (double)q->coefficient[q->start[c]];
+    maker->begin[c] = maker->used;
+    for (int k = q->start[c] + 1; k < q->start[c + 1]; k++) {
+        double weight = -(double)q->coefficient[k] / pivot;
+        int master = maker->owner[q->dof[k]];
+        if (master < 0 && !sbi_elimination_add_entry(maker, q->dof[k], weight))
+            return 0;
+        for (int m = master < 0 ? 0 : maker->begin[master]; m < (master < 0 ? 0 : maker->end[master]); m++)
+            if (!sbi_elimination_add_entry(maker, maker->dof[m], weight * maker->weight[m]))
+                return 0;
+    }
+    maker->end[c] = maker->used;
+    for (int k = maker->begin[c]; k < maker->end[c]; k++)
+        maker->slot[maker->dof[k]] = -1;
+    return 1;
+}
+
+/* Block of T for a master node in the row of the node at work, zero when it is new; slot is used per node here. */
+static sb_real *sbi_elimination_weight(sbi_elimination *e, sbi_elimination_maker *maker, int master, int *end)
+{
+    if (maker->slot[master] < 0) {
+        maker->slot[master] = (*end)++;
+        e->master[maker->slot[master]] = master;
+        memset(e->weight[maker->slot[master]], 0, sizeof e->weight[0]);
+    }
+    return e->weight[maker->slot[master]];
+}
+
+/* Gathers the rows of each node's axes into 3x3 blocks. */
+static int sbi_elimination_gather(sbi_elimination *e, sbi_elimination_maker *maker)
+{
+    size_t most = (size_t)maker->used;
+    int end = 0;
+    for (int i = 0; i < e->node_count; i++)
+        most += e->slave[i] != 0;
+    if (most > INT_MAX)
+        return 0;
+    e->master = (int *)sbi_alloc(&e->allocator, most, sizeof(int));
+    e->weight = (sb_real(*)[9])sbi_alloc(&e->allocator, most, 9 * sizeof(sb_real));
+    if (!e->master || !e->weight)
+        return 0;
+    for (int i = 0; i < e->node_count; i++) {
+        e->first[i] = end;
+        for (int axis = 0; axis < 3 && e->slave[i]; axis++) {
+            int c = maker->owner[3 * i + axis];
+            if (c < 0)
+                sbi_elimination_weight(e, maker, i, &end)[4 * axis] = 1;
+            for (int k = c < 0 ? 0 : maker->begin[c]; k < (c < 0 ? 0 : maker->end[c]); k++)
+                sbi_elimination_weight(e, maker, maker->dof[k] / 3, &end)[3 * axis + maker->dof[k] % 3] =
+                    (sb_real)maker->weight[k];
+        }
+        for (int k = e->first[i]; k < end; k++)
+            maker->slot[e->master[k]] = -1;
+    }
+    e->first[e->node_count] = end;
+    return 1;
+}
+
+/* ---- creation: the condensed matrix ---- */
+
+/* A row of T: nodes and blocks. */
+typedef struct sbi_elimination_row {
+    int count;
+    const int *node;
+    const sb_real (*weight)[9];
+} sbi_elimination_row;
+
+static const sb_real sbi_elimination_identity[1][9] = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+
+/* The row of node *i; it refers to *i. */
+static sbi_elimination_row sbi_elimination_row_of(const sbi_elimination *e, const int *i)
+{
+    sbi_elimination_row row;
+    int first = e->first[*i];
+    row.count = e->slave[*i] ? e->first[*i + 1] - first : 1;
+    row.node = e->slave[*i] ? e->master + first : i;
+    row.weight = e->slave[*i] ? (const sb_real(*)[9])(e->weight + first) : sbi_elimination_identity;
+    return row;
+}
+
+/* Walks the cells of the condensed pattern: for every block (i, j) the masters of i and of j. Counts, or fills. */
+static void sbi_elimination_cells(const sbi_elimination *e, const sb_matrix *matrix, int *start, int *cells,
+                                  size_t *cell_count, size_t *entry_count)
+{
+    size_t made = 0, entries = 0;
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int k = matrix->diagonal[i]; k < matrix->row_start[i + 1]; k++) {
+            int j = matrix->columns[k];
+            sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
+            if (j == i)
+                b.count = 0;
+            if (cells) {
+                memcpy(cells + entries, a.node, (size_t)a.count * sizeof(int));
+                memcpy(cells + entries + a.count, b.node, (size_t)b.count * sizeof(int));
+                start[made] = (int)entries;
+            }
+            made++;
+            entries += (size_t)a.count + (size_t)b.count;
+        }
+    if (cells)
+        start[made] = (int)entries;
+    *cell_count = made;
+    *entry_count = entries;
+}
+
+static sb_result sbi_elimination_make_matrix(sbi_elimination *e, const sb_matrix *full, sb_error *error)
+{
+    size_t cell_count, entry_count;
+    int *memory;
+    sb_result result;
+    sbi_elimination_cells(e, full, NULL, NULL, &cell_count, &entry_count);
+    if (cell_count > INT_MAX - 1 || entry_count > INT_MAX)
+        return sbi_elimination_no_memory(error);
+    memory = (int *)sbi_alloc(&e->allocator, cell_count + 1 + entry_count, sizeof(int));
+    if (!memory)
+        return sbi_elimination_no_memory(error);
+    sbi_elimination_cells(e, full, memory, memory + cell_count + 1, &cell_count, &entry_count);
+    result = sb_matrix_create(e->node_count, (int)cell_count, 0, memory, memory + cell_count + 1, &e->allocator,
+                              &e->matrix, error);
+    sbi_free(&e->allocator, memory);
+    return result;
+}
+
+/* Where every product T_i^T A_ij T_j goes. */
+static sb_result sbi_elimination_make_positions(sbi_elimination *e, const sb_matrix *full, sb_error *error)
+{
+    size_t total = 0;
+    int *at;
+    for (int pass = 0; pass < 2; pass++) {
+        if (pass == 1)
+            e->positions = (int *)sbi_alloc(&e->allocator, total, sizeof(int));
+        if (pass == 1 && !e->positions)
+            return sbi_elimination_no_memory(error);
+        at = e->positions;
+        for (int i = 0; i < full->row_count; i++)
+            for (int k = full->row_start[i]; k < full->row_start[i + 1]; k++) {
+                int j = full->columns[k];
+                sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
+                total += (size_t)a.count * (size_t)b.count;
+                for (int p = 0; pass == 1 && p < a.count; p++)
+                    for (int r = 0; r < b.count; r++)
+                        *at++ = sb_matrix_find(&e->matrix, a.node[p], b.node[r]);
+            }
+    }
+    return SB_OK;
+}
+
+/* ---- creation: memory ---- */
+
+static void sbi_elimination_layout(sbi_elimination *e, int count, sbi_arena *arena)
+{
+    size_t n = (size_t)e->node_count, c = (size_t)count;
+    e->order = (int *)sbi_arena_take(arena, c, sizeof(int));
+    e->first = (int *)sbi_arena_take(arena, n + 1, sizeof(int));
+    e->slave = (unsigned char *)sbi_arena_take(arena, n, 1);
+    e->held = (unsigned char *)sbi_arena_take(arena, n, 1);
+    e->force = (sb_real *)sbi_arena_take(arena, c, sizeof(sb_real));
+    e->saved_force = (sb_real *)sbi_arena_take(arena, c, sizeof(sb_real));
+    e->start_gap = (sb_real *)sbi_arena_take(arena, c, sizeof(sb_real));
+    e->gap = (sb_real *)sbi_arena_take(arena, c, sizeof(sb_real));
+    e->reduced = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    e->work = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+}
+
+static void sbi_elimination_maker_layout(sbi_elimination_maker *maker, int node_count, int count, sbi_arena *arena)
+{
+    size_t n = (size_t)node_count, c = (size_t)count;
+    maker->owner = (int *)sbi_arena_take(arena, n, 3 * sizeof(int));
+    maker->slot = (int *)sbi_arena_take(arena, n, 3 * sizeof(int));
+    maker->next = (int *)sbi_arena_take(arena, c, sizeof(int));
+    maker->stack = (int *)sbi_arena_take(arena, c, sizeof(int));
+    maker->begin = (int *)sbi_arena_take(arena, c, sizeof(int));
+    maker->end = (int *)sbi_arena_take(arena, c, sizeof(int));
+    maker->state = (unsigned char *)sbi_arena_take(arena, c, 1);
+}
+
+/* ---- creation ---- */
+
+static sb_result sbi_elimination_take_memory(sbi_elimination *e, sbi_elimination_maker *maker, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0}, scratch = {NULL, 0, 0};
+    int count = e->equations.count;
+    sbi_elimination_layout(e, count, &arena);
+    sbi_elimination_maker_layout(maker, e->node_count, count, &scratch);
+    e->memory = sbi_elimination_take(&e->allocator, &arena);
+    maker->memory = sbi_elimination_take(&e->allocator, &scratch);
+    if (!e->memory || !maker->memory)
+        return sbi_elimination_no_memory(error);
+    sbi_elimination_layout(e, count, &arena);
+    sbi_elimination_maker_layout(maker, e->node_count, count, &scratch);
+    return SB_OK;
+}
+
+/* T and all that follows from it. */
+static sb_result sbi_elimination_make_rows(sbi_elimination *e, sbi_elimination_maker *maker, sb_error *error)
+{
+    sb_result result = sbi_elimination_take_memory(e, maker, error);
+    if (result == SB_OK)
+        result = sbi_elimination_claim(e, maker, error);
+    if (result == SB_OK)
+        result = sbi_elimination_sort(e, maker, error);
+    if (result != SB_OK)
+        return result;
+    for (int k = 0; k < e->equations.count; k++)
+        if (!sbi_elimination_resolve(e, maker, e->order[k]))
+            return sbi_elimination_no_memory(error);
+    return sbi_elimination_gather(e, maker) ? SB_OK : sbi_elimination_no_memory(error);
+}
+
+static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination_setup *setup, sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sbi_elimination_maker maker;
+    sb_result result;
+    memset(&maker, 0, sizeof maker);
+    maker.setup = setup;
+    settings.kind = setup->precond;
+    settings.positions = setup->positions;
+    result = sbi_elimination_make_rows(e, &maker, error);
+    sbi_free(&e->allocator, maker.rows);
+    sbi_free(&e->allocator, maker.memory);
+    if (result == SB_OK)
+        result = sbi_elimination_make_matrix(e, setup->matrix, error);
+    if (result == SB_OK)
+        result = sbi_elimination_make_positions(e, setup->matrix, error);
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &e->matrix, &e->allocator, &e->precond, error);
+    return result;
+}
+
+SBI_API sb_result sbi_elimination_create(const sbi_elimination_setup *setup, sbi_equations *equations,
+                                         sbi_elimination **out, sb_error *error)
+{
+    sbi_elimination *e = (sbi_elimination *)sbi_alloc_zeroed(setup->allocator, 1, sizeof *e);
+    sb_result result;
+    if (!e)
+        return sbi_elimination_no_memory(error);
+    e->allocator = *setup->allocator;
+    e->node_count = setup->matrix->row_count;
+    e->equations = *equations;
+    result = sbi_elimination_build(e, setup, error);
+    if (result != SB_OK) {
+        memset(&e->equations, 0, sizeof e->equations);
+        sbi_elimination_free(e);
+        return result;
+    }
+    memset(equations, 0, sizeof *equations);
+    *out = e;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_elimination_remake(const sbi_elimination *e, const sbi_elimination_setup *setup,
+                                         sbi_elimination **out, sb_error *error)
+{
+    const sbi_equations *old = &e->equations;
+    size_t count = (size_t)old->count, terms = (size_t)old->start[old->count];
+    sbi_equations equations;
+    sb_result result;
+    if (!sbi_equations_allocate(setup->allocator, old->count, terms, &equations))
+        return sbi_elimination_no_memory(error);
+    memcpy(equations.id, old->id, count * sizeof(int));
+    memcpy(equations.value, old->value, count * sizeof(sb_real));
+    memcpy(equations.start, old->start, (count + 1) * sizeof(int));
+    memcpy(equations.dof, old->dof, terms * sizeof(int));
+    memcpy(equations.coefficient, old->coefficient, terms * sizeof(sb_real));
+    result = sbi_elimination_create(setup, &equations, out, error);
+    sbi_equations_free(&equations);
+    if (result == SB_OK)
+        memcpy((*out)->force, e->force, count * sizeof(sb_real));
+    return result;
+}
+
+SBI_API void sbi_elimination_free(sbi_elimination *e)
+{
+    sb_allocator allocator;
+    if (!e)
+        return;
+    allocator = e->allocator;
+    sbi_equations_free(&e->equations);
+    sb_preconditioner_free(e->precond);
+    sb_matrix_free(&e->matrix);
+    sbi_free(&allocator, e->positions);
+    sbi_free(&allocator, e->weight);
+    sbi_free(&allocator, e->master);
+    sbi_free(&allocator, e->memory);
+    sbi_free(&allocator, e);
+}
+
+/* ---- the matrix ---- */
+
+/* out += a^T b c, 3x3 row-major. */
+static void sbi_elimination_add_product(const sb_real *a, const sb_real *b, const sb_real *c, sb_real *out)
+{
+    for (int i = 0; i < 3; i++) {
+        sb_real t[3];
+        for (int k = 0; k < 3; k++)
+            t[k] = a[i] * b[k] + a[3 + i] * b[3 + k] + a[6 + i] * b[6 + k];
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] += t[0] * c[j] + t[1] * c[3 + j] + t[2] * c[6 + j];
+    }
+}
+
+SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matrix)
+{
+    const int *at = e->positions;
+    sb_matrix_clear(&e->matrix);
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+            int j = matrix->columns[k];
+            const sb_real *block = matrix->blocks[k];
+            sbi_elimination_row a, b;
+            if (!e->slave[i] && !e->slave[j]) {
+                sb_real *out = e->matrix.blocks[*at++];
+                for (int c = 0; c < 9; c++)
+                    out[c] += block[c];
+                continue;
+            }
+            a = sbi_elimination_row_of(e, &i);
+            b = sbi_elimination_row_of(e, &j);
+            for (int p = 0; p < a.count; p++)
+                for (int r = 0; r < b.count; r++)
+                    sbi_elimination_add_product(a.weight[p], block, b.weight[r], e->matrix.blocks[*at++]);
+        }
+}
+
+/* ---- vectors ---- */
+
+SBI_API void sbi_elimination_reduce(const sbi_elimination *e, const sb_vec3 *in, sb_vec3 *out, sb_real *multipliers)
+{
+    const sbi_equations *q = &e->equations;
+    if (out != in)
+        memcpy(out, in, (size_t)e->node_count * sizeof(sb_vec3));
+    for (int k = q->count; k-- > 0;) {
+        int c = e->order[k], first = q->start[c];
+        sb_real *slave = sbi_elimination_at(out, q->dof[first]), multiplier = *slave / q->coefficient[first];
+        for (int t = first + 1; t < q->start[c + 1]; t++)
+            *sbi_elimination_at(out, q->dof[t]) -= q->coefficient[t] * multiplier;
+        *slave = 0;
+        if (multipliers)
+            multipliers[c] = multiplier;
+    }
+}
+
+/* (value - sum over the masters of a_k u_k) / a_0 */
+static sb_real sbi_elimination_slave_value(const sbi_equations *q, int c, const sb_vec3 *u, sb_real value)
+{
+    double sum = (double)value;
+    for (int t = q->start[c] + 1; t < q->start[c + 1]; t++)
+        sum -= (double)q->coefficient[t] * (double)sbi_elimination_get(u, q->dof[t]);
+    return (sb_real)(sum / (double)q->coefficient[q->start[c]]);
+}
+
+SBI_API void sbi_elimination_expand(const sbi_elimination *e, sb_vec3 *increment, int with_gaps)
+{
+    for (int k = 0; k < e->equations.count; k++) {
+        int c = e->order[k];
+        sb_real way = sbi_elimination_slave_value(&e->equations, c, increment, 0);
+        *sbi_elimination_at(increment, sbi_elimination_slave_dof(e, c)) = with_gaps ? way + e->gap[c] : way;
+    }
+}
+
+SBI_API void sbi_elimination_clear_slaves(const sbi_elimination *e, sb_vec3 *vector)
+{
+    for (int c = 0; c < e->equations.count; c++)
+        *sbi_elimination_at(vector, sbi_elimination_slave_dof(e, c)) = 0;
+}
+
+/* ---- gaps ---- */
+
+/* Where the slave belongs at a share of the way: a gap of the start closes evenly, none stays exactly none. */
+static sb_real sbi_elimination_goal(const sbi_elimination *e, int c, const sb_vec3 *u, sb_real load_factor)
+{
+    sb_real goal = sbi_elimination_slave_value(&e->equations, c, u, e->equations.value[c]);
+    return load_factor == 1 ? goal : goal - (1 - load_factor) * e->start_gap[c];
+}
+
+SBI_API void sbi_elimination_restore(sbi_elimination *e)
+{
+    memcpy(e->force, e->saved_force, (size_t)e->equations.count * sizeof(sb_real));
+}
+
+SBI_API void sbi_elimination_save(sbi_elimination *e, const sb_vec3 *u)
+{
+    memcpy(e->saved_force, e->force, (size_t)e->equations.count * sizeof(sb_real));
+    for (int c = 0; c < e->equations.count; c++)
+        e->start_gap[c] = sbi_elimination_goal(e, c, u, 1) - sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
+}
+
+SBI_API int sbi_elimination_open(sbi_elimination *e, const sb_vec3 *u, sb_real load_factor)
+{
+    int open = 0;
+    for (int c = 0; c < e->equations.count; c++) {
+        e->gap[c] = 0;
+        if (load_factor != 0) /* at 0 the start itself is the goal, and rounding must not tell otherwise */
+            e->gap[c] = sbi_elimination_goal(e, c, u, load_factor) -
+                        sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
+        open |= e->gap[c] != 0;
+    }
+    return open;
+}
+
+SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_real load_factor)
+{
+    for (int k = 0; k < e->equations.count; k++) {
+        int c = e->order[k];
+        *sbi_elimination_at(u, sbi_elimination_slave_dof(e, c)) = sbi_elimination_goal(e, c, u, load_factor);
+    }
+}
+
 /* ==== src/softbody/body_state.h ==== */
 /* body_state: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
 #ifndef SB_BODY_STATE_H
@@ -17119,6 +17997,10 @@ struct sb_body {
     double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
 
+    /* constraints */
+    sbi_elimination *elimination; /* the system they condense, or NULL: none */
+    int next_constraint;         /* number of the next one */
+
     /* state */
     sb_vec3 *reference;          /* [node_count] (m) */
     sb_vec3 *position, *displacement, *velocity, *acceleration;
@@ -17147,6 +18029,7 @@ typedef struct sbi_body_pattern {
     int needed;                  /* 0: every row fits the present pattern, and nothing was made */
     sb_matrix matrix;
     sb_preconditioner *precond;
+    sbi_elimination *elimination; /* NULL: the body has no constraints */
     int extra_count;
     int *extra_start, *extra_nodes;
     void *memory;
@@ -17166,6 +18049,8 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
 SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
 /* Gives it up. */
 SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern);
+/* What an elimination is made for with this matrix; borrowed from the body. */
+SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, const sb_matrix *matrix);
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
@@ -17184,17 +18069,39 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
-/* 1 when the named corners of an element (all different) are those of the list. */
-SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
+/* An element's face as a load sees it. */
+typedef struct sbi_body_face {
+    sb_element_type type;
+    int count;
+    int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
+    int inner;                    /* 1: an element stands on its other side, too */
+} sbi_body_face;
+/* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+                                    sb_error *error);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
+
+/* Sums of displacement components that something holds: rows of mappings, equations of constraints. */
+typedef struct sbi_body_rows {
+    int count;
+    const int *start;       /* [count + 1] */
+    const int *nodes;       /* nodes of the terms, each along every axis; or NULL: */
+    const int *dofs;        /* 3 node + axis of the terms */
+    const sb_real *weights;
+} sbi_body_rows;
 /* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
  * place. SB_ERROR_MEMORY changes nothing. */
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
-                                        sb_error *error);
-/* A node of the first connected part whose supports, springs and mappings leave a rigid motion free, or -1. */
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error);
+/* A node of the first connected part whose supports, springs, mappings and constraints leave a rigid motion free, or
+ * -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
 
+/* Axes of node i, as bits, that no equation of the solved system is for: supported or a constraint's slave. */
+SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
+{
+    return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
+}
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body)
 {
@@ -17756,6 +18663,7 @@ SB_API void sb_body_destroy(sb_body *body)
         sbi_free(&allocator, body->loads[i].memory);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
     sb_matrix_free(&body->matrix);
@@ -17904,8 +18812,19 @@ SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *patter
     sbi_free(&body->allocator, pattern->support_blocks);
     sbi_free(&body->allocator, pattern->damping_blocks);
     sb_preconditioner_free(pattern->precond);
+    sbi_elimination_free(pattern->elimination);
     sb_matrix_free(&pattern->matrix);
     memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, const sb_matrix *matrix)
+{
+    sbi_elimination_setup setup;
+    setup.matrix = matrix;
+    setup.positions = body->reference;
+    setup.precond = sb_preconditioner_get_info(body->precond).kind;
+    setup.allocator = &body->allocator;
+    return setup;
 }
 
 SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
@@ -17924,6 +18843,10 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
         result = sbi_body_make_block_arrays(body, pattern, error);
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result == SB_OK && body->elimination) {
+        sbi_elimination_setup setup = sbi_body_elimination_setup(body, &pattern->matrix);
+        result = sbi_elimination_remake(body->elimination, &setup, &pattern->elimination, error);
+    }
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
     return result;
@@ -17943,6 +18866,10 @@ SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
     body->pattern_memory = pattern->memory;
     body->precond = pattern->precond;
     body->matrix = pattern->matrix;
+    if (body->elimination) {
+        sbi_elimination_free(body->elimination);
+        body->elimination = pattern->elimination;
+    }
     body->support_used = pattern->support_used;
     body->support_capacity = pattern->support_capacity;
     if (pattern->support_blocks) {
@@ -18051,6 +18978,72 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
     return SB_OK;
 }
 
+/* ---- faces ---- */
+
+/* 1 when the named corners of an element (all different) are those of the list. */
+static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+{
+    int found = 0;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
+                found++;
+                break;
+            }
+    return found == count;
+}
+
+/* 1 when the corners of b go round the other way than those of a. */
+static int sbi_body_is_reversed(const int *a, const int *b, int corners)
+{
+    for (int i = 0; i < corners; i++)
+        if (b[i] == a[0])
+            return b[(i + 1) % corners] != a[1];
+    return 0;
+}
+
+/* Finds the element face with these corner nodes; 0 when there is none. */
+static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    sbi_element element = sbi_domain_element(&body->domain);
+    int n = body->domain.nodes_per_cell;
+    memset(found, 0, sizeof *found);
+    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        for (int face = 0; face < sbi_element_face_count(element); face++) {
+            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
+            sb_element_type face_type = SB_NO_ELEMENT;
+            int face_nodes = sbi_element_face(element, face, local, &face_type);
+            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
+                continue;
+            for (int i = 0; i < face_nodes; i++)
+                nodes[i] = cell[local[i]];
+            if (found->count) {
+                found->inner |= sbi_body_is_reversed(found->nodes, nodes, count);
+                continue;
+            }
+            found->type = face_type;
+            found->count = face_nodes;
+            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
+        }
+    }
+    return found->count > 0;
+}
+
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+                                   sb_error *error)
+{
+    const int *face = faces + (size_t)f * (size_t)corners;
+    found->count = 0;
+    if (sbi_body_check_nodes(body, face, corners) != SB_OK)
+        return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
+    if (!sbi_body_find_face(body, face, corners, found))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
+                             f, face[0], face[1], face[2]);
+    return SB_OK;
+}
+
 /* ---- supports ---- */
 
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
@@ -18106,6 +19099,9 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         return SB_ERROR_ARGUMENT;
     if (axes == 0)
         return SB_OK;
+    for (int i = 0; i < count && body->elimination; i++)
+        if (body->elimination->slave[nodes[i]] & axes)
+            return SB_ERROR_ARGUMENT;
     result = sbi_body_reserve_supports(body, nodes, count);
     for (int i = 0; i < count && result == SB_OK; i++) {
         int node = nodes[i];
@@ -18222,6 +19218,8 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->equilibrated, 0, bytes);
     for (int i = 0; i < body->load_count; i++)
         sbi_body_reset_load(body->loads + i);
+    if (body->elimination)
+        memset(body->elimination->force, 0, (size_t)body->elimination->equations.count * sizeof(sb_real));
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
@@ -18402,57 +19400,80 @@ static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, 
             gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
 }
 
-/* What all nodes of one part in a row do to one of its axes. */
-static void sbi_body_row_motion(const sb_body *body, const int *nodes, const sb_real *weights, int count, int part,
-                                int axis, double scale, double r[6])
+/* One row along one axis (of rows that are for all three). */
+typedef struct sbi_body_row {
+    const int *nodes, *dofs; /* one of them */
+    const sb_real *weights;
+    int count, axis;
+    double scale;
+} sbi_body_row;
+
+static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
 {
-    memset(r, 0, 6 * sizeof *r);
-    for (int a = 0; a < count; a++)
-        if (body->node_component[nodes[a]] == part)
-            sbi_body_add_motion(body, nodes[a], axis, (double)weights[a] / scale, r);
+    sbi_body_row row;
+    int first = rows->start[index];
+    row.nodes = rows->nodes ? rows->nodes + first : NULL;
+    row.dofs = rows->nodes ? NULL : rows->dofs + first;
+    row.weights = rows->weights + first;
+    row.count = rows->start[index + 1] - first;
+    row.axis = axis;
+    row.scale = 0;
+    for (int k = 0; k < row.count; k++)
+        row.scale += (double)sb_abs(row.weights[k]);
+    return row;
 }
 
-/* 1 when the part of node `at` of a row is that of no node before it: parts of a row are visited once like this. */
-static int sbi_body_is_new_part(const sb_body *body, const int *nodes, int at)
+static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
 {
-    int part = body->node_component[nodes[at]];
-    for (int a = 0; a < at; a++)
-        if (body->node_component[nodes[a]] == part)
+    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
+}
+
+/* What all terms of one part do to the row. */
+static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int k = 0; k < row->count; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
+                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+}
+
+/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    int part = sbi_body_row_part(body, row, term);
+    for (int k = 0; k < term; k++)
+        if (sbi_body_row_part(body, row, k) == part)
             return 0;
     return part >= 0;
 }
 
-static int sbi_body_row_parts(const sb_body *body, const int *nodes, int count)
+/* 1 when a row goes through several parts. */
+static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
 {
     int parts = 0;
-    for (int a = 0; a < count; a++)
-        parts += sbi_body_is_new_part(body, nodes, a);
-    return parts;
+    for (int k = 0; k < row->count && parts < 2; k++)
+        parts += sbi_body_is_new_part(body, row, k);
+    return parts > 1;
 }
 
-/* Adds one row: all three axes of sum_a weights[a] u(nodes[a]) are held. Rows through several parts go to the gram of
- * the tied parts. */
-static void sbi_body_hold_row(const sb_body *body, const int *nodes, const sb_real *weights, int count)
+/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
 {
     size_t stride = 6 * (size_t)body->tie_count;
-    int tied = sbi_body_row_parts(body, nodes, count) > 1;
-    double scale = 0;
-    for (int a = 0; a < count; a++)
-        scale += (double)sb_abs(weights[a]);
-    for (int a = 0; a < count && scale > 0; a++)
-        for (int b = 0; b < count && sbi_body_is_new_part(body, nodes, a); b++) {
-            int part = body->node_component[nodes[a]], other = body->node_component[nodes[b]];
-            if ((!tied && b != a) || !sbi_body_is_new_part(body, nodes, b))
+    int tied = sbi_body_is_tie(body, row);
+    for (int a = 0; a < row->count && row->scale > 0; a++)
+        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
+            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
+            double r[6], s[6];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
                 continue;
-            for (int axis = 0; axis < 3; axis++) {
-                double r[6], s[6];
-                sbi_body_row_motion(body, nodes, weights, count, part, axis, scale, r);
-                sbi_body_row_motion(body, nodes, weights, count, other, axis, scale, s);
-                if (tied)
-                    sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
-                else
-                    sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
-            }
+            sbi_body_row_motion(body, row, part, r);
+            sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+            else
+                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
         }
 }
 
@@ -18495,22 +19516,23 @@ static int sbi_body_free_motion(double *gram, int parts, double *traces)
 }
 
 /* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
-static int sbi_body_number_ties(sb_body *body, int row_count, const int *row_start, const int *nodes, int count)
+static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
 {
-    for (int j = 0; j < row_count; j++) {
-        const int *row = nodes + row_start[j];
-        int size = row_start[j + 1] - row_start[j], tied = sbi_body_row_parts(body, row, size) > 1;
-        for (int a = 0; a < size && tied; a++)
-            if (body->node_component[row[a]] >= 0 && body->tie_of[body->node_component[row[a]]] < 0)
-                body->tie_of[body->node_component[row[a]]] = count++;
+    for (int j = 0; j < rows->count; j++) {
+        sbi_body_row row = sbi_body_make_row(rows, j, 0);
+        int tied = sbi_body_is_tie(body, &row);
+        for (int k = 0; k < row.count && tied; k++) {
+            int part = sbi_body_row_part(body, &row, k);
+            if (part >= 0 && body->tie_of[part] < 0)
+                body->tie_of[part] = count++;
+        }
     }
     return count;
 }
 
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
-                                        sb_error *error)
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
 {
-    int count = sbi_body_number_ties(body, row_count, row_start, nodes, body->tie_count);
+    int count = sbi_body_number_ties(body, rows, body->tie_count);
     if (count > body->tie_capacity) {
         size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
         double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
@@ -18526,7 +19548,27 @@ SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int 
     return SB_OK;
 }
 
-/* Sums what holds each part: supports, springs, and rows of mappings. */
+/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
+static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
+{
+    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
+            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
+            sbi_body_hold_row(body, &row);
+        }
+}
+
+static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
+{
+    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
+    for (int j = 0; j < rows.count; j++) {
+        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
+        sbi_body_hold_row(body, &row);
+    }
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
 static void sbi_body_gather_holds(const sb_body *body)
 {
     size_t stride = 6 * (size_t)body->tie_count;
@@ -18540,13 +19582,10 @@ static void sbi_body_gather_holds(const sb_body *body)
                 sbi_body_add_motion(body, i, axis, 1, r);
                 sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
             }
-    for (int l = 0; l < body->load_count; l++) {
-        const sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
-            if (load->stiffness[j] > 0)
-                sbi_body_hold_row(body, load->nodes + load->row_start[j], load->weights + load->row_start[j],
-                                  load->row_start[j + 1] - load->row_start[j]);
-    }
+    for (int l = 0; l < body->load_count; l++)
+        sbi_body_hold_load(body, body->loads + l);
+    if (body->elimination)
+        sbi_body_hold_equations(body, &body->elimination->equations);
     for (int c = 0; c < body->component_count; c++)
         for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
             for (int j = 0; j < 6; j++)
@@ -18575,18 +19614,6 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
 }
 
 /* ---- set-up check ---- */
-
-SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
-{
-    int found = 0;
-    for (int k = 0; k < count; k++)
-        for (int i = 0; i < count; i++)
-            if (cell[local[k]] == list[i]) {
-                found++;
-                break;
-            }
-    return found == count;
-}
 
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
@@ -18708,66 +19735,6 @@ SB_API void sb_body_clear_loads(sb_body *body)
 
 /* ---- faces ---- */
 
-/* An element's face as a load sees it. */
-typedef struct sbi_load_face {
-    sb_element_type type;
-    int count;
-    int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
-    int inner;                    /* 1: an element stands on its other side, too */
-} sbi_load_face;
-
-/* 1 when the corners of b go round the other way than those of a. */
-static int sbi_load_is_reversed(const int *a, const int *b, int corners)
-{
-    for (int i = 0; i < corners; i++)
-        if (b[i] == a[0])
-            return b[(i + 1) % corners] != a[1];
-    return 0;
-}
-
-/* Finds the element face with these corner nodes; 0 when there is none. */
-static int sbi_load_find_face(const sb_body *body, const int *corners, int count, sbi_load_face *found)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    sbi_element element = sbi_domain_element(&body->domain);
-    int n = body->domain.nodes_per_cell;
-    memset(found, 0, sizeof *found);
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        for (int face = 0; face < sbi_element_face_count(element); face++) {
-            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
-            sb_element_type face_type = SB_NO_ELEMENT;
-            int face_nodes = sbi_element_face(element, face, local, &face_type);
-            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
-                continue;
-            for (int i = 0; i < face_nodes; i++)
-                nodes[i] = cell[local[i]];
-            if (found->count) {
-                found->inner |= sbi_load_is_reversed(found->nodes, nodes, count);
-                continue;
-            }
-            found->type = face_type;
-            found->count = face_nodes;
-            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
-        }
-    }
-    return found->count > 0;
-}
-
-/* The face number f of a caller's list, or an error that names it. */
-static sb_result sbi_load_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *found,
-                                   sb_error *error)
-{
-    const int *face = faces + (size_t)f * (size_t)corners;
-    found->count = 0;
-    if (sbi_body_check_nodes(body, face, corners) != SB_OK)
-        return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
-    if (!sbi_load_find_face(body, face, corners, found))
-        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
-                             f, face[0], face[1], face[2]);
-    return SB_OK;
-}
-
 /* Shape functions of a face type at its quadrature points. */
 typedef struct sbi_load_rule {
     sb_element_type type; /* SB_NO_ELEMENT: none yet */
@@ -18808,7 +19775,7 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 /* ---- traction ---- */
 
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_load_face *face, const sbi_load_rule *rule,
+static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
                                   sb_vec3 traction)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
@@ -18835,8 +19802,8 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
     for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
         for (int f = 0; f < face_count; f++) {
-            sbi_load_face face;
-            sb_result result = sbi_load_get_face(body, faces, f, corners, &face, error);
+            sbi_body_face face;
+            sb_result result = sbi_body_get_face(body, faces, f, corners, &face, error);
             if (result != SB_OK)
                 return result;
             sbi_load_need_rule(face.type, &rule);
@@ -18932,10 +19899,10 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 /* ---- pressure ---- */
 
 /* Face number f of a caller's list, which must be of the surface. */
-static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *face,
+static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *face,
                                      sb_error *error)
 {
-    sb_result result = sbi_load_get_face(body, faces, f, corners, face, error);
+    sb_result result = sbi_body_get_face(body, faces, f, corners, face, error);
     if (result == SB_OK && face->inner)
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, face->nodes[0],
                              "face %d (nodes %d %d %d ...) lies between two elements", f, face->nodes[0],
@@ -18948,7 +19915,7 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
                                      sbi_load *load, sb_error *error)
 {
     size_t entries = 0, pairs = 0;
-    sbi_load_face face;
+    sbi_body_face face;
     sb_result result = SB_OK;
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
@@ -19069,6 +20036,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     int rows = mapping->row_count, entries = mapping->row_start[rows];
     size_t pairs = 0;
     sbi_load load;
+    sbi_body_rows ties;
     sb_result result;
     for (int j = 0; j < rows; j++) {
         size_t size = (size_t)(mapping->row_start[j + 1] - mapping->row_start[j]);
@@ -19083,11 +20051,16 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     memcpy(load.weights, mapping->weights, (size_t)entries * sizeof(sb_real));
     sbi_load_put_stiffness(&load, stiffness, uniform);
     sbi_load_put_points(body, &load, points);
+    ties.count = rows;
+    ties.start = load.row_start;
+    ties.nodes = load.nodes;
+    ties.dofs = NULL;
+    ties.weights = load.weights;
     result = sbi_load_check_points(load.target, rows, error); /* the difference may overflow */
     if (result == SB_OK)
         result = sbi_load_reserve(body, error);
     if (result == SB_OK)
-        result = sbi_body_reserve_ties(body, rows, load.row_start, load.nodes, error);
+        result = sbi_body_reserve_ties(body, &ties, error);
     if (result == SB_OK)
         result = sbi_body_extend_pattern(body, rows, load.row_start, load.nodes, error);
     if (result != SB_OK) {
@@ -19283,7 +20256,7 @@ static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, 
 }
 
 /* force_a = -p int N_a x_r x x_s dr ds */
-static void sbi_load_face_force(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+static void sbi_body_face_force(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
                                 sb_vec3 *force)
 {
     memset(force, 0, (size_t)count * sizeof *force);
@@ -19297,7 +20270,7 @@ static void sbi_load_face_force(const sbi_load_rule *rule, int count, const sb_v
 
 /* df_a/dx_b = [k_ab]x with k_ab = p int N_a (x_s N_b,r - x_r N_b,s), symmetrised: [(k_ab - k_ba) / 2]x. What this drops
  * is the boundary term of the patch's rim; inside the faces' shares of it cancel. */
-static void sbi_load_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
                                   const int *blocks, sb_matrix *matrix)
 {
     sb_vec3 k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
@@ -19340,7 +20313,7 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
             double k, reach;
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, u, x, &rule);
-                sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
                     body->follower[nodes[a]] = sb_v3_add(body->follower[nodes[a]], force[a]);
                 continue;
@@ -19400,7 +20373,7 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
             sb_vec3 x[SB_MAX_FACE_NODES];
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, u, x, &rule);
-                sbi_load_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
+                sbi_body_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
             } else {
                 sbi_load_row_tangent(load, j, blocks, factor, matrix);
             }
@@ -19422,7 +20395,7 @@ SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, s
 }
 
 /* Adds the work of a pressure on a face at x along x + s d: the integrand -p N d.(x_r + s d_r) x (x_s + s d_s). */
-static void sbi_load_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
+static void sbi_body_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
                                sb_real pressure, sbi_loads_work *work)
 {
     for (int p = 0; p < rule->count; p++) {
@@ -19448,7 +20421,7 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
                 int count = sbi_load_gather(body, load, j, u, x, &rule);
                 for (int a = 0; a < count; a++)
                     d[a] = du[load->nodes[load->row_start[j] + a]];
-                sbi_load_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
+                sbi_body_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
                 continue;
             }
             way = sbi_body_row_value(load, j, du);
@@ -19512,7 +20485,7 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real 
             sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, pressure_u, x, &rule);
-                sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
                     sbi_load_collect(body, nodes[a], force[a], load, body->external);
                 continue;
@@ -19578,7 +20551,7 @@ static void sbi_load_fade(sb_body *body, const sbi_load *load)
         sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
         if (load->kind == SBI_LOAD_PRESSURE) {
             sbi_load_gather(body, load, j, body->displacement, x, &rule);
-            sbi_load_face_force(&rule, count, x, load->balanced_pressure, force);
+            sbi_body_face_force(&rule, count, x, load->balanced_pressure, force);
         }
         for (int a = 0; a < count; a++) {
             sb_vec3 *sum = body->equilibrated + nodes[a];
@@ -19606,6 +20579,768 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     return SB_OK;
 }
 
+/* ==== src/softbody/constraint.c ==== */
+/* constraint: equations of a body, ties, forces, and what steps ask of them. */
+
+#include <limits.h>
+#include <string.h>
+
+
+/* ---- the set of equations ---- */
+
+/* Puts a condensed system for these equations in place of the old one, taking them over; all or nothing. */
+static sb_result sbi_constraint_install(sb_body *b, sbi_equations *equations, sb_error *error)
+{
+    sbi_elimination_setup setup = sbi_body_elimination_setup(b, &b->matrix);
+    sbi_body_rows rows;
+    sbi_elimination *made = NULL, *old = b->elimination;
+    sb_result result = SB_OK;
+    rows.count = equations->count;
+    rows.start = equations->start;
+    rows.nodes = NULL;
+    rows.dofs = equations->dof;
+    rows.weights = equations->coefficient;
+    if (equations->count > 0)
+        result = sbi_body_reserve_ties(b, &rows, error);
+    if (result == SB_OK && equations->count > 0)
+        result = sbi_elimination_create(&setup, equations, &made, error);
+    if (result != SB_OK) {
+        sbi_equations_free(equations);
+        return result;
+    }
+    for (int c = 0; made && old && c < made->equations.count; c++) { /* those that stay keep their force */
+        int before = sbi_equations_find(&old->equations, made->equations.id[c]);
+        made->force[c] = before < 0 ? 0 : old->force[before];
+    }
+    sbi_equations_free(equations);
+    sbi_elimination_free(old);
+    b->elimination = made;
+    return SB_OK;
+}
+
+/* Copies equation `c` of `from` to the end of `to`, whose arrays are large enough. */
+static void sbi_constraint_append(sbi_equations *to, int at, const sbi_equations *from, int c)
+{
+    int terms = from->start[c + 1] - from->start[c], first = to->start[at];
+    to->id[at] = from->id[c];
+    to->value[at] = from->value[c];
+    memcpy(to->dof + first, from->dof + from->start[c], (size_t)terms * sizeof(int));
+    memcpy(to->coefficient + first, from->coefficient + from->start[c], (size_t)terms * sizeof(sb_real));
+    to->start[at + 1] = first + terms;
+}
+
+static sb_result sbi_constraint_no_memory(sb_error *error, int count)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d constraints", count);
+}
+
+/* The body's equations but those with first <= id < first + count, with room for more. */
+static sb_result sbi_constraint_copy(const sb_body *b, int first, int count, int more, size_t more_terms,
+                                     sbi_equations *equations, sb_error *error)
+{
+    const sbi_equations *old = b->elimination ? &b->elimination->equations : NULL;
+    int old_count = old ? old->count : 0, kept = 0;
+    size_t terms = more_terms;
+    for (int c = 0; c < old_count; c++)
+        if (old->id[c] < first || old->id[c] - first >= count) {
+            terms += (size_t)(old->start[c + 1] - old->start[c]);
+            kept++;
+        }
+    if (more > INT_MAX - kept || !sbi_equations_allocate(&b->allocator, kept + more, terms, equations))
+        return sbi_constraint_no_memory(error, more);
+    kept = 0;
+    for (int c = 0; c < old_count; c++)
+        if (old->id[c] < first || old->id[c] - first >= count)
+            sbi_constraint_append(equations, kept++, old, c);
+    equations->count = kept + more;
+    return SB_OK;
+}
+
+/* ---- adding and removing ---- */
+
+static char sbi_constraint_axis(int axis) { return (char)('x' + axis); }
+
+static sb_result sbi_constraint_check_terms(const sb_body *b, const sb_constraint_term *terms, int count,
+                                            sb_error *error)
+{
+    int node = terms[0].node, axis = terms[0].axis;
+    for (int k = 0; k < count; k++) {
+        if (terms[k].node < 0 || terms[k].node >= b->domain.node_count)
+            return sbi_fail_node(error, SB_ERROR_INDEX, terms[k].node, "a constraint names node %d of %d",
+                                 terms[k].node, b->domain.node_count);
+        if (terms[k].axis < 0 || terms[k].axis > 2)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, terms[k].node,
+                                 "a constraint names axis %d of node %d: it must be 0, 1 or 2", terms[k].axis,
+                                 terms[k].node);
+        if (!sb_is_finite(terms[k].coefficient))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, terms[k].node,
+                                 "the coefficient of node %d along %c is not finite", terms[k].node,
+                                 sbi_constraint_axis(terms[k].axis));
+    }
+    for (int k = 0; k < count; k++)
+        if (terms[0].coefficient == 0 || !sb_is_finite(terms[k].coefficient / terms[0].coefficient))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 "the coefficient %g of the slave, node %d along %c, is too small",
+                                 (double)terms[0].coefficient, node, sbi_constraint_axis(axis));
+    if (b->fixed[node] >> axis & 1)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "the slave, node %d along %c, is supported", node,
+                             sbi_constraint_axis(axis));
+    return SB_OK;
+}
+
+/* All arguments of an addition; *total: terms of all constraints. */
+static sb_result sbi_constraint_check(const sb_body *b, const sb_constraint_term *terms, const int *term_counts,
+                                      const sb_real *values, int count, size_t *total, sb_error *error)
+{
+    *total = 0;
+    if (!b || count < 0 || (count > 0 && (!terms || !term_counts)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "constraints need a body, terms and their counts");
+    for (int c = 0; c < count; c++) {
+        sb_result result;
+        if (term_counts[c] < 1)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "constraint %d has %d terms", c, term_counts[c]);
+        if (values && !sb_is_finite(values[c]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, terms[*total].node,
+                                 "the value of constraint %d, of node %d, is not finite", c, terms[*total].node);
+        result = sbi_constraint_check_terms(b, terms + *total, term_counts[c], error);
+        if (result != SB_OK)
+            return result;
+        *total += (size_t)term_counts[c];
+    }
+    if (count > INT_MAX - b->next_constraint || b->domain.node_count > INT_MAX / 3)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "constraints and their unknowns are numbered up to %d", INT_MAX);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_add_constraints(sb_body *body, const sb_constraint_term *terms, const int *term_counts,
+                                         const sb_real *values, int count, int *first_id, sb_error *error)
+{
+    sbi_equations equations;
+    size_t total;
+    int old;
+    sb_result result = sbi_constraint_check(body, terms, term_counts, values, count, &total, error);
+    if (result != SB_OK)
+        return result;
+    if (count > 0) {
+        result = sbi_constraint_copy(body, 0, 0, count, total, &equations, error);
+        if (result != SB_OK)
+            return result;
+        old = equations.count - count;
+        for (int c = 0; c < count; c++) {
+            int at = equations.start[old + c];
+            equations.id[old + c] = body->next_constraint + c;
+            equations.value[old + c] = values ? values[c] : (sb_real)0;
+            for (int k = 0; k < term_counts[c]; k++, terms++, at++) {
+                equations.dof[at] = 3 * terms->node + terms->axis;
+                equations.coefficient[at] = terms->coefficient;
+            }
+            equations.start[old + c + 1] = at;
+        }
+        result = sbi_constraint_install(body, &equations, error);
+        if (result != SB_OK)
+            return result;
+        body->acceleration_known = 0;
+    }
+    if (first_id)
+        *first_id = body->next_constraint;
+    body->next_constraint += count;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_add_constraint(sb_body *body, const sb_constraint_term *terms, int count, sb_real value,
+                                        int *id, sb_error *error)
+{
+    return sb_body_add_constraints(body, terms, &count, &value, 1, id, error);
+}
+
+static int sbi_constraint_find(const sb_body *b, int id)
+{
+    return b->elimination ? sbi_equations_find(&b->elimination->equations, id) : -1;
+}
+
+SB_API sb_result sb_body_set_constraint_value(sb_body *body, int id, sb_real value)
+{
+    int c = body ? sbi_constraint_find(body, id) : -1;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (c < 0)
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(value))
+        return SB_ERROR_NOT_FINITE;
+    body->elimination->equations.value[c] = value;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_remove_constraints(sb_body *body, int first_id, int count, sb_error *error)
+{
+    sbi_equations equations;
+    sb_result result;
+    if (!body || count < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "removing constraints needs a body and a count >= 0");
+    if (count == 0)
+        return SB_OK;
+    if (first_id < 0 || count > INT_MAX - first_id)
+        return sbi_fail(error, SB_ERROR_INDEX, "the body has no constraint %d", first_id);
+    for (int id = first_id; id < first_id + count; id++)
+        if (sbi_constraint_find(body, id) < 0)
+            return sbi_fail(error, SB_ERROR_INDEX, "the body has no constraint %d", id);
+    result = sbi_constraint_copy(body, first_id, count, 0, 0, &equations, error);
+    if (result == SB_OK)
+        result = sbi_constraint_install(body, &equations, error);
+    if (result == SB_OK)
+        body->acceleration_known = 0;
+    return result;
+}
+
+SB_API sb_result sb_body_remove_constraint(sb_body *body, int id, sb_error *error)
+{
+    return sb_body_remove_constraints(body, id, 1, error);
+}
+
+SB_API void sb_body_clear_constraints(sb_body *body)
+{
+    if (!body->elimination)
+        return;
+    sbi_elimination_free(body->elimination);
+    body->elimination = NULL;
+    body->acceleration_known = 0;
+}
+
+SB_API int sb_body_constraint_count(const sb_body *body)
+{
+    return body->elimination ? body->elimination->equations.count : 0;
+}
+
+SB_API sb_result sb_body_constraint_force(const sb_body *body, int id, sb_real *force)
+{
+    int c = body ? sbi_constraint_find(body, id) : -1;
+    if (!body || !force)
+        return SB_ERROR_ARGUMENT;
+    if (c < 0)
+        return SB_ERROR_INDEX;
+    *force = body->elimination->force[c];
+    return SB_OK;
+}
+
+/* ---- ties: the closest point of a face ---- */
+
+/* A master face in its present shape. */
+typedef struct sbi_tie_face {
+    sb_element_type type;
+    int count;
+    int nodes[SB_MAX_FACE_NODES];
+    sb_vec3 centre;       /* mean of the nodes (m) */
+    sb_real radius;       /* largest distance of a node from it (m) */
+} sbi_tie_face;
+
+/* Where a slave node meets the faces. */
+typedef struct sbi_tie_point {
+    int face;             /* -1: none yet */
+    sb_real distance;     /* m */
+    sb_real xi[3];
+} sbi_tie_point;
+
+/* Barycentric coordinates of the point of triangle x closest to p: after Ericson, Real-Time Collision Detection
+ * (2005), 5.1.5, by the Voronoi regions of corners, edges and inside. */
+static void sbi_tie_triangle(const sb_vec3 x[3], sb_vec3 p, sb_real bary[3])
+{
+    sb_vec3 ab = sb_v3_sub(x[1], x[0]), ac = sb_v3_sub(x[2], x[0]), ap = sb_v3_sub(p, x[0]);
+    sb_vec3 bp = sb_v3_sub(p, x[1]), cp = sb_v3_sub(p, x[2]);
+    sb_real d1 = sb_v3_dot(ab, ap), d2 = sb_v3_dot(ac, ap), d3 = sb_v3_dot(ab, bp), d4 = sb_v3_dot(ac, bp);
+    sb_real d5 = sb_v3_dot(ab, cp), d6 = sb_v3_dot(ac, cp);
+    sb_real va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, sum = va + vb + vc;
+    sb_real v = 0, w = 0;
+    if (d1 <= 0 && d2 <= 0) {
+        v = w = 0;
+    } else if (d3 >= 0 && d4 <= d3) {
+        v = 1;
+    } else if (d6 >= 0 && d5 <= d6) {
+        w = 1;
+    } else if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+        v = d1 / (d1 - d3);
+    } else if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+        w = d2 / (d2 - d6);
+    } else if (va <= 0 && d4 >= d3 && d5 >= d6) {
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        v = 1 - w;
+    } else {
+        v = vb / sum;
+        w = vc / sum;
+    }
+    bary[0] = 1 - v - w;
+    bary[1] = v;
+    bary[2] = w;
+}
+
+/* Point of the face at xi; slopes dx/dr, dx/ds when wanted. */
+static sb_vec3 sbi_tie_evaluate(const sb_body *b, const sbi_tie_face *face, const sb_real xi[3], sb_vec3 slope[2])
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
+    sb_vec3 x = sb_v3(0, 0, 0), r = x, s = x;
+    sb_element_shape(face->type, xi, shape, gradient);
+    for (int a = 0; a < face->count; a++) {
+        sb_vec3 node = b->position[face->nodes[a]];
+        x = sb_v3_madd(x, shape[a], node);
+        r = sb_v3_madd(r, gradient[a][0], node);
+        s = sb_v3_madd(s, gradient[a][1], node);
+    }
+    if (slope) {
+        slope[0] = r;
+        slope[1] = s;
+    }
+    return x;
+}
+
+/* Closest point on one triangle of parameters with corners at x, if it beats *best. */
+static void sbi_tie_try_piece(const sb_real (*corners)[3], const sb_vec3 *x, sb_vec3 p, sb_real *best, sb_real xi[3])
+{
+    sb_real bary[3], distance;
+    sb_vec3 at;
+    sbi_tie_triangle(x, p, bary);
+    at = sb_v3_madd(sb_v3_madd(sb_v3_scale(bary[0], x[0]), bary[1], x[1]), bary[2], x[2]);
+    distance = sb_v3_norm(sb_v3_sub(p, at));
+    if (!(distance < *best))
+        return;
+    *best = distance;
+    for (int k = 0; k < 2; k++)
+        xi[k] = bary[0] * corners[0][k] + bary[1] * corners[1][k] + bary[2] * corners[2][k];
+}
+
+enum { SBI_TIE_CUTS = 4 }; /* pieces per side of a curved face, to start from */
+
+/* The parameter domain cut into flat pieces, [cuts]^2 triangles or pairs of them; the start of the search. */
+static void sbi_tie_start(const sb_body *b, const sbi_tie_face *face, sb_vec3 p, int cuts, sb_real xi[3])
+{
+    int box = sb_element_corner_count(face->type) == 4;
+    sb_real best = SB_REAL_MAX, low = box ? (sb_real)-1 : (sb_real)0;
+    sb_real side = (box ? (sb_real)2 : (sb_real)1) / (sb_real)cuts;
+    for (int i = 0; i < cuts; i++)
+        for (int j = 0; j < (box ? cuts : cuts - i); j++)
+            for (int half = 0; half < (box || i + j < cuts - 1 ? 2 : 1); half++) {
+                sb_real corners[3][3];
+                sb_vec3 x[3];
+                for (int k = 0; k < 3; k++) { /* lower half: (0,0) (1,0) (0,1); upper: (1,1) (0,1) (1,0) */
+                    corners[k][0] = low + side * (sb_real)(i + (half ? k != 1 : k == 1));
+                    corners[k][1] = low + side * (sb_real)(j + (half ? k != 2 : k == 2));
+                    corners[k][2] = 0;
+                    x[k] = sbi_tie_evaluate(b, face, corners[k], NULL);
+                }
+                sbi_tie_try_piece((const sb_real(*)[3])corners, x, p, &best, xi);
+            }
+}
+
+/* One Gauss-Newton step: the closest point of the face's linearisation at xi over the whole parameter domain, which
+ * keeps to its edges by itself. */
+static void sbi_tie_linearised(const sb_body *b, const sbi_tie_face *face, sb_vec3 p, const sb_real xi[3],
+                               sb_real next[3])
+{
+    int corner_count = sb_element_corner_count(face->type);
+    sb_vec3 slope[2], x = sbi_tie_evaluate(b, face, xi, slope), at[3];
+    sb_real best = SB_REAL_MAX, corners[3][3];
+    next[0] = xi[0];
+    next[1] = xi[1];
+    next[2] = 0;
+    for (int piece = 0; piece + 2 < corner_count; piece++) {
+        for (int k = 0; k < 3; k++) {
+            sb_element_node_point(face->type, k == 0 ? 0 : piece + k, corners[k]);
+            at[k] = sb_v3_madd(x, corners[k][0] - xi[0], slope[0]);
+            at[k] = sb_v3_madd(at[k], corners[k][1] - xi[1], slope[1]);
+        }
+        sbi_tie_try_piece((const sb_real(*)[3])corners, at, p, &best, next);
+    }
+}
+
+/* Closest point of a face: flat pieces to start from, then Gauss-Newton as long as the distance falls. */
+static sb_real sbi_tie_project(const sb_body *b, const sbi_tie_face *face, sb_vec3 p, sb_real xi[3])
+{
+    sb_real distance;
+    xi[0] = xi[1] = xi[2] = 0;
+    sbi_tie_start(b, face, p, face->type == SB_TRI3 ? 1 : SBI_TIE_CUTS, xi);
+    distance = sb_v3_norm(sb_v3_sub(p, sbi_tie_evaluate(b, face, xi, NULL)));
+    for (int iteration = 0; iteration < 50 && face->type != SB_TRI3; iteration++) {
+        sb_real goal[3], next[3] = {0, 0, 0}, fell = distance, t;
+        sbi_tie_linearised(b, face, p, xi, goal);
+        for (t = 1; t > (sb_real)1e-3; t *= (sb_real)0.5) {
+            next[0] = xi[0] + t * (goal[0] - xi[0]);
+            next[1] = xi[1] + t * (goal[1] - xi[1]);
+            fell = sb_v3_norm(sb_v3_sub(p, sbi_tie_evaluate(b, face, next, NULL)));
+            if (fell < distance)
+                break;
+        }
+        if (!(fell < distance))
+            break;
+        distance = fell;
+        xi[0] = next[0];
+        xi[1] = next[1];
+    }
+    return distance;
+}
+
+/* ---- ties: faces and nodes ---- */
+
+typedef struct sbi_tie {
+    sb_body *body;
+    sbi_tie_face *faces;     /* [face_count] */
+    int face_count;
+    const int *slaves;
+    int slave_count;
+    sb_real max_distance;
+    int options;
+    unsigned char *marks;    /* [node_count] 1: on a face, 2: a slave */
+    sb_constraint_term *terms;
+    int *term_counts;        /* [3 slave_count] */
+    sb_real *values;         /* [3 slave_count] */
+    size_t term_count;
+    sb_tie_report report;
+} sbi_tie;
+
+/* Finds the faces on the elements and their bounding spheres. */
+static sb_result sbi_tie_find_faces(sbi_tie *tie, const int *corners, int corner_count, sb_error *error)
+{
+    const sb_body *b = tie->body;
+    for (int f = 0; f < tie->face_count; f++) {
+        sbi_tie_face *face = tie->faces + f;
+        sbi_body_face found;
+        sb_result result = sbi_body_get_face(b, corners, f, corner_count, &found, error);
+        if (result != SB_OK)
+            return result;
+        face->type = found.type;
+        face->count = found.count;
+        memcpy(face->nodes, found.nodes, sizeof face->nodes);
+        face->centre = sb_v3(0, 0, 0);
+        face->radius = 0;
+        for (int a = 0; a < face->count; a++) {
+            tie->marks[face->nodes[a]] |= 1;
+            face->centre = sb_v3_madd(face->centre, (sb_real)1 / (sb_real)face->count, b->position[face->nodes[a]]);
+        }
+        for (int a = 0; a < face->count; a++)
+            face->radius = sb_max(face->radius, sb_v3_norm(sb_v3_sub(b->position[face->nodes[a]], face->centre)));
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tie_check_slaves(sbi_tie *tie, sb_error *error)
+{
+    const sb_body *b = tie->body;
+    for (int k = 0; k < tie->slave_count; k++) {
+        int node = tie->slaves[k];
+        if (node < 0 || node >= b->domain.node_count)
+            return sbi_fail_node(error, SB_ERROR_INDEX, node, "slave %d is node %d of %d", k, node,
+                                 b->domain.node_count);
+        if (tie->marks[node] & 1)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "slave node %d is on the master faces", node);
+        if (tie->marks[node] & 2)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "slave node %d is listed twice", node);
+        tie->marks[node] |= 2;
+    }
+    return SB_OK;
+}
+
+/* How far the face can reach from its centre: corners bound a flat face, sum |N_a| <= 3 a curved one. */
+static sb_real sbi_tie_reach(const sbi_tie_face *face)
+{
+    return face->count > sb_element_corner_count(face->type) ? 3 * face->radius : face->radius;
+}
+
+static sbi_tie_point sbi_tie_closest(const sbi_tie *tie, sb_vec3 p)
+{
+    sbi_tie_point best;
+    best.face = -1;
+    best.distance = SB_REAL_MAX;
+    best.xi[0] = best.xi[1] = best.xi[2] = 0;
+    for (int f = 0; f < tie->face_count; f++) {
+        const sbi_tie_face *face = tie->faces + f;
+        sb_real xi[3], distance, away = sb_v3_norm(sb_v3_sub(p, face->centre));
+        if (away - sbi_tie_reach(face) > best.distance)
+            continue;
+        distance = sbi_tie_project(tie->body, face, p, xi);
+        if (distance < best.distance) {
+            best.face = f;
+            best.distance = distance;
+            memcpy(best.xi, xi, sizeof xi);
+        }
+    }
+    return best;
+}
+
+/* Shape functions at the point, those that are rounding of the coordinates set to 0, with sum 1. */
+static void sbi_tie_weights(const sbi_tie *tie, const sbi_tie_point *point, sb_real *weights)
+{
+    const sbi_tie_face *face = tie->faces + point->face;
+    sb_real size = sb_max(sb_max(sb_abs(face->centre.x), sb_abs(face->centre.y)), sb_abs(face->centre.z));
+    sb_real least = 64 * SB_EPSILON * (1 + size / face->radius), sum = 0;
+    int largest = 0;
+    sb_element_shape(face->type, point->xi, weights, NULL);
+    for (int a = 0; a < face->count; a++) {
+        if (sb_abs(weights[a]) < least)
+            weights[a] = 0;
+        if (weights[a] > weights[largest])
+            largest = a;
+    }
+    for (int a = 0; a < face->count; a++)
+        sum += a == largest ? (sb_real)0 : weights[a];
+    weights[largest] = 1 - sum;
+}
+
+/* The constraints of one slave node. */
+static void sbi_tie_node(sbi_tie *tie, int node, const sbi_tie_point *point)
+{
+    const sb_body *b = tie->body;
+    const sbi_tie_face *face = tie->faces + point->face;
+    const sb_vec3 *held = tie->options & SB_TIE_CLOSE_GAPS ? b->reference : b->displacement;
+    sb_real weights[SB_MAX_ELEMENT_NODES], sign = tie->options & SB_TIE_CLOSE_GAPS ? (sb_real)-1 : (sb_real)1;
+    sb_vec3 offset = held[node];
+    sbi_tie_weights(tie, point, weights);
+    for (int a = 0; a < face->count; a++)
+        offset = sb_v3_madd(offset, -weights[a], held[face->nodes[a]]);
+    for (int axis = 0; axis < 3; axis++) {
+        int first = (int)tie->term_count;
+        if (b->fixed[node] >> axis & 1)
+            continue;
+        for (int a = -1; a < face->count; a++) {
+            sb_constraint_term *term = tie->terms + tie->term_count;
+            if (a >= 0 && weights[a] == 0)
+                continue;
+            term->node = a < 0 ? node : face->nodes[a];
+            term->axis = axis;
+            term->coefficient = a < 0 ? (sb_real)1 : -weights[a];
+            tie->term_count++;
+        }
+        tie->values[tie->report.constraint_count] = sign * sbi_elimination_get(&offset, axis);
+        tie->term_counts[tie->report.constraint_count++] = (int)tie->term_count - first;
+    }
+}
+
+static sb_result sbi_tie_nodes(sbi_tie *tie, sb_error *error)
+{
+    sb_tie_report *report = &tie->report;
+    sb_real farthest = -1;
+    for (int k = 0; k < tie->slave_count; k++) {
+        int node = tie->slaves[k];
+        sbi_tie_point point = sbi_tie_closest(tie, tie->body->position[node]);
+        sb_real allowed = tie->max_distance;
+        if (allowed < 0)
+            allowed = point.face < 0 ? (sb_real)0 : (sb_real)0.2 * tie->faces[point.face].radius;
+        if (point.face < 0 || point.distance > allowed) {
+            if (tie->options & SB_TIE_ALL)
+                return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                     "slave node %d is %g m from the nearest master face, more than %g", node,
+                                     (double)point.distance, (double)allowed);
+            if (point.distance > farthest)
+                report->farthest_node = node;
+            farthest = sb_max(farthest, point.distance);
+            report->free_count++;
+            continue;
+        }
+        report->tied_count++;
+        report->supported_count += tie->body->fixed[node] != 0;
+        report->largest_gap = sb_max(report->largest_gap, point.distance);
+        sbi_tie_node(tie, node, &point);
+    }
+    return SB_OK;
+}
+
+/* Everything of the call in one block. */
+static void sbi_tie_layout(sbi_tie *tie, sbi_arena *arena)
+{
+    size_t slaves = (size_t)tie->slave_count, faces = (size_t)tie->face_count;
+    tie->faces = (sbi_tie_face *)sbi_arena_take(arena, faces, sizeof(sbi_tie_face));
+    tie->marks = (unsigned char *)sbi_arena_take(arena, (size_t)tie->body->domain.node_count, 1);
+    tie->terms = (sb_constraint_term *)sbi_arena_take(arena, slaves,
+                                                      3 * (1 + SB_MAX_FACE_NODES) * sizeof(sb_constraint_term));
+    tie->term_counts = (int *)sbi_arena_take(arena, slaves, 3 * sizeof(int));
+    tie->values = (sb_real *)sbi_arena_take(arena, slaves, 3 * sizeof(sb_real));
+}
+
+static sb_result sbi_tie_run(sbi_tie *tie, const int *faces, int corners, sb_error *error)
+{
+    sb_result result = sbi_tie_find_faces(tie, faces, corners, error);
+    if (result == SB_OK)
+        result = sbi_tie_check_slaves(tie, error);
+    if (result == SB_OK)
+        result = sbi_tie_nodes(tie, error);
+    if (result == SB_OK)
+        result = sb_body_add_constraints(tie->body, tie->terms, tie->term_counts, tie->values,
+                                         tie->report.constraint_count, &tie->report.first_constraint, error);
+    return result;
+}
+
+SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
+                                   const int *slave_nodes, int slave_count, sb_real max_distance, int options,
+                                   sb_tie_report *report, sb_error *error)
+{
+    sbi_tie tie;
+    sbi_arena arena = {NULL, 0, 0};
+    sb_result result;
+    void *memory = NULL;
+    if (!body || face_count < 0 || corners < 3 || corners > 4 || slave_count < 0 || (face_count > 0 && !faces) ||
+        (slave_count > 0 && !slave_nodes))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tie needs faces of 3 or 4 corners and slave nodes");
+    if (!sb_is_finite(max_distance) || options < 0 || options > (SB_TIE_CLOSE_GAPS | SB_TIE_ALL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_distance %g of a tie is not finite, or its options %d unknown",
+                        (double)max_distance, options);
+    memset(&tie, 0, sizeof tie);
+    tie.body = body;
+    tie.face_count = face_count;
+    tie.slaves = slave_nodes;
+    tie.slave_count = slave_count;
+    tie.max_distance = max_distance;
+    tie.options = options;
+    tie.report.farthest_node = -1;
+    sbi_tie_layout(&tie, &arena);
+    if (!arena.overflow && slave_count <= INT_MAX / (3 * (1 + SB_MAX_FACE_NODES)))
+        memory = sbi_alloc_zeroed(&body->allocator, arena.used, 1);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d nodes", slave_count);
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_tie_layout(&tie, &arena);
+    result = sbi_tie_run(&tie, faces, corners, error);
+    sbi_free(&body->allocator, memory);
+    if (result == SB_OK && report)
+        *report = tie.report;
+    return result;
+}
+
+/* ---- for steps ---- */
+
+static uint64_t sbi_constraint_hash(uint64_t hash, const void *data, size_t bytes)
+{
+    const unsigned char *p = (const unsigned char *)data;
+    for (size_t i = 0; i < bytes; i++) /* FNV-1a */
+        hash = (hash ^ p[i]) * UINT64_C(1099511628211);
+    return hash;
+}
+
+SBI_API uint64_t sbi_constraint_signature(const sb_body *body)
+{
+    const sbi_equations *q = body->elimination ? &body->elimination->equations : NULL;
+    uint64_t hash = UINT64_C(14695981039346656037);
+    size_t terms;
+    if (!q)
+        return 0;
+    terms = (size_t)q->start[q->count];
+    hash = sbi_constraint_hash(hash, q->id, (size_t)q->count * sizeof(int));
+    hash = sbi_constraint_hash(hash, q->start, ((size_t)q->count + 1) * sizeof(int));
+    hash = sbi_constraint_hash(hash, q->dof, terms * sizeof(int));
+    return sbi_constraint_hash(hash, q->coefficient, terms * sizeof(sb_real));
+}
+
+/* sum over the masters of equation c of -a_k / a_0 times v_k */
+static sb_real sbi_constraint_follow_rate(const sbi_equations *q, int c, const sb_vec3 *v)
+{
+    double sum = 0;
+    for (int t = q->start[c] + 1; t < q->start[c + 1]; t++)
+        sum -= (double)q->coefficient[t] * (double)sbi_elimination_get(v, q->dof[t]);
+    return (sb_real)(sum / (double)q->coefficient[q->start[c]]);
+}
+
+/* As a moving support's, the gap's rate is constant over the step: way / dt, whatever it was before. */
+SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt)
+{
+    const sbi_elimination *e = body->elimination;
+    const sbi_equations *q = &e->equations;
+    for (int k = 0; k < q->count; k++) {
+        int c = e->order[k], slave = q->dof[q->start[c]];
+        sb_real way = e->start_gap[c], rate = way / dt;
+        sb_real before = sbi_elimination_get(body->velocity, slave) - sbi_constraint_follow_rate(q, c, body->velocity);
+        *sbi_elimination_at(body->velocity0, slave) =
+            sbi_constraint_follow_rate(q, c, body->velocity0) + (rate - cv * way);
+        *sbi_elimination_at(body->acceleration0, slave) =
+            sbi_constraint_follow_rate(q, c, body->acceleration0) + ((rate - before) / dt - ca * way);
+    }
+}
+
+SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance)
+{
+    sbi_elimination *e = body->elimination;
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] < 0) /* nodes of no element feel constraints only */
+            out_of_balance[i] = sb_v3(0, 0, 0);
+    sbi_elimination_reduce(e, out_of_balance, out_of_balance, e->force);
+    for (int i = 0; i < body->domain.node_count; i++)
+        body->reaction[i] = sbi_body_pick_axes(body->fixed[i], out_of_balance[i], sb_v3(0, 0, 0));
+}
+
+/* ---- lumped masses ---- */
+
+/* One entry of T in the row of a slave axis. */
+typedef struct sbi_constraint_entry {
+    int dof;          /* of the master */
+    sb_real weight;
+    int is_free;
+} sbi_constraint_entry;
+
+/* Entry `k` of the row of (node, axis), from 0; 0 past the end. */
+static int sbi_constraint_entry_of(const sb_body *b, int node, int axis, int k, sbi_constraint_entry *entry)
+{
+    const sbi_elimination *e = b->elimination;
+    int block = e->first[node] + k / 3;
+    if (block >= e->first[node + 1])
+        return 0;
+    entry->dof = 3 * e->master[block] + k % 3;
+    entry->weight = e->weight[block][3 * axis + k % 3];
+    entry->is_free = entry->weight != 0 && !(b->fixed[e->master[block]] >> k % 3 & 1);
+    return 1;
+}
+
+SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error)
+{
+    const sbi_elimination *e = body->elimination;
+    for (int i = 0; e && i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            sbi_constraint_entry entry;
+            int masters = 0, negative = 0;
+            for (int k = 0; e->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry); k++) {
+                masters += entry.is_free;
+                negative += entry.is_free && entry.weight < 0;
+            }
+            if (masters > 1 && negative > 0)
+                return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, i,
+                                     "the mass of slave node %d along %c cannot be lumped: a weight is negative", i,
+                                     sbi_constraint_axis(axis));
+        }
+    return SB_OK;
+}
+
+/* Hands force and mass of one slave axis to its free masters. */
+static void sbi_constraint_lump(sb_body *b, int node, int axis, sb_vec3 *force, sb_vec3 *mass,
+                                const sb_vec3 *acceleration)
+{
+    sbi_constraint_entry entry;
+    sb_real known = 0, sum = 0, m = b->lumped_mass[node], f = sbi_elimination_get(force, 3 * node + axis);
+    for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++) {
+        if (entry.is_free)
+            sum += entry.weight;
+        else
+            known += entry.weight * sbi_elimination_get(acceleration, entry.dof);
+    }
+    for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++)
+        if (entry.is_free) {
+            *sbi_elimination_at(force, entry.dof) += entry.weight * (f - m * known);
+            *sbi_elimination_at(mass, entry.dof) += entry.weight * m * sum;
+        }
+}
+
+SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration)
+{
+    sbi_elimination *e = body->elimination;
+    int n = body->domain.node_count;
+    memcpy(e->work, force, (size_t)n * sizeof(sb_vec3));
+    for (int i = 0; i < n; i++)
+        e->reduced[i] = sb_v3(body->lumped_mass[i], body->lumped_mass[i], body->lumped_mass[i]);
+    for (int i = 0; i < n; i++)
+        for (int axis = 0; axis < 3; axis++)
+            if (e->slave[i] >> axis & 1)
+                sbi_constraint_lump(body, i, axis, e->work, e->reduced, acceleration);
+    for (int i = 0; i < n; i++)
+        for (int axis = 0; axis < 3; axis++)
+            if (!((body->fixed[i] | e->slave[i]) >> axis & 1))
+                *sbi_elimination_at(acceleration, 3 * i + axis) =
+                    sbi_elimination_get(e->work, 3 * i + axis) / sbi_elimination_get(e->reduced, 3 * i + axis);
+    sbi_elimination_expand(e, acceleration, 0);
+}
+
 /* ==== src/softbody/step.c ==== */
 /* step: one Newton driver for time steps and static solves.
  *
@@ -19631,7 +21366,7 @@ typedef struct sbi_newton {
     int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
                                * has it in A already */
     int has_velocity;         /* v may differ from 0 at the current u */
-    int moves_supports;       /* the present increment moves supported nodes */
+    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
     sb_real scale;            /* largest force (N), to compare residuals with */
     sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
     sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
@@ -19652,14 +21387,14 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
     return (sb_real)sum;
 }
 
-/* Norm of the components on free (or on fixed) axes. */
+/* Norm of the components on free (or on supported and slave) axes. */
 static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed)
 {
     const sb_vec3 zero = sb_v3(0, 0, 0);
     double sum = 0;
     for (int i = 0; i < body->domain.node_count; i++) {
-        sb_vec3 v = on_fixed ? sbi_body_pick_axes(body->fixed[i], a[i], zero)
-                             : sbi_body_pick_axes(body->fixed[i], zero, a[i]);
+        unsigned held = sbi_body_held(body, i);
+        sb_vec3 v = on_fixed ? sbi_body_pick_axes(held, a[i], zero) : sbi_body_pick_axes(held, zero, a[i]);
         sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
     }
     return sb_sqrt((sb_real)sum);
@@ -19815,7 +21550,9 @@ static void sbi_newton_residual(sbi_newton *newton)
         sbi_newton_add_dynamics(newton);
     }
     newton->last_norm = newton->norm;
-    newton->norm = sbi_step_norm(b, b->residual, 0);
+    if (b->elimination)
+        sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
+    newton->norm = sbi_step_norm(b, b->elimination ? b->elimination->reduced : b->residual, 0);
 }
 
 /* ---- one Newton iteration: linear solve ---- */
@@ -19839,6 +21576,8 @@ static sb_vec3 sbi_newton_way_to_go(const sbi_newton *newton, int i)
 static int sbi_newton_supports_move(const sbi_newton *newton)
 {
     const sb_body *b = newton->body;
+    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, newton->load_factor))
+        return 1;
     for (int i = 0; i < b->domain.node_count; i++)
         if (b->fixed[i]) {
             sb_vec3 go = sbi_newton_way_to_go(newton, i);
@@ -19873,6 +21612,19 @@ static void sbi_newton_keep_support_rows(sb_body *b)
         }
 }
 
+/* Reactions of a constrained body, whose matrix has not been masked: r, or r + A du, condensed. */
+static void sbi_newton_constrained_reactions(const sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    memcpy(b->work, b->residual, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (newton->linearised) {
+        sb_matrix_multiply(&b->matrix, &b->increment[0].x, &b->work2[0].x, &b->jobs);
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sb_v3_add(b->work[i], b->work2[i]);
+    }
+    sbi_constraint_reactions(b, b->work);
+}
+
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
 static void sbi_newton_reactions(const sbi_newton *newton)
 {
@@ -19880,6 +21632,10 @@ static void sbi_newton_reactions(const sbi_newton *newton)
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (b->elimination) {
+        sbi_newton_constrained_reactions(newton);
+        return;
+    }
     for (int i = 0; i < matrix->row_count; i++) {
         sb_vec3 sum = b->residual[i];
         b->reaction[i] = zero;
@@ -19917,6 +21673,28 @@ static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iterati
     return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
 }
 
+/* T^T A T du' = T^T (-r - A g) in place of A du = -r, g being the jump that closes the constraints' gaps while their
+ * masters rest. Returns 1 when there is one. */
+static int sbi_newton_condense(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sbi_elimination *e = b->elimination;
+    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, newton->load_factor);
+    if (open) {
+        memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
+        sbi_elimination_expand(e, b->work, 1);
+        sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+        for (int i = 0; i < n; i++)
+            b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
+    }
+    sbi_elimination_reduce(e, b->rhs, b->rhs, NULL);
+    sbi_elimination_clear_slaves(e, b->increment);
+    sbi_elimination_condense(e, &b->matrix);
+    for (int i = 0; i < n; i++)
+        e->held[i] = (unsigned char)sbi_body_held(b, i);
+    return open;
+}
+
 /* Solves A du = -r with the supports' increments prescribed. */
 static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
 {
@@ -19924,14 +21702,21 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     sb_step_info *info = newton->info;
     sb_pcg_options options = sb_default_pcg_options();
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    sb_preconditioner *precond = e ? e->precond : b->precond;
     sb_result result;
+    int open = 0;
     double begin = sbi_step_now(b), middle;
     sbi_newton_predict(newton, iteration == 0);
     for (int i = 0; i < b->domain.node_count; i++)
         b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
-    sbi_newton_keep_support_rows(b);
-    sb_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x);
-    result = sb_preconditioner_update(b->precond, &b->matrix, b->position, &info->error);
+    if (e)
+        open = sbi_newton_condense(newton);
+    else
+        sbi_newton_keep_support_rows(b);
+    sb_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x);
+    result = sb_preconditioner_update(precond, matrix, b->position, &info->error);
     middle = sbi_step_now(b);
     info->seconds_precond += middle - begin;
     if (result != SB_OK)
@@ -19939,7 +21724,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     options.tolerance = (double)sbi_newton_linear_tolerance(newton, iteration);
     options.max_iterations = newton->max_iterations;
     options.jobs = &b->jobs;
-    result = sb_pcg_solve(&b->matrix, b->precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sb_pcg_solve(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - middle;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
@@ -19949,6 +21734,8 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
         info->capped |= pcg.capped;
         result = SB_OK;
     }
+    if (e)
+        sbi_elimination_expand(e, b->increment, open);
     return result;
 }
 
@@ -19988,7 +21775,8 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
 }
 
 /* Displacement for a share t of the increment, in work2. A whole increment puts the supports where they belong to
- * the last bit, so that no rounding error keeps them on the way. */
+ * the last bit, so that no rounding error keeps them on the way; and slaves where they belong, unless they are still
+ * on theirs. */
 static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
 {
     const sb_body *b = newton->body;
@@ -19997,6 +21785,8 @@ static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
         if (t == 1 && b->fixed[i])
             b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
     }
+    if (b->elimination && (t == 1 || !newton->moves_supports))
+        sbi_elimination_follow(b->elimination, b->work2, newton->load_factor);
 }
 
 /* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
@@ -20038,6 +21828,8 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
     if (newton->dynamic && (t < 1 || energy > 0)) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
+        if (b->elimination)
+            sbi_elimination_follow(b->elimination, b->work, newton->load_factor);
         if (sbi_newton_try(newton, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
             sbi_newton_take(newton, b->work, alone);
             return SB_OK;
@@ -20216,6 +22008,21 @@ static void sbi_step_loads(sb_body *b)
         b->external[i] = sb_v3_add(b->external[i], b->dead_load[i]);
 }
 
+/* The same of a constrained body with its lumped mass: slaves hand forces and masses to their masters. */
+static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sb_result result = sbi_constraint_explicit_check(b, &newton->info->error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        b->work[i] = sb_v3_scale(-1, b->residual[i]);
+        b->acceleration[i] = sb_v3(0, 0, 0);
+    }
+    sbi_constraint_explicit(b, b->work, b->acceleration);
+    return SB_OK;
+}
+
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
 static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
 {
@@ -20243,6 +22050,8 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
+    if (b->elimination)
+        return sbi_step_lumped_acceleration(newton);
     for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
         b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
                                                 sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
@@ -20272,6 +22081,8 @@ static void sbi_step_scheme(sbi_newton *newton)
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
+    if (b->elimination)
+        sbi_constraint_scheme(b, newton->cv, newton->ca, dt);
     newton->has_velocity = newmark;
 }
 
@@ -20300,6 +22111,8 @@ static void sbi_step_save(sb_body *b)
     sbi_step_pairs(b, pairs);
     for (int i = 0; i < SBI_STEP_PAIRS; i++)
         memcpy(pairs[i].saved, pairs[i].state, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (b->elimination)
+        sbi_elimination_save(b->elimination, b->start);
     b->saved_force_current = b->force_current;
     sbi_assembly_save_rotations(&b->assembly);
 }
@@ -20310,6 +22123,8 @@ static void sbi_step_undo(sb_body *b)
     sbi_step_pairs(b, pairs);
     for (int i = 0; i < SBI_STEP_PAIRS; i++)
         memcpy(pairs[i].state, pairs[i].saved, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (b->elimination)
+        sbi_elimination_restore(b->elimination);
     b->force_current = b->saved_force_current;
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
@@ -20540,7 +22355,11 @@ static void sbi_static_commit(sbi_newton *newton)
     memcpy(b->equilibrated, b->external, bytes);
     sbi_loads_commit(b, b->displacement, newton->info->load_factor);
     sbi_loads_end_static(b, newton->info->load_factor);
-    if (sbi_newton_force(newton) == SB_OK)
+    if (sbi_newton_force(newton) == SB_OK && b->elimination) {
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
+        sbi_constraint_reactions(b, b->work);
+    } else if (b->force_current)
         for (int i = 0; i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
                                            sb_v3_sub(b->internal[i], b->external[i]), zero);

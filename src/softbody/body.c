@@ -552,6 +552,7 @@ SB_API void sb_body_destroy(sb_body *body)
         sbi_free(&allocator, body->loads[i].memory);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
     sb_matrix_free(&body->matrix);
@@ -700,8 +701,19 @@ SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *patter
     sbi_free(&body->allocator, pattern->support_blocks);
     sbi_free(&body->allocator, pattern->damping_blocks);
     sb_preconditioner_free(pattern->precond);
+    sbi_elimination_free(pattern->elimination);
     sb_matrix_free(&pattern->matrix);
     memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, const sb_matrix *matrix)
+{
+    sbi_elimination_setup setup;
+    setup.matrix = matrix;
+    setup.positions = body->reference;
+    setup.precond = sb_preconditioner_get_info(body->precond).kind;
+    setup.allocator = &body->allocator;
+    return setup;
 }
 
 SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
@@ -720,6 +732,10 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
         result = sbi_body_make_block_arrays(body, pattern, error);
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result == SB_OK && body->elimination) {
+        sbi_elimination_setup setup = sbi_body_elimination_setup(body, &pattern->matrix);
+        result = sbi_elimination_remake(body->elimination, &setup, &pattern->elimination, error);
+    }
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
     return result;
@@ -739,6 +755,10 @@ SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
     body->pattern_memory = pattern->memory;
     body->precond = pattern->precond;
     body->matrix = pattern->matrix;
+    if (body->elimination) {
+        sbi_elimination_free(body->elimination);
+        body->elimination = pattern->elimination;
+    }
     body->support_used = pattern->support_used;
     body->support_capacity = pattern->support_capacity;
     if (pattern->support_blocks) {
@@ -847,6 +867,74 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
     return SB_OK;
 }
 
+/* ---- faces ---- */
+
+/* 1 when the named corners of an element (all different) are those of the list. */
+static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+{
+    int found = 0;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
+                found++;
+                break;
+            }
+    return found == count;
+}
+
+/* 1 when the corners of b go round the other way than those of a. */
+static int sbi_body_is_reversed(const int *a, const int *b, int corners)
+{
+    for (int i = 0; i < corners; i++)
+        if (b[i] == a[0])
+            return b[(i + 1) % corners] != a[1];
+    return 0;
+}
+
+/* Finds the element face with these corner nodes; 0 when there is none. */
+static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    sbi_element element = sbi_domain_element(&body->domain);
+    int n = body->domain.nodes_per_cell;
+    memset(found, 0, sizeof *found);
+    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        for (int face = 0; face < sbi_element_face_count(element); face++) {
+            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
+            sb_element_type face_type = SB_NO_ELEMENT;
+            int face_nodes = sbi_element_face(element, face, local, &face_type);
+            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
+                continue;
+            for (int i = 0; i < face_nodes; i++)
+                nodes[i] = cell[local[i]];
+            if (found->count) {
+                found->inner |= sbi_body_is_reversed(found->nodes, nodes, count);
+                continue;
+            }
+            found->type = face_type;
+            found->count = face_nodes;
+            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
+        }
+    }
+    return found->count > 0;
+}
+
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+                                   sb_error *error)
+{
+    const int *face = faces + (size_t)f * (size_t)corners;
+    found->count = 0;
+    for (int k = 0; k < corners; k++)
+        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+            return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
+                                 face[k]);
+    if (!sbi_body_find_face(body, face, corners, found))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
+                             f, face[0], face[1], face[2]);
+    return SB_OK;
+}
+
 /* ---- supports ---- */
 
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
@@ -902,6 +990,9 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         return SB_ERROR_ARGUMENT;
     if (axes == 0)
         return SB_OK;
+    for (int i = 0; i < count && body->elimination; i++)
+        if (body->elimination->slave[nodes[i]] & axes)
+            return SB_ERROR_ARGUMENT;
     result = sbi_body_reserve_supports(body, nodes, count);
     for (int i = 0; i < count && result == SB_OK; i++) {
         int node = nodes[i];
@@ -1018,6 +1109,8 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->equilibrated, 0, bytes);
     for (int i = 0; i < body->load_count; i++)
         sbi_body_reset_load(body->loads + i);
+    if (body->elimination)
+        memset(body->elimination->force, 0, (size_t)body->elimination->equations.count * sizeof(sb_real));
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);
@@ -1198,57 +1291,80 @@ static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, 
             gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
 }
 
-/* What all nodes of one part in a row do to one of its axes. */
-static void sbi_body_row_motion(const sb_body *body, const int *nodes, const sb_real *weights, int count, int part,
-                                int axis, double scale, double r[6])
+/* One row along one axis (of rows that are for all three). */
+typedef struct sbi_body_row {
+    const int *nodes, *dofs; /* one of them */
+    const sb_real *weights;
+    int count, axis;
+    double scale;
+} sbi_body_row;
+
+static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
 {
-    memset(r, 0, 6 * sizeof *r);
-    for (int a = 0; a < count; a++)
-        if (body->node_component[nodes[a]] == part)
-            sbi_body_add_motion(body, nodes[a], axis, (double)weights[a] / scale, r);
+    sbi_body_row row;
+    int first = rows->start[index];
+    row.nodes = rows->nodes ? rows->nodes + first : NULL;
+    row.dofs = rows->nodes ? NULL : rows->dofs + first;
+    row.weights = rows->weights + first;
+    row.count = rows->start[index + 1] - first;
+    row.axis = axis;
+    row.scale = 0;
+    for (int k = 0; k < row.count; k++)
+        row.scale += (double)sb_abs(row.weights[k]);
+    return row;
 }
 
-/* 1 when the part of node `at` of a row is that of no node before it: parts of a row are visited once like this. */
-static int sbi_body_is_new_part(const sb_body *body, const int *nodes, int at)
+static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
 {
-    int part = body->node_component[nodes[at]];
-    for (int a = 0; a < at; a++)
-        if (body->node_component[nodes[a]] == part)
+    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
+}
+
+/* What all terms of one part do to the row. */
+static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int k = 0; k < row->count; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
+                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+}
+
+/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    int part = sbi_body_row_part(body, row, term);
+    for (int k = 0; k < term; k++)
+        if (sbi_body_row_part(body, row, k) == part)
             return 0;
     return part >= 0;
 }
 
-static int sbi_body_row_parts(const sb_body *body, const int *nodes, int count)
+/* 1 when a row goes through several parts. */
+static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
 {
     int parts = 0;
-    for (int a = 0; a < count; a++)
-        parts += sbi_body_is_new_part(body, nodes, a);
-    return parts;
+    for (int k = 0; k < row->count && parts < 2; k++)
+        parts += sbi_body_is_new_part(body, row, k);
+    return parts > 1;
 }
 
-/* Adds one row: all three axes of sum_a weights[a] u(nodes[a]) are held. Rows through several parts go to the gram of
- * the tied parts. */
-static void sbi_body_hold_row(const sb_body *body, const int *nodes, const sb_real *weights, int count)
+/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
 {
     size_t stride = 6 * (size_t)body->tie_count;
-    int tied = sbi_body_row_parts(body, nodes, count) > 1;
-    double scale = 0;
-    for (int a = 0; a < count; a++)
-        scale += (double)sb_abs(weights[a]);
-    for (int a = 0; a < count && scale > 0; a++)
-        for (int b = 0; b < count && sbi_body_is_new_part(body, nodes, a); b++) {
-            int part = body->node_component[nodes[a]], other = body->node_component[nodes[b]];
-            if ((!tied && b != a) || !sbi_body_is_new_part(body, nodes, b))
+    int tied = sbi_body_is_tie(body, row);
+    for (int a = 0; a < row->count && row->scale > 0; a++)
+        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
+            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
+            double r[6], s[6];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
                 continue;
-            for (int axis = 0; axis < 3; axis++) {
-                double r[6], s[6];
-                sbi_body_row_motion(body, nodes, weights, count, part, axis, scale, r);
-                sbi_body_row_motion(body, nodes, weights, count, other, axis, scale, s);
-                if (tied)
-                    sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
-                else
-                    sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
-            }
+            sbi_body_row_motion(body, row, part, r);
+            sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+            else
+                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
         }
 }
 
@@ -1291,22 +1407,23 @@ static int sbi_body_free_motion(double *gram, int parts, double *traces)
 }
 
 /* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
-static int sbi_body_number_ties(sb_body *body, int row_count, const int *row_start, const int *nodes, int count)
+static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
 {
-    for (int j = 0; j < row_count; j++) {
-        const int *row = nodes + row_start[j];
-        int size = row_start[j + 1] - row_start[j], tied = sbi_body_row_parts(body, row, size) > 1;
-        for (int a = 0; a < size && tied; a++)
-            if (body->node_component[row[a]] >= 0 && body->tie_of[body->node_component[row[a]]] < 0)
-                body->tie_of[body->node_component[row[a]]] = count++;
+    for (int j = 0; j < rows->count; j++) {
+        sbi_body_row row = sbi_body_make_row(rows, j, 0);
+        int tied = sbi_body_is_tie(body, &row);
+        for (int k = 0; k < row.count && tied; k++) {
+            int part = sbi_body_row_part(body, &row, k);
+            if (part >= 0 && body->tie_of[part] < 0)
+                body->tie_of[part] = count++;
+        }
     }
     return count;
 }
 
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
-                                        sb_error *error)
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
 {
-    int count = sbi_body_number_ties(body, row_count, row_start, nodes, body->tie_count);
+    int count = sbi_body_number_ties(body, rows, body->tie_count);
     if (count > body->tie_capacity) {
         size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
         double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
@@ -1322,7 +1439,27 @@ SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int 
     return SB_OK;
 }
 
-/* Sums what holds each part: supports, springs, and rows of mappings. */
+/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
+static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
+{
+    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
+            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
+            sbi_body_hold_row(body, &row);
+        }
+}
+
+static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
+{
+    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
+    for (int j = 0; j < rows.count; j++) {
+        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
+        sbi_body_hold_row(body, &row);
+    }
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
 static void sbi_body_gather_holds(const sb_body *body)
 {
     size_t stride = 6 * (size_t)body->tie_count;
@@ -1336,13 +1473,10 @@ static void sbi_body_gather_holds(const sb_body *body)
                 sbi_body_add_motion(body, i, axis, 1, r);
                 sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
             }
-    for (int l = 0; l < body->load_count; l++) {
-        const sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
-            if (load->stiffness[j] > 0)
-                sbi_body_hold_row(body, load->nodes + load->row_start[j], load->weights + load->row_start[j],
-                                  load->row_start[j + 1] - load->row_start[j]);
-    }
+    for (int l = 0; l < body->load_count; l++)
+        sbi_body_hold_load(body, body->loads + l);
+    if (body->elimination)
+        sbi_body_hold_equations(body, &body->elimination->equations);
     for (int c = 0; c < body->component_count; c++)
         for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
             for (int j = 0; j < 6; j++)
@@ -1371,18 +1505,6 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
 }
 
 /* ---- set-up check ---- */
-
-SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
-{
-    int found = 0;
-    for (int k = 0; k < count; k++)
-        for (int i = 0; i < count; i++)
-            if (cell[local[k]] == list[i]) {
-                found++;
-                break;
-            }
-    return found == count;
-}
 
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)

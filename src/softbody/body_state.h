@@ -4,6 +4,7 @@
 
 #include "assembly.h"
 #include "body.h"
+#include "elimination.h"
 
 typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
 
@@ -90,6 +91,10 @@ struct sb_body {
     double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
 
+    /* constraints */
+    sbi_elimination *elimination; /* the system they condense, or NULL: none */
+    int next_constraint;         /* number of the next one */
+
     /* state */
     sb_vec3 *reference;          /* [node_count] (m) */
     sb_vec3 *position, *displacement, *velocity, *acceleration;
@@ -118,6 +123,7 @@ typedef struct sbi_body_pattern {
     int needed;                  /* 0: every row fits the present pattern, and nothing was made */
     sb_matrix matrix;
     sb_preconditioner *precond;
+    sbi_elimination *elimination; /* NULL: the body has no constraints */
     int extra_count;
     int *extra_start, *extra_nodes;
     void *memory;
@@ -137,6 +143,8 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
 SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
 /* Gives it up. */
 SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern);
+/* What an elimination is made for with this matrix; borrowed from the body. */
+SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, const sb_matrix *matrix);
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
@@ -155,17 +163,39 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
-/* 1 when the named corners of an element (all different) are those of the list. */
-SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
+/* An element's face as a load sees it. */
+typedef struct sbi_body_face {
+    sb_element_type type;
+    int count;
+    int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
+    int inner;                    /* 1: an element stands on its other side, too */
+} sbi_body_face;
+/* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+                                    sb_error *error);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
+
+/* Sums of displacement components that something holds: rows of mappings, equations of constraints. */
+typedef struct sbi_body_rows {
+    int count;
+    const int *start;       /* [count + 1] */
+    const int *nodes;       /* nodes of the terms, each along every axis; or NULL: */
+    const int *dofs;        /* 3 node + axis of the terms */
+    const sb_real *weights;
+} sbi_body_rows;
 /* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
  * place. SB_ERROR_MEMORY changes nothing. */
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, int row_count, const int *row_start, const int *nodes,
-                                        sb_error *error);
-/* A node of the first connected part whose supports, springs and mappings leave a rigid motion free, or -1. */
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error);
+/* A node of the first connected part whose supports, springs, mappings and constraints leave a rigid motion free, or
+ * -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
 
+/* Axes of node i, as bits, that no equation of the solved system is for: supported or a constraint's slave. */
+SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
+{
+    return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
+}
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body)
 {

@@ -29,66 +29,6 @@ SB_API void sb_body_clear_loads(sb_body *body)
 
 /* ---- faces ---- */
 
-/* An element's face as a load sees it. */
-typedef struct sbi_load_face {
-    sb_element_type type;
-    int count;
-    int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
-    int inner;                    /* 1: an element stands on its other side, too */
-} sbi_load_face;
-
-/* 1 when the corners of b go round the other way than those of a. */
-static int sbi_load_is_reversed(const int *a, const int *b, int corners)
-{
-    for (int i = 0; i < corners; i++)
-        if (b[i] == a[0])
-            return b[(i + 1) % corners] != a[1];
-    return 0;
-}
-
-/* Finds the element face with these corner nodes; 0 when there is none. */
-static int sbi_load_find_face(const sb_body *body, const int *corners, int count, sbi_load_face *found)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    sbi_element element = sbi_domain_element(&body->domain);
-    int n = body->domain.nodes_per_cell;
-    memset(found, 0, sizeof *found);
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        for (int face = 0; face < sbi_element_face_count(element); face++) {
-            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
-            sb_element_type face_type = SB_NO_ELEMENT;
-            int face_nodes = sbi_element_face(element, face, local, &face_type);
-            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
-                continue;
-            for (int i = 0; i < face_nodes; i++)
-                nodes[i] = cell[local[i]];
-            if (found->count) {
-                found->inner |= sbi_load_is_reversed(found->nodes, nodes, count);
-                continue;
-            }
-            found->type = face_type;
-            found->count = face_nodes;
-            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
-        }
-    }
-    return found->count > 0;
-}
-
-/* The face number f of a caller's list, or an error that names it. */
-static sb_result sbi_load_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *found,
-                                   sb_error *error)
-{
-    const int *face = faces + (size_t)f * (size_t)corners;
-    found->count = 0;
-    if (sbi_body_check_nodes(body, face, corners) != SB_OK)
-        return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
-    if (!sbi_load_find_face(body, face, corners, found))
-        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
-                             f, face[0], face[1], face[2]);
-    return SB_OK;
-}
-
 /* Shape functions of a face type at its quadrature points. */
 typedef struct sbi_load_rule {
     sb_element_type type; /* SB_NO_ELEMENT: none yet */
@@ -129,7 +69,7 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 /* ---- traction ---- */
 
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_load_face *face, const sbi_load_rule *rule,
+static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
                                   sb_vec3 traction)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
@@ -156,8 +96,8 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
     for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
         for (int f = 0; f < face_count; f++) {
-            sbi_load_face face;
-            sb_result result = sbi_load_get_face(body, faces, f, corners, &face, error);
+            sbi_body_face face;
+            sb_result result = sbi_body_get_face(body, faces, f, corners, &face, error);
             if (result != SB_OK)
                 return result;
             sbi_load_need_rule(face.type, &rule);
@@ -253,10 +193,10 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 /* ---- pressure ---- */
 
 /* Face number f of a caller's list, which must be of the surface. */
-static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_load_face *face,
+static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *face,
                                      sb_error *error)
 {
-    sb_result result = sbi_load_get_face(body, faces, f, corners, face, error);
+    sb_result result = sbi_body_get_face(body, faces, f, corners, face, error);
     if (result == SB_OK && face->inner)
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, face->nodes[0],
                              "face %d (nodes %d %d %d ...) lies between two elements", f, face->nodes[0],
@@ -269,7 +209,7 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
                                      sbi_load *load, sb_error *error)
 {
     size_t entries = 0, pairs = 0;
-    sbi_load_face face;
+    sbi_body_face face;
     sb_result result = SB_OK;
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
@@ -390,6 +330,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     int rows = mapping->row_count, entries = mapping->row_start[rows];
     size_t pairs = 0;
     sbi_load load;
+    sbi_body_rows ties;
     sb_result result;
     for (int j = 0; j < rows; j++) {
         size_t size = (size_t)(mapping->row_start[j + 1] - mapping->row_start[j]);
@@ -404,11 +345,16 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     memcpy(load.weights, mapping->weights, (size_t)entries * sizeof(sb_real));
     sbi_load_put_stiffness(&load, stiffness, uniform);
     sbi_load_put_points(body, &load, points);
+    ties.count = rows;
+    ties.start = load.row_start;
+    ties.nodes = load.nodes;
+    ties.dofs = NULL;
+    ties.weights = load.weights;
     result = sbi_load_check_points(load.target, rows, error); /* the difference may overflow */
     if (result == SB_OK)
         result = sbi_load_reserve(body, error);
     if (result == SB_OK)
-        result = sbi_body_reserve_ties(body, rows, load.row_start, load.nodes, error);
+        result = sbi_body_reserve_ties(body, &ties, error);
     if (result == SB_OK)
         result = sbi_body_extend_pattern(body, rows, load.row_start, load.nodes, error);
     if (result != SB_OK) {
@@ -604,7 +550,7 @@ static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, 
 }
 
 /* force_a = -p int N_a x_r x x_s dr ds */
-static void sbi_load_face_force(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+static void sbi_body_face_force(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
                                 sb_vec3 *force)
 {
     memset(force, 0, (size_t)count * sizeof *force);
@@ -618,7 +564,7 @@ static void sbi_load_face_force(const sbi_load_rule *rule, int count, const sb_v
 
 /* df_a/dx_b = [k_ab]x with k_ab = p int N_a (x_s N_b,r - x_r N_b,s), symmetrised: [(k_ab - k_ba) / 2]x. What this drops
  * is the boundary term of the patch's rim; inside the faces' shares of it cancel. */
-static void sbi_load_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
                                   const int *blocks, sb_matrix *matrix)
 {
     sb_vec3 k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
@@ -661,7 +607,7 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
             double k, reach;
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, u, x, &rule);
-                sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
                     body->follower[nodes[a]] = sb_v3_add(body->follower[nodes[a]], force[a]);
                 continue;
@@ -721,7 +667,7 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
             sb_vec3 x[SB_MAX_FACE_NODES];
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, u, x, &rule);
-                sbi_load_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
+                sbi_body_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
             } else {
                 sbi_load_row_tangent(load, j, blocks, factor, matrix);
             }
@@ -743,7 +689,7 @@ SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, s
 }
 
 /* Adds the work of a pressure on a face at x along x + s d: the integrand -p N d.(x_r + s d_r) x (x_s + s d_s). */
-static void sbi_load_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
+static void sbi_body_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
                                sb_real pressure, sbi_loads_work *work)
 {
     for (int p = 0; p < rule->count; p++) {
@@ -769,7 +715,7 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
                 int count = sbi_load_gather(body, load, j, u, x, &rule);
                 for (int a = 0; a < count; a++)
                     d[a] = du[load->nodes[load->row_start[j] + a]];
-                sbi_load_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
+                sbi_body_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
                 continue;
             }
             way = sbi_body_row_value(load, j, du);
@@ -833,7 +779,7 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real 
             sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, pressure_u, x, &rule);
-                sbi_load_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
                     sbi_load_collect(body, nodes[a], force[a], load, body->external);
                 continue;
@@ -899,7 +845,7 @@ static void sbi_load_fade(sb_body *body, const sbi_load *load)
         sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
         if (load->kind == SBI_LOAD_PRESSURE) {
             sbi_load_gather(body, load, j, body->displacement, x, &rule);
-            sbi_load_face_force(&rule, count, x, load->balanced_pressure, force);
+            sbi_body_face_force(&rule, count, x, load->balanced_pressure, force);
         }
         for (int a = 0; a < count; a++) {
             sb_vec3 *sum = body->equilibrated + nodes[a];

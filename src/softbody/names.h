@@ -20,6 +20,7 @@
 #define sb_element_table_check sb_element_table_check_f32
 #define sb_mesh_free sb_mesh_free_f32
 #define sb_mesh_copy sb_mesh_copy_f32
+#define sb_mesh_append sb_mesh_append_f32
 #define sb_mesh_validate sb_mesh_validate_f32
 #define sb_mesh_check sb_mesh_check_f32
 #define sb_mesh_report_free sb_mesh_report_free_f32
@@ -160,6 +161,15 @@
 #define sb_body_load_force sb_body_load_force_f32
 #define sb_body_spring_forces sb_body_spring_forces_f32
 #define sb_body_mapping_forces sb_body_mapping_forces_f32
+#define sb_body_add_constraint sb_body_add_constraint_f32
+#define sb_body_add_constraints sb_body_add_constraints_f32
+#define sb_body_set_constraint_value sb_body_set_constraint_value_f32
+#define sb_body_remove_constraints sb_body_remove_constraints_f32
+#define sb_body_remove_constraint sb_body_remove_constraint_f32
+#define sb_body_clear_constraints sb_body_clear_constraints_f32
+#define sb_body_constraint_count sb_body_constraint_count_f32
+#define sb_body_constraint_force sb_body_constraint_force_f32
+#define sb_body_tie_faces sb_body_tie_faces_f32
 #define sb_body_step sb_body_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32

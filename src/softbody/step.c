@@ -9,6 +9,7 @@
 
 #include "body_state.h"
 #include "load.h"
+#include "constraint.h"
 
 typedef struct sbi_newton {
     sb_body *body;
@@ -25,7 +26,7 @@ typedef struct sbi_newton {
     int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
                                * has it in A already */
     int has_velocity;         /* v may differ from 0 at the current u */
-    int moves_supports;       /* the present increment moves supported nodes */
+    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
     sb_real scale;            /* largest force (N), to compare residuals with */
     sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
     sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
@@ -46,14 +47,14 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
     return (sb_real)sum;
 }
 
-/* Norm of the components on free (or on fixed) axes. */
+/* Norm of the components on free (or on supported and slave) axes. */
 static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed)
 {
     const sb_vec3 zero = sb_v3(0, 0, 0);
     double sum = 0;
     for (int i = 0; i < body->domain.node_count; i++) {
-        sb_vec3 v = on_fixed ? sbi_body_pick_axes(body->fixed[i], a[i], zero)
-                             : sbi_body_pick_axes(body->fixed[i], zero, a[i]);
+        unsigned held = sbi_body_held(body, i);
+        sb_vec3 v = on_fixed ? sbi_body_pick_axes(held, a[i], zero) : sbi_body_pick_axes(held, zero, a[i]);
         sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
     }
     return sb_sqrt((sb_real)sum);
@@ -209,7 +210,9 @@ static void sbi_newton_residual(sbi_newton *newton)
         sbi_newton_add_dynamics(newton);
     }
     newton->last_norm = newton->norm;
-    newton->norm = sbi_step_norm(b, b->residual, 0);
+    if (b->elimination)
+        sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
+    newton->norm = sbi_step_norm(b, b->elimination ? b->elimination->reduced : b->residual, 0);
 }
 
 /* ---- one Newton iteration: linear solve ---- */
@@ -233,6 +236,8 @@ static sb_vec3 sbi_newton_way_to_go(const sbi_newton *newton, int i)
 static int sbi_newton_supports_move(const sbi_newton *newton)
 {
     const sb_body *b = newton->body;
+    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, newton->load_factor))
+        return 1;
     for (int i = 0; i < b->domain.node_count; i++)
         if (b->fixed[i]) {
             sb_vec3 go = sbi_newton_way_to_go(newton, i);
@@ -267,6 +272,19 @@ static void sbi_newton_keep_support_rows(sb_body *b)
         }
 }
 
+/* Reactions of a constrained body, whose matrix has not been masked: r, or r + A du, condensed. */
+static void sbi_newton_constrained_reactions(const sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    memcpy(b->work, b->residual, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (newton->linearised) {
+        sb_matrix_multiply(&b->matrix, &b->increment[0].x, &b->work2[0].x, &b->jobs);
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sb_v3_add(b->work[i], b->work2[i]);
+    }
+    sbi_constraint_reactions(b, b->work);
+}
+
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
 static void sbi_newton_reactions(const sbi_newton *newton)
 {
@@ -274,6 +292,10 @@ static void sbi_newton_reactions(const sbi_newton *newton)
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (b->elimination) {
+        sbi_newton_constrained_reactions(newton);
+        return;
+    }
     for (int i = 0; i < matrix->row_count; i++) {
         sb_vec3 sum = b->residual[i];
         b->reaction[i] = zero;
@@ -311,6 +333,28 @@ static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iterati
     return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
 }
 
+/* T^T A T du' = T^T (-r - A g) in place of A du = -r, g being the jump that closes the constraints' gaps while their
+ * masters rest. Returns 1 when there is one. */
+static int sbi_newton_condense(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sbi_elimination *e = b->elimination;
+    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, newton->load_factor);
+    if (open) {
+        memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
+        sbi_elimination_expand(e, b->work, 1);
+        sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+        for (int i = 0; i < n; i++)
+            b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
+    }
+    sbi_elimination_reduce(e, b->rhs, b->rhs, NULL);
+    sbi_elimination_clear_slaves(e, b->increment);
+    sbi_elimination_condense(e, &b->matrix);
+    for (int i = 0; i < n; i++)
+        e->held[i] = (unsigned char)sbi_body_held(b, i);
+    return open;
+}
+
 /* Solves A du = -r with the supports' increments prescribed. */
 static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
 {
@@ -318,14 +362,21 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     sb_step_info *info = newton->info;
     sb_pcg_options options = sb_default_pcg_options();
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    sb_preconditioner *precond = e ? e->precond : b->precond;
     sb_result result;
+    int open = 0;
     double begin = sbi_step_now(b), middle;
     sbi_newton_predict(newton, iteration == 0);
     for (int i = 0; i < b->domain.node_count; i++)
         b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
-    sbi_newton_keep_support_rows(b);
-    sb_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x);
-    result = sb_preconditioner_update(b->precond, &b->matrix, b->position, &info->error);
+    if (e)
+        open = sbi_newton_condense(newton);
+    else
+        sbi_newton_keep_support_rows(b);
+    sb_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x);
+    result = sb_preconditioner_update(precond, matrix, b->position, &info->error);
     middle = sbi_step_now(b);
     info->seconds_precond += middle - begin;
     if (result != SB_OK)
@@ -333,7 +384,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     options.tolerance = (double)sbi_newton_linear_tolerance(newton, iteration);
     options.max_iterations = newton->max_iterations;
     options.jobs = &b->jobs;
-    result = sb_pcg_solve(&b->matrix, b->precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sb_pcg_solve(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - middle;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
@@ -343,6 +394,8 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
         info->capped |= pcg.capped;
         result = SB_OK;
     }
+    if (e)
+        sbi_elimination_expand(e, b->increment, open);
     return result;
 }
 
@@ -382,7 +435,8 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
 }
 
 /* Displacement for a share t of the increment, in work2. A whole increment puts the supports where they belong to
- * the last bit, so that no rounding error keeps them on the way. */
+ * the last bit, so that no rounding error keeps them on the way; and slaves where they belong, unless they are still
+ * on theirs. */
 static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
 {
     const sb_body *b = newton->body;
@@ -391,6 +445,8 @@ static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
         if (t == 1 && b->fixed[i])
             b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
     }
+    if (b->elimination && (t == 1 || !newton->moves_supports))
+        sbi_elimination_follow(b->elimination, b->work2, newton->load_factor);
 }
 
 /* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
@@ -432,6 +488,8 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
     if (newton->dynamic && (t < 1 || energy > 0)) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
+        if (b->elimination)
+            sbi_elimination_follow(b->elimination, b->work, newton->load_factor);
         if (sbi_newton_try(newton, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
             sbi_newton_take(newton, b->work, alone);
             return SB_OK;
@@ -610,6 +668,21 @@ static void sbi_step_loads(sb_body *b)
         b->external[i] = sb_v3_add(b->external[i], b->dead_load[i]);
 }
 
+/* The same of a constrained body with its lumped mass: slaves hand forces and masses to their masters. */
+static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sb_result result = sbi_constraint_explicit_check(b, &newton->info->error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        b->work[i] = sb_v3_scale(-1, b->residual[i]);
+        b->acceleration[i] = sb_v3(0, 0, 0);
+    }
+    sbi_constraint_explicit(b, b->work, b->acceleration);
+    return SB_OK;
+}
+
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
 static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
 {
@@ -637,6 +710,8 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
+    if (b->elimination)
+        return sbi_step_lumped_acceleration(newton);
     for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
         b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
                                                 sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
@@ -666,6 +741,8 @@ static void sbi_step_scheme(sbi_newton *newton)
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
+    if (b->elimination)
+        sbi_constraint_scheme(b, newton->cv, newton->ca, dt);
     newton->has_velocity = newmark;
 }
 
@@ -694,6 +771,8 @@ static void sbi_step_save(sb_body *b)
     sbi_step_pairs(b, pairs);
     for (int i = 0; i < SBI_STEP_PAIRS; i++)
         memcpy(pairs[i].saved, pairs[i].state, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (b->elimination)
+        sbi_elimination_save(b->elimination, b->start);
     b->saved_force_current = b->force_current;
     sbi_assembly_save_rotations(&b->assembly);
 }
@@ -704,6 +783,8 @@ static void sbi_step_undo(sb_body *b)
     sbi_step_pairs(b, pairs);
     for (int i = 0; i < SBI_STEP_PAIRS; i++)
         memcpy(pairs[i].state, pairs[i].saved, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (b->elimination)
+        sbi_elimination_restore(b->elimination);
     b->force_current = b->saved_force_current;
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
@@ -934,7 +1015,11 @@ static void sbi_static_commit(sbi_newton *newton)
     memcpy(b->equilibrated, b->external, bytes);
     sbi_loads_commit(b, b->displacement, newton->info->load_factor);
     sbi_loads_end_static(b, newton->info->load_factor);
-    if (sbi_newton_force(newton) == SB_OK)
+    if (sbi_newton_force(newton) == SB_OK && b->elimination) {
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
+        sbi_constraint_reactions(b, b->work);
+    } else if (b->force_current)
         for (int i = 0; i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
                                            sb_v3_sub(b->internal[i], b->external[i]), zero);

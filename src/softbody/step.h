@@ -29,8 +29,10 @@ typedef struct sb_step_info {
  * no energy there.
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
- * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
- * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
+ * SB_ERROR_INDEFINITE; SB_ERROR_UNSUPPORTED where Newmark meets SB_MASS_REDUCED and constraints that cannot be
+ * lumped) positions, velocities, accelerations, reactions and constraint forces are as before the call and the body can
+ * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas:
+ * implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
