@@ -6,6 +6,9 @@
 
 static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8};
 enum { ELEMENT_TYPES = 3 };
+/* One for every type of face. */
+static const sb_element_type face_elements[] = {SB_TET4, SB_TET10, SB_HEX8};
+enum { FACE_ELEMENTS = (int)(sizeof face_elements / sizeof face_elements[0]) };
 
 /* Corners of the boundary faces whose nodes all have coordinate `axis` within rounding of `value` (axis < 0: all
  * faces). The caller frees the list. */
@@ -90,8 +93,8 @@ static double volume_at(const sb_mesh *mesh, const sb_vec3 *x)
 /* On a closed surface the forces are those of the energy p V: f = -p dV/dx, at any shape. */
 static void test_pressure_is_the_volume_gradient(void)
 {
-    for (int t = 0; t < ELEMENT_TYPES; t++) {
-        sb_mesh mesh = scene_box(element_types[t], 2, 2, 2, sb_v3(1, 1, 1), 0.1);
+    for (int t = 0; t < FACE_ELEMENTS; t++) {
+        sb_mesh mesh = scene_box(face_elements[t], 2, 2, 2, sb_v3(1, 1, 1), 0.1);
         sb_body_def def;
         sb_body *body = make_body(&mesh, sb_material_linear(1000, REAL(0.3), 1000), &def);
         sb_vec3 *u = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3)), sum, torque;
@@ -131,8 +134,8 @@ static void test_pressure_is_the_volume_gradient(void)
 /* A face turned with its body: the force turns with it, and grows with its area. */
 static void test_pressure_follows(void)
 {
-    for (int t = 0; t < ELEMENT_TYPES; t++) {
-        sb_mesh mesh = scene_box(element_types[t], 2, 2, 2, sb_v3(1, 1, 1), 0);
+    for (int t = 0; t < FACE_ELEMENTS; t++) {
+        sb_mesh mesh = scene_box(face_elements[t], 2, 2, 2, sb_v3(1, 1, 1), 0);
         sb_body_def def;
         sb_body *body = make_body(&mesh, sb_material_corotated(1000, REAL(0.3), 1000), &def);
         sb_vec3 force, torque, traction = sb_v3(0, 0, 5);
@@ -170,7 +173,7 @@ static int pressure_iterations(sb_element_type type, int open, double tolerance)
     unsigned long long seed = 9;
     options.tolerance = REAL(tolerance);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
-    add_pressure(body, &mesh, open ? 1 : -1, 1, open ? 40 : 300);
+    add_pressure(body, &mesh, open ? 1 : -1, 1, open ? 20 : 300);
     for (int i = 0; i < mesh.node_count; i++) {
         sb_vec3 force = sb_v3(REAL(check_random_in(&seed, -5, 5)), REAL(check_random_in(&seed, -5, 5)), 0);
         CHECK_OK(sb_body_add_forces(body, &i, 1, &force, 1));
@@ -190,11 +193,11 @@ static void test_pressure_tangent(void)
         CHECK_SKIP("float cannot show quadratic convergence");
         return;
     }
-    for (int t = 0; t < ELEMENT_TYPES; t++) {
-        int rough = pressure_iterations(element_types[t], 0, 1e-4), fine = pressure_iterations(element_types[t], 0, 1e-12);
+    for (int t = 0; t < FACE_ELEMENTS; t++) {
+        int rough = pressure_iterations(face_elements[t], 0, 1e-4), fine = pressure_iterations(face_elements[t], 0, 1e-12);
         CHECK(fine - rough <= 2);
         CHECK(fine <= 8);
-        CHECK(pressure_iterations(element_types[t], 1, 1e-10) <= 12);
+        CHECK(pressure_iterations(face_elements[t], 1, 1e-10) <= 12);
     }
 }
 
