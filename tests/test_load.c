@@ -6,6 +6,9 @@
 
 static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8};
 enum { ELEMENT_TYPES = 3 };
+/* One for every type of face. */
+static const sb_element_type face_elements[] = {SB_TET4, SB_TET10, SB_HEX8};
+enum { FACE_ELEMENTS = (int)(sizeof face_elements / sizeof face_elements[0]) };
 
 /* Corners of the boundary faces whose nodes all have coordinate `axis` within rounding of `value` (axis < 0: all
  * faces). The caller frees the list. */
@@ -90,8 +93,8 @@ static double volume_at(const sb_mesh *mesh, const sb_vec3 *x)
 /* On a closed surface the forces are those of the energy p V: f = -p dV/dx, at any shape. */
 static void test_pressure_is_the_volume_gradient(void)
 {
-    for (int t = 0; t < ELEMENT_TYPES; t++) {
-        sb_mesh mesh = scene_box(element_types[t], 2, 2, 2, sb_v3(1, 1, 1), 0.1);
+    for (int t = 0; t < FACE_ELEMENTS; t++) {
+        sb_mesh mesh = scene_box(face_elements[t], 2, 2, 2, sb_v3(1, 1, 1), 0.1);
         sb_body_def def;
         sb_body *body = make_body(&mesh, sb_material_linear(1000, REAL(0.3), 1000), &def);
         sb_vec3 *u = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3)), sum, torque;
@@ -131,8 +134,8 @@ static void test_pressure_is_the_volume_gradient(void)
 /* A face turned with its body: the force turns with it, and grows with its area. */
 static void test_pressure_follows(void)
 {
-    for (int t = 0; t < ELEMENT_TYPES; t++) {
-        sb_mesh mesh = scene_box(element_types[t], 2, 2, 2, sb_v3(1, 1, 1), 0);
+    for (int t = 0; t < FACE_ELEMENTS; t++) {
+        sb_mesh mesh = scene_box(face_elements[t], 2, 2, 2, sb_v3(1, 1, 1), 0);
         sb_body_def def;
         sb_body *body = make_body(&mesh, sb_material_corotated(1000, REAL(0.3), 1000), &def);
         sb_vec3 force, torque, traction = sb_v3(0, 0, 5);
@@ -170,7 +173,7 @@ static int pressure_iterations(sb_element_type type, int open, double tolerance)
     unsigned long long seed = 9;
     options.tolerance = REAL(tolerance);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
-    add_pressure(body, &mesh, open ? 1 : -1, 1, open ? 120 : 300);
+    add_pressure(body, &mesh, open ? 1 : -1, 1, open ? 20 : 300);
     for (int i = 0; i < mesh.node_count; i++) {
         sb_vec3 force = sb_v3(REAL(check_random_in(&seed, -5, 5)), REAL(check_random_in(&seed, -5, 5)), 0);
         CHECK_OK(sb_body_add_forces(body, &i, 1, &force, 1));
@@ -190,11 +193,11 @@ static void test_pressure_tangent(void)
         CHECK_SKIP("float cannot show quadratic convergence");
         return;
     }
-    for (int t = 0; t < ELEMENT_TYPES; t++) {
-        int rough = pressure_iterations(element_types[t], 0, 1e-4), fine = pressure_iterations(element_types[t], 0, 1e-12);
+    for (int t = 0; t < FACE_ELEMENTS; t++) {
+        int rough = pressure_iterations(face_elements[t], 0, 1e-4), fine = pressure_iterations(face_elements[t], 0, 1e-12);
         CHECK(fine - rough <= 2);
         CHECK(fine <= 8);
-        CHECK(pressure_iterations(element_types[t], 1, 1e-10) <= 14);
+        CHECK(pressure_iterations(face_elements[t], 1, 1e-10) <= 12);
     }
 }
 
@@ -266,7 +269,10 @@ static void test_thick_tube(void)
     double coarse = tube_error(SB_HEX8, 4), fine = tube_error(SB_HEX8, 8);
     CHECK(fine < 5e-3);
     CHECK_NEAR(log(coarse / fine) / log(2.0), 2, 0.3);
-    CHECK(tube_error(SB_TET10, 4) < (SB_REAL_IS_FLOAT ? 2e-3 : 1e-3));
+    coarse = tube_error(SB_TET10, 2);
+    fine = tube_error(SB_TET10, 4);
+    CHECK(fine < 2e-3);
+    CHECK(log(coarse / fine) / log(2.0) > 2.5);
     CHECK(tube_error(SB_TET4, 6) < tube_error(SB_TET4, 3));
 }
 
@@ -1073,7 +1079,7 @@ static void test_undo(void)
                     CHECK_OK(sb_body_step(bodies[b], REAL(0.01), NULL));
                 CHECK_OK(sb_body_solve_static(bodies[b], NULL, NULL));
             }
-            CHECK(t == 0 || kind == 0 || state_hash(bodies[0]) == state_hash(bodies[1]));
+            CHECK(state_hash(bodies[0]) == state_hash(bodies[1]));
             CHECK_NEAR(scene_distance(sb_body_positions(bodies[0]), sb_body_positions(bodies[1]), mesh.node_count), 0,
                        scene_tolerance(1e-9, 1e3));
             sb_body_destroy(bodies[0]);
@@ -1085,7 +1091,7 @@ static void test_undo(void)
 /* ---- robustness ---- */
 
 /* Dragged about by a spring under a pressure that swells and sucks; then all is put back. */
-static void violent(sb_element_type type, sb_material material, int max_newton, int steps)
+static void violent(sb_element_type type, sb_material material, double swell, int steps)
 {
     sb_mesh mesh = scene_box(type, 4, 2, 2, sb_v3(REAL(0.2), REAL(0.1), REAL(0.1)), 0.1);
     sb_body_def def = sb_default_body_def();
@@ -1097,7 +1103,6 @@ static void violent(sb_element_type type, sb_material material, int max_newton, 
     def.material = material;
     def.damping_mass = 5;
     def.damping_stiffness = REAL(0.02);
-    def.max_newton = max_newton;
     body = scene_body(&def);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     press = add_pressure(body, &mesh, -1, 0, 0);
@@ -1106,7 +1111,7 @@ static void violent(sb_element_type type, sb_material material, int max_newton, 
         sb_vec3 point = sb_v3_add(home, sb_v3(REAL(0.3 * sin(0.11 * s)), REAL(0.25 * cos(0.23 * s)),
                                               REAL(0.25 * sin(0.31 * s))));
         CHECK_OK(sb_body_move_springs(body, id, &point));
-        CHECK_OK(sb_body_set_pressure(body, press, REAL(1500 * sin(0.05 * s))));
+        CHECK_OK(sb_body_set_pressure(body, press, REAL(swell * sin(0.05 * s))));
         failed += sb_body_step(body, REAL(0.01), NULL) != SB_OK;
         if (!CHECK(scene_all_finite(sb_body_displacements(body), mesh.node_count)) ||
             !CHECK(scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count) < 2))
@@ -1125,9 +1130,9 @@ static void violent(sb_element_type type, sb_material material, int max_newton, 
 static void test_violence(void)
 {
     for (int t = 0; t < ELEMENT_TYPES; t++)
-        violent(element_types[t], sb_material_corotated_invertible(5000, REAL(0.4), 1000), SB_AUTO, 1000);
-    violent(SB_TET4, sb_material_corotated(5000, REAL(0.4), 1000), SB_AUTO, 1000);
-    violent(SB_HEX8, sb_material_stable_neo_hookean(5000, REAL(0.4), 1000), SB_AUTO, 100);
+        violent(element_types[t], sb_material_corotated_invertible(5000, REAL(0.4), 1000), 500, 1000);
+    violent(SB_TET4, sb_material_corotated(5000, REAL(0.4), 1000), 500, 1000);
+    violent(SB_HEX8, sb_material_stable_neo_hookean(5000, REAL(0.4), 1000), 1500, 100);
 }
 
 /* ---- threads ---- */

@@ -23,7 +23,9 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
  * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
  * ones are safe at any dt. The tangent of a pressure has no sign. It is part of the exact tangent, made symmetric
  * (which only drops terms at the open rim of a patch), and left out of projected tangents and of linearised steps
- * (max_newton 1): these must stay positive definite, and treat pressure as it was at the start of the step. */
+ * (max_newton 1): these must stay positive definite, and treat pressure as it was at the start of the step. The work of
+ * a pressure has no bound while that of a corotated material only grows with the square of the stretch: with more than
+ * about a fifth of Young's modulus, such a body that something tears at may swell without end. */
 
 /* Pressure (Pa on the deformed area; positive pushes inwards, along the present normal) on faces of the surface, given
  * as for sb_body_add_traction. SB_ERROR_INDEX and SB_ERROR_ARGUMENT name the first face with a node that the mesh does
