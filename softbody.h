@@ -4147,7 +4147,9 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
  * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
  * ones are safe at any dt. The tangent of a pressure has no sign. It is part of the exact tangent, made symmetric
  * (which only drops terms at the open rim of a patch), and left out of projected tangents and of linearised steps
- * (max_newton 1): these must stay positive definite, and treat pressure as it was at the start of the step. */
+ * (max_newton 1): these must stay positive definite, and treat pressure as it was at the start of the step. The work of
+ * a pressure has no bound while that of a corotated material only grows with the square of the stretch: with more than
+ * about a fifth of Young's modulus, such a body that something tears at may swell without end. */
 
 /* Pressure (Pa on the deformed area; positive pushes inwards, along the present normal) on faces of the surface, given
  * as for sb_body_add_traction. SB_ERROR_INDEX and SB_ERROR_ARGUMENT name the first face with a node that the mesh does
@@ -19036,8 +19038,10 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 {
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
-    if (sbi_body_check_nodes(body, face, corners) != SB_OK)
-        return sbi_fail(error, SB_ERROR_INDEX, "face %d has a node index outside the mesh", f);
+    for (int k = 0; k < corners; k++)
+        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+            return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
+                                 face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
                              f, face[0], face[1], face[2]);
@@ -20601,10 +20605,11 @@ static sb_result sbi_constraint_install(sb_body *b, sbi_equations *equations, sb
     rows.dofs = equations->dof;
     rows.weights = equations->coefficient;
     if (equations->count > 0)
-        result = sbi_body_reserve_ties(b, &rows, error);
-    if (result == SB_OK && equations->count > 0)
         result = sbi_elimination_create(&setup, equations, &made, error);
+    if (result == SB_OK && made)
+        result = sbi_body_reserve_ties(b, &rows, error);
     if (result != SB_OK) {
+        sbi_elimination_free(made);
         sbi_equations_free(equations);
         return result;
     }

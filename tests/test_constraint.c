@@ -1124,7 +1124,7 @@ static void test_allocations(void)
     CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
     CHECK_INT(memory.calls, 0); /* a step allocates nothing */
     sb_body_clear_constraints(body);
-    CHECK_INT(memory.live, live);
+    CHECK_INT(memory.live, live + 1); /* the room of the support test stays for the next constraints */
     sb_body_destroy(body);
     CHECK_INT(memory.live, 0);
     sb_mesh_free(&mesh);

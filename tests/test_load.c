@@ -7,7 +7,7 @@
 static const sb_element_type element_types[] = {SB_TET4, SB_TET10, SB_HEX8};
 enum { ELEMENT_TYPES = 3 };
 /* One for every type of face. */
-static const sb_element_type face_elements[] = {SB_TET4, SB_TET10, SB_HEX8};
+static const sb_element_type face_elements[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
 enum { FACE_ELEMENTS = (int)(sizeof face_elements / sizeof face_elements[0]) };
 
 /* Corners of the boundary faces whose nodes all have coordinate `axis` within rounding of `value` (axis < 0: all

@@ -21,10 +21,11 @@ static sb_result sbi_constraint_install(sb_body *b, sbi_equations *equations, sb
     rows.dofs = equations->dof;
     rows.weights = equations->coefficient;
     if (equations->count > 0)
-        result = sbi_body_reserve_ties(b, &rows, error);
-    if (result == SB_OK && equations->count > 0)
         result = sbi_elimination_create(&setup, equations, &made, error);
+    if (result == SB_OK && made)
+        result = sbi_body_reserve_ties(b, &rows, error);
     if (result != SB_OK) {
+        sbi_elimination_free(made);
         sbi_equations_free(equations);
         return result;
     }
