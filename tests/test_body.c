@@ -372,6 +372,88 @@ static void test_mass(void)
         }
 }
 
+/* Shares of an affine element's mass that HRZ lumping gives its nodes (formula sheet 1.4): corners, edges, faces, centre. */
+static void test_lumped_shares(void)
+{
+    static const double shares[ELEMENT_TYPES][4] = {{1.0 / 4, 0, 0, 0},
+                                                    {1.0 / 36, 4.0 / 27, 0, 0},
+                                                    {1.0 / 8, 0, 0, 0},
+                                                    {7.0 / 248, 16.0 / 248, 0, 0},
+                                                    {1.0 / 216, 1.0 / 54, 2.0 / 27, 8.0 / 27}};
+    for (int t = 0; t < ELEMENT_TYPES; t++) {
+        sb_mesh mesh = scene_box(element_types[t], 1, 1, 1, sb_v3(2, 1, 1), 0);
+        int corners = sb_element_corner_count(element_types[t]), edges = sb_element_edge_count(element_types[t]);
+        sb_body_def def = sb_default_body_def();
+        sb_body *body;
+        mesh.element_count = 1;
+        def.mesh = &mesh;
+        def.material = test_material(1);
+        body = scene_body(&def);
+        for (int a = 0; a < sb_element_node_count(element_types[t]); a++) {
+            int kind = a < corners ? 0 : (a < corners + edges ? 1 : (a < corners + edges + 6 ? 2 : 3));
+            sb_vec3 *v = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3));
+            sb_energy energy;
+            v[mesh.elements[a]].y = 1;
+            CHECK_OK(sb_body_set_velocities(body, v));
+            CHECK_OK(sb_body_energy(body, &energy));
+            CHECK_NEAR(2 * energy.kinetic / sb_body_mass(body), shares[t][kind], scene_tolerance(1e-12, 32));
+            free(v);
+        }
+        sb_body_destroy(body);
+        sb_mesh_free(&mesh);
+    }
+}
+
+/* Rank of a symmetric matrix by elimination with diagonal pivots; its entries are destroyed. */
+static int rank_of(double *k, int n)
+{
+    double largest = 0;
+    int rank = 0, done[3 * SB_MAX_ELEMENT_NODES] = {0};
+    for (;; rank++) {
+        int pivot = -1;
+        for (int i = 0; i < n; i++)
+            if (!done[i] && (pivot < 0 || k[i * n + i] > k[pivot * n + pivot]))
+                pivot = i;
+        if (rank == 0)
+            largest = k[pivot * n + pivot];
+        if (pivot < 0 || k[pivot * n + pivot] < 1e3 * (double)SB_EPSILON * largest)
+            return rank;
+        done[pivot] = 1;
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n && !done[i]; j++)
+                if (!done[j])
+                    k[i * n + j] -= k[i * n + pivot] * k[pivot * n + j] / k[pivot * n + pivot];
+    }
+}
+
+/* An element resists everything but its six rigid motions: no motion escapes its points. */
+static void test_rank(void)
+{
+    for (int t = 0; t < ELEMENT_TYPES; t++) {
+        sb_mesh mesh = scene_box(element_types[t], 1, 1, 1, sb_v3(1, 1, 1), 0);
+        sb_domain domain;
+        int n = sb_element_node_count(element_types[t]);
+        double *k = (double *)calloc((size_t)(9 * n * n), sizeof(double));
+        mesh.element_count = 1;
+        if (CHECK_OK(sb_domain_create(&mesh, SB_INTEGRATION_STANDARD, 0, NULL, &domain, NULL))) {
+            for (int p = 0; p < domain.points_per_cell; p++)
+                for (int i = 0; i < 3 * n; i++)
+                    for (int j = 0; j < 3 * n; j++) {
+                        const sb_real *a = domain.gradients + 3 * (p * n + i / 3);
+                        const sb_real *b = domain.gradients + 3 * (p * n + j / 3);
+                        double sum = (double)(a[i % 3] * b[j % 3] + a[j % 3] * b[i % 3]); /* lambda = mu = 1 */
+                        for (int c = 0; c < 3 && i % 3 == j % 3; c++)
+                            sum += (double)(a[c] * b[c]);
+                        k[i * 3 * n + j] += (double)domain.weights[p] * sum;
+                    }
+            CHECK_INT(rank_of(k, 3 * n), 3 * n - 6);
+            sb_domain_free(&domain);
+        }
+        free(k);
+        sb_mesh_free(&mesh);
+    }
+}
+
 /* ---- arguments, regions, supports ---- */
 
 static void test_regions(void)
@@ -668,4 +750,5 @@ CHECK_SUITE(body, {"patch test to 1e-12", test_patch}, {"patch test with curved 
             {"mass, momentum, kinetic energy", test_mass}, {"regions", test_regions},
             {"bad arguments", test_bad_arguments}, {"unsupported bodies", test_unsupported},
             {"slender bodies", test_slender}, {"set-up check", test_check}, {"parts and loose nodes", test_parts_and_loose_nodes},
-            {"allocations fail in turn", test_memory});
+            {"allocations fail in turn", test_memory},
+            {"shares of lumped mass", test_lumped_shares}, {"rank of the stiffness", test_rank});
