@@ -1,5 +1,5 @@
 /* Tests of material: derivatives by differences, projections against a 9x9 eigen-decomposition, closed forms,
- * objectivity, parameter checks, inadmissible deformations. */
+ * objectivity, fibres, relaxation, parameter checks, inadmissible deformations. */
 #include "softbody.h"
 
 #include "check.h"
@@ -8,7 +8,8 @@
 #define POISSON ((sb_real)0.4)
 #define DENSITY ((sb_real)1060)
 
-enum { MODEL_COUNT = 7, SAMPLES = 100 };
+/* Cases are the models and, for derivatives, two of the isochoric family with a negative constant. */
+enum { MODEL_COUNT = 9, CASE_COUNT = 11, SAMPLES = 100 };
 
 /* A tolerance for double, or `epsilons` roundings in a float build where those are more. */
 static double tolerance(double in_double, double epsilons)
@@ -29,7 +30,14 @@ static sb_material material_of(int model)
     default: break;
     }
     sb_material equivalent = sb_material_svk(YOUNG, POISSON, DENSITY);
-    return sb_material_neo_hookean_isochoric(equivalent.c10, equivalent.d1, DENSITY);
+    sb_real c = equivalent.c10, d1 = equivalent.d1;
+    switch (model) {
+    case SB_MOONEY_RIVLIN: return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
+    case SB_REDUCED_POLYNOMIAL: return sb_material_reduced_polynomial(c, c / 2, c / 8, d1, DENSITY);
+    case MODEL_COUNT + 1: return sb_material_mooney_rivlin((sb_real)1.5 * c, -c / 2, d1, DENSITY);
+    case MODEL_COUNT + 2: return sb_material_reduced_polynomial(c, -c / 2, c / 8, d1, DENSITY);
+    default: return sb_material_neo_hookean_isochoric(c, d1, DENSITY);
+    }
 }
 
 static int is_corotated(int model) { return model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE; }
@@ -126,7 +134,7 @@ static sb_mat3 stress_by_differences(const sb_material *m, sb_mat3 f)
 
 static void test_stress_is_energy_gradient(void)
 {
-    for (int model = 1; model <= MODEL_COUNT; model++) {
+    for (int model = 1; model <= CASE_COUNT; model++) {
         sb_material m = material_of(model);
         unsigned long long seed = 11;
         int inverted = 0;
@@ -158,7 +166,7 @@ static void tangent_by_differences(const sb_material *m, sb_mat3 f, sb_real *A)
 
 static void test_tangent_is_stress_derivative(void)
 {
-    for (int model = 1; model <= MODEL_COUNT; model++) {
+    for (int model = 1; model <= CASE_COUNT; model++) {
         sb_material m = material_of(model);
         unsigned long long seed = 12;
         double worst = 0;
@@ -175,7 +183,7 @@ static void test_tangent_is_stress_derivative(void)
 
 static void test_tangents_are_symmetric(void)
 {
-    for (int model = 1; model <= MODEL_COUNT; model++) {
+    for (int model = 1; model <= CASE_COUNT; model++) {
         sb_material m = material_of(model);
         unsigned long long seed = 13;
         int asymmetric = 0;
@@ -263,7 +271,7 @@ static double lowest_eigenvalue(const sb_real *A)
 
 static void test_spd_tangent_is_the_projection(void)
 {
-    for (int model = 1; model <= MODEL_COUNT; model++) {
+    for (int model = 1; model <= CASE_COUNT; model++) {
         sb_material m = material_of(model);
         unsigned long long seed = 14;
         double worst = 0, lowest = 0;
@@ -410,56 +418,108 @@ static void test_objectivity(void)
     }
 }
 
-/* P_00 and P_11 under F = diag(a, b, b), written out by hand. */
-static void closed_form(const sb_material *m, double a, double b, double *axial, double *lateral)
+/* Principal first Piola-Kirchhoff stresses under F = diag(s), written out by hand. */
+static void closed_form(const sb_material *m, const double s[3], double g[3])
 {
-    double mu = (double)m->mu, lambda = (double)m->lambda, J = a * b * b, I1 = a * a + 2 * b * b;
-    double e, q;
-    switch (m->model) {
-    case SB_LINEAR:
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE:
-        e = lambda * (a + 2 * b - 3);
-        *axial = e + 2 * mu * (a - 1);
-        *lateral = e + 2 * mu * (b - 1);
-        break;
-    case SB_SVK:
-        e = lambda * (I1 - 3) / 2;
-        *axial = a * (e + mu * (a * a - 1));
-        *lateral = b * (e + mu * (b * b - 1));
-        break;
-    case SB_NEO_HOOKEAN:
-        *axial = mu * (a - 1 / a) + lambda * log(J) / a;
-        *lateral = mu * (b - 1 / b) + lambda * log(J) / b;
-        break;
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-        e = 2 * (double)m->c10 * pow(J, -2.0 / 3);
-        q = 2 / (double)m->d1 * (J - 1) * J;
-        *axial = e * (a - I1 / (3 * a)) + q / a;
-        *lateral = e * (b - I1 / (3 * b)) + q / b;
-        break;
-    default:
-        q = (lambda + mu) * (J - 1) - mu;
-        *axial = mu * a + q * b * b;
-        *lateral = mu * b + q * a * b;
+    double mu = (double)m->mu, lambda = (double)m->lambda, J = s[0] * s[1] * s[2];
+    double I1 = s[0] * s[0] + s[1] * s[1] + s[2] * s[2], i = I1 * pow(J, -2.0 / 3) - 3;
+    double I2 = J * J * (1 / (s[0] * s[0]) + 1 / (s[1] * s[1]) + 1 / (s[2] * s[2]));
+    double q = 2 / (double)m->d1 * (J - 1) * J, p1 = (double)m->c10, p2 = 0;
+    if (m->model == SB_REDUCED_POLYNOMIAL)
+        p1 += 2 * (double)m->c20 * i + 3 * (double)m->c30 * i * i;
+    if (m->model == SB_MOONEY_RIVLIN)
+        p2 = (double)m->c01;
+    for (int k = 0; k < 3; k++) {
+        double a = s[k];
+        switch (m->model) {
+        case SB_LINEAR:
+        case SB_COROTATED:
+        case SB_COROTATED_INVERTIBLE: g[k] = lambda * (s[0] + s[1] + s[2] - 3) + 2 * mu * (a - 1); break;
+        case SB_SVK: g[k] = a * (lambda * (I1 - 3) / 2 + mu * (a * a - 1)); break;
+        case SB_NEO_HOOKEAN: g[k] = mu * (a - 1 / a) + lambda * log(J) / a; break;
+        case SB_STABLE_NEO_HOOKEAN: g[k] = mu * a + ((lambda + mu) * (J - 1) - mu) * J / a; break;
+        default: /* isochoric: dI1b/da, dI2b/da */
+            g[k] = p1 * 2 * pow(J, -2.0 / 3) * (a - I1 / (3 * a)) +
+                   p2 * 2 * pow(J, -4.0 / 3) * (a * (I1 - a * a) - 2 * I2 / (3 * a)) + q / a;
+        }
     }
 }
 
 static void test_closed_forms(void)
 {
-    const double stretches[5][2] = {{1.3, 1.3}, {0.7, 0.7}, {1.5, 1}, {0.6, 1.1}, {2, 0.8}};
-    for (int model = 1; model <= MODEL_COUNT; model++) {
+    const double stretches[7][3] = {{1.3, 1.3, 1.3}, {0.7, 0.7, 0.7}, {1.5, 1, 1},    {0.6, 1.1, 1.1},
+                                    {2, 0.8, 0.8},   {1.4, 1.4, 0.6}, {1.7, 0.9, 0.5}};
+    for (int model = 1; model <= CASE_COUNT; model++) {
         sb_material m = material_of(model);
-        for (int c = 0; c < 5; c++) {
-            double a = (double)(sb_real)stretches[c][0], b = (double)(sb_real)stretches[c][1], axial, lateral;
-            sb_mat3 f = diagonal(a, b, b), p, expected;
+        for (int c = 0; c < 7; c++) {
+            double s[3], g[3];
+            sb_mat3 f = diagonal(stretches[c][0], stretches[c][1], stretches[c][2]), p, expected;
+            for (int k = 0; k < 3; k++)
+                s[k] = (double)f.m[k][k];
             CHECK(sb_material_stress(&m, &f, NULL, &p));
-            closed_form(&m, a, b, &axial, &lateral);
-            expected = diagonal(axial, lateral, lateral);
+            closed_form(&m, s, g);
+            expected = diagonal(g[0], g[1], g[2]);
             CHECK_NEAR(difference(flat(&p), flat(&expected), 9) / largest_of(flat(&p), 9), 0,
                        tolerance(1e-13, 60));
         }
     }
+}
+
+/* The free stretch b of a bar (a, b, b) or a sheet (a, a, b): where its stress vanishes, by bisection. */
+static double free_stretch(const sb_material *m, double a, int sheet)
+{
+    double low = 0.2, high = 1.5;
+    for (int step = 0; step < 60; step++) {
+        double b = (low + high) / 2, g[3];
+        const double s[3] = {a, sheet ? a : b, b};
+        closed_form(m, s, g);
+        if (g[2] < 0)
+            low = b;
+        else
+            high = b;
+    }
+    return (low + high) / 2;
+}
+
+/* Bars and sheets with free sides, turned any way. */
+static void test_uniaxial_and_biaxial(void)
+{
+    unsigned long long seed = 23;
+    for (int model = SB_COROTATED; model <= MODEL_COUNT; model++)
+        for (int c = 0; c < 6; c++) {
+            sb_material m = material_of(model);
+            int sheet = c % 2;
+            double a = c < 2 ? 0.85 : c < 4 ? 1.1 : 1.25, b = free_stretch(&m, a, sheet), g[3];
+            const double s[3] = {a, sheet ? a : b, b};
+            sb_mat3 turn = random_rotation(&seed), f = sb_m3_mul(turn, diagonal(s[0], s[1], s[2])), p;
+            CHECK(sb_material_stress(&m, &f, NULL, &p));
+            p = sb_m3_tmul(turn, p);
+            closed_form(&m, s, g);
+            CHECK(fabs(g[0]) > 0.1 * (double)m.mu);
+            CHECK_NEAR((double)p.m[0][0] / g[0], 1, tolerance(1e-8, 400));
+            CHECK_NEAR((double)p.m[1][1] / g[0], sheet, tolerance(1e-8, 400));
+            CHECK_NEAR((double)p.m[2][2] / g[0], 0, tolerance(1e-8, 400));
+        }
+}
+
+/* Shear stress P_01 of F = I + gamma e_0 e_1^T. */
+static void test_simple_shear(void)
+{
+    for (int model = 1; model <= CASE_COUNT; model++)
+        for (int c = 1; c <= 4; c++) {
+            sb_material m = material_of(model);
+            double mu = (double)m.mu, gamma = 0.25 * c, square = gamma * gamma, expected = mu * gamma;
+            sb_mat3 f = sb_m3_identity(), p;
+            f.m[0][1] = (sb_real)gamma;
+            if (is_corotated(model))
+                continue;
+            if (model == SB_SVK)
+                expected += gamma * square * ((double)m.lambda / 2 + mu);
+            if (m.model == SB_REDUCED_POLYNOMIAL)
+                expected += gamma * square * (4 * (double)m.c20 + 6 * (double)m.c30 * square);
+            CHECK(sb_material_stress(&m, &f, NULL, &p));
+            CHECK_NEAR((double)p.m[0][1] / expected, 1, tolerance(1e-8, 100));
+        }
 }
 
 /* Corotated uniaxial stress with free sides: lateral stretch 1 - nu (a - 1), stress E (a - 1). */
@@ -525,6 +585,9 @@ static void test_stiffness_scale(void)
         stiff.lambda *= scale;
         stiff.mu *= scale;
         stiff.c10 *= scale;
+        stiff.c01 *= scale;
+        stiff.c20 *= scale;
+        stiff.c30 *= scale;
         stiff.d1 /= scale;
         for (int sample = 0; sample < 30; sample++) {
             sb_mat3 f = random_deformation(model, sample, 0.6, &seed);
@@ -554,14 +617,43 @@ static void test_constants(void)
         CHECK_NEAR(sb_material_poisson(&m), POISSON, 20 * (double)SB_EPSILON);
         CHECK_NEAR(sb_material_bulk(&m), (double)YOUNG / (3 * (1 - 2 * (double)POISSON)),
                    40 * (double)(SB_EPSILON * YOUNG));
-        CHECK_NEAR(2 * m.c10, m.mu, 10 * (double)(SB_EPSILON * m.mu));
+        CHECK_NEAR(2 * (m.c10 + m.c01), m.mu, 10 * (double)(SB_EPSILON * m.mu));
         CHECK_NEAR(2 / m.d1, sb_material_bulk(&m), 10 * (double)(SB_EPSILON * m.lambda));
         CHECK_NEAR(m.density, DENSITY, 0);
         CHECK_OK(sb_material_check(&m, NULL));
         CHECK_INT(sb_material_is_linear(m.model), model == SB_LINEAR);
-        CHECK_INT(sb_material_allows_inversion(m.model),
-                  model != SB_NEO_HOOKEAN && model != SB_NEO_HOOKEAN_ISOCHORIC);
+        CHECK_INT(sb_material_is_hyperelastic(m.model), model != SB_LINEAR && !is_corotated(model));
+        CHECK_INT(sb_material_allows_inversion(m.model), model != SB_NEO_HOOKEAN &&
+                                                             model != SB_NEO_HOOKEAN_ISOCHORIC &&
+                                                             model < SB_MOONEY_RIVLIN);
     }
+}
+
+/* Tables 4.1 to 4.3 of the source, and the small-strain constants printed there. */
+static void test_presets(void)
+{
+    const sb_material_model models[5] = {SB_REDUCED_POLYNOMIAL, SB_REDUCED_POLYNOMIAL, SB_MOONEY_RIVLIN,
+                                         SB_NEO_HOOKEAN_ISOCHORIC, SB_LINEAR};
+    const double mu[5] = {158.4, 795.4, 968.86, 730, 1987 / 2.72}, late[5] = {0.168, 0.17, 0.5112, 1, 1};
+    const int terms[5] = {1, 3, 2, 0, 0};
+    sb_material m;
+    for (int preset = SB_LIVER_JORDAN; preset <= SB_LIVER_LINEAR; preset++) {
+        int at = preset - 1;
+        m = sb_material_preset((sb_preset)preset, DENSITY);
+        CHECK_OK(sb_material_check(&m, NULL));
+        CHECK_INT(m.model, models[at]);
+        CHECK_INT(m.prony_count, terms[at]);
+        CHECK_NEAR((double)m.mu / mu[at], 1, tolerance(1e-12, 10));
+        CHECK_NEAR(m.density, DENSITY, 0);
+        CHECK_NEAR(sb_material_relaxation(&m, 0), 1, 0);
+        CHECK_NEAR(sb_material_relaxation(&m, (sb_real)1e9), late[at], tolerance(1e-12, 10));
+    }
+    m = sb_material_preset(SB_LIVER_KIM, DENSITY);
+    CHECK_NEAR(sb_material_poisson(&m), 0.4976, 5e-5);
+    m = sb_material_preset(SB_LIVER_NEO_HOOKEAN, DENSITY);
+    CHECK_NEAR(sb_material_young(&m), 1987.4, 0.05);
+    m = sb_material_preset((sb_preset)0, DENSITY);
+    CHECK_RESULT(sb_material_check(&m, NULL), SB_ERROR_ARGUMENT);
 }
 
 static void check_refused(const sb_material *m, sb_result expected, const char *fragment)
@@ -625,9 +717,377 @@ static void test_refused_isochoric(void)
                                           1000); /* bulk 20 Pa, mu 600 Pa: auxetic, valid */
     CHECK_OK(sb_material_check(&m, NULL));
     CHECK(sb_material_poisson(&m) < 0);
+    m = sb_material_mooney_rivlin(300, -400, (sb_real)1e-3, 1000);
+    check_refused(&m, SB_ERROR_MATERIAL, "c10 + c01 is -100");
+    m = sb_material_mooney_rivlin(-300, 500, (sb_real)1e-3, 1000);
+    CHECK_OK(sb_material_check(&m, NULL));
+    m.mu = 401;
+    check_refused(&m, SB_ERROR_MATERIAL, "2 (c10 + c01) is 400");
+    m.c01 = m.c01 * 1 / (m.c01 - 500);
+    check_refused(&m, SB_ERROR_NOT_FINITE, "c01 (Pa) is inf");
+    m = sb_material_reduced_polynomial(300, -20, 5, (sb_real)1e-3, 1000);
+    CHECK_OK(sb_material_check(&m, NULL));
+    m.c30 = SB_REAL_MAX * 2;
+    check_refused(&m, SB_ERROR_NOT_FINITE, "c30 (Pa) is inf");
+    m = sb_material_reduced_polynomial(-300, 20, 5, (sb_real)1e-3, 1000);
+    check_refused(&m, SB_ERROR_MATERIAL, "c10 is -300");
     m = material_of(SB_SVK); /* others do not read c10, d1 */
     m.c10 = m.d1 = 0;
     CHECK_OK(sb_material_check(&m, NULL));
+}
+
+static void test_refused_fibres(void)
+{
+    sb_material svk = material_of(SB_SVK), m = sb_material_with_fibres(svk, -1, 2);
+    check_refused(&m, SB_ERROR_MATERIAL, "k1 -1 Pa");
+    m = sb_material_with_fibres(svk, 1, -2);
+    check_refused(&m, SB_ERROR_MATERIAL, "k2 -2");
+    m = sb_material_with_fibres(svk, 1, SB_REAL_MAX * 2);
+    check_refused(&m, SB_ERROR_NOT_FINITE, "k2 inf");
+    m = sb_material_with_fibres(svk, 100, 0);
+    CHECK_OK(sb_material_check(&m, NULL));
+    for (int model = SB_LINEAR; model <= SB_COROTATED_INVERTIBLE; model++) {
+        m = sb_material_with_fibres(material_of(model), 100, 1);
+        check_refused(&m, SB_ERROR_MATERIAL, "not hyperelastic");
+    }
+}
+
+static void test_refused_prony(void)
+{
+    sb_real g[SB_MAX_PRONY_TERMS + 1], tau[SB_MAX_PRONY_TERMS + 1];
+    sb_material svk = material_of(SB_SVK), m;
+    for (int i = 0; i <= SB_MAX_PRONY_TERMS; i++) {
+        g[i] = (sb_real)0.1;
+        tau[i] = (sb_real)(1 + i);
+    }
+    m = sb_material_with_prony(svk, g, tau, SB_MAX_PRONY_TERMS);
+    CHECK_OK(sb_material_check(&m, NULL));
+    m = sb_material_with_prony(m, g, tau, 0);
+    CHECK(m.prony_count == 0 && m.prony_g[0] == 0);
+    CHECK_OK(sb_material_check(&m, NULL));
+    m = sb_material_with_prony(svk, g, tau, SB_MAX_PRONY_TERMS + 1);
+    check_refused(&m, SB_ERROR_ARGUMENT, "9 Prony terms");
+    m = sb_material_with_prony(svk, NULL, tau, 2);
+    check_refused(&m, SB_ERROR_ARGUMENT, "-1 Prony terms");
+    m = sb_material_with_prony(svk, g, tau, -3);
+    check_refused(&m, SB_ERROR_ARGUMENT, "-3 Prony terms");
+    m = sb_material_with_prony(material_of(SB_COROTATED), g, tau, 2);
+    check_refused(&m, SB_ERROR_MATERIAL, "not hyperelastic");
+    tau[1] = 0;
+    m = sb_material_with_prony(svk, g, tau, 2);
+    check_refused(&m, SB_ERROR_MATERIAL, "term 1 has tau 0 s");
+    tau[1] = SB_REAL_MAX * 2;
+    m = sb_material_with_prony(svk, g, tau, 2);
+    check_refused(&m, SB_ERROR_NOT_FINITE, "term 1 has g 0.1 and tau inf");
+    tau[1] = 1;
+    g[1] = 1;
+    m = sb_material_with_prony(svk, g, tau, 2);
+    check_refused(&m, SB_ERROR_MATERIAL, "term 1 has g 1,");
+    g[1] = 0;
+    m = sb_material_with_prony(svk, g, tau, 2);
+    check_refused(&m, SB_ERROR_MATERIAL, "term 1 has g 0,");
+    g[1] = (sb_real)0.9375;
+    m = sb_material_with_prony(svk, g, tau, 2);
+    check_refused(&m, SB_ERROR_MATERIAL, "sum of g of 1.0375");
+}
+
+/* ---- fibres ---- */
+
+static sb_material fibrous(int model, double k1, double k2)
+{
+    return sb_material_with_fibres(material_of(model), (sb_real)k1, (sb_real)k2);
+}
+
+static sb_vec3 random_direction(unsigned long long *seed) { return sb_m3_column(random_rotation(seed), 0); }
+
+/* Matrix and fibres together: derivatives by differences, and by how much the fibres take part. */
+static void test_fibre_derivatives(void)
+{
+    const double exponents[3] = {0, 0.7, 3};
+    unsigned long long seed = 31;
+    double stress_error = 0, tangent_error = 0, lowest = 0;
+    int taut = 0, slack = 0;
+    for (int sample = 0; sample < SAMPLES; sample++) {
+        sb_material m = fibrous(SB_NEO_HOOKEAN, 2000, exponents[sample % 3]);
+        sb_mat3 f = random_deformation(SB_NEO_HOOKEAN, sample, 0.3, &seed), p = sb_m3_zero(), expected_p;
+        sb_vec3 a = random_direction(&seed);
+        sb_real A[81] = {0}, expected[81], energy = 0, h = difference_step();
+        for (int i = 0; i < 9; i++) {
+            sb_mat3 low = f, high = f, below = sb_m3_zero(), above = sb_m3_zero();
+            sb_real least = 0, most = 0, step;
+            high.m[i / 3][i % 3] += h;
+            low.m[i / 3][i % 3] -= h;
+            step = high.m[i / 3][i % 3] - low.m[i / 3][i % 3];
+            CHECK(sb_fibre_energy(&m, &low, a, &least) && sb_fibre_energy(&m, &high, a, &most));
+            CHECK(sb_fibre_stress(&m, &low, a, &below) && sb_fibre_stress(&m, &high, a, &above));
+            expected_p.m[i / 3][i % 3] = (most - least) / step;
+            for (int q = 0; q < 9; q++)
+                expected[9 * q + i] = (flat(&above)[q] - flat(&below)[q]) / step;
+        }
+        CHECK(sb_fibre_energy(&m, &f, a, &energy));
+        CHECK(sb_fibre_stress(&m, &f, a, &p));
+        CHECK(sb_fibre_tangent(&m, &f, a, A));
+        taut += energy > 0;
+        slack += energy == 0 && largest_of(flat(&p), 9) == 0 && largest_of(A, 81) == 0;
+        if (sb_abs(sb_v3_norm(sb_m3_apply(f, a)) - 1) < 2 * h) /* across the kink */
+            continue;
+        stress_error = fmax(stress_error, difference(flat(&p), flat(&expected_p), 9) /
+                                              fmax(largest_of(flat(&p), 9), (double)m.fibre_stiffness));
+        tangent_error = fmax(tangent_error,
+                             difference(A, expected, 81) / fmax(largest_of(A, 81), (double)m.fibre_stiffness));
+        if (energy > 0)
+            lowest = fmin(lowest, lowest_eigenvalue(A) / largest_of(A, 81));
+        for (int q = 0; q < 81; q++)
+            CHECK(A[q] == A[9 * (q % 9) + q / 9]);
+    }
+    CHECK_NEAR(stress_error, 0, difference_tolerance());
+    CHECK_NEAR(tangent_error, 0, difference_tolerance());
+    CHECK_NEAR(lowest, 0, tolerance(1e-14, 20));
+    CHECK(taut >= 20 && slack >= 20 && taut + slack == SAMPLES);
+}
+
+/* Pulled by 1.2 along the fibres: e = 0.44, P = 2 k1 e exp(k2 e^2) 1.2; the length of the direction is nothing. */
+static void test_fibre_closed_form(void)
+{
+    const double k1 = 300, exponents[5] = {0, 1e-7, 0.1, 1, 5}, e = 1.2 * 1.2 - 1;
+    sb_vec3 along = sb_v3(0, 7, 0);
+    sb_mat3 f = diagonal(0.9, 1.2, 0.9);
+    for (int c = 0; c < 5; c++) {
+        double k2 = exponents[c], q = k2 * e * e;
+        sb_material m = fibrous(SB_STABLE_NEO_HOOKEAN, k1, k2);
+        sb_mat3 p = diagonal(1, 2, 3);
+        sb_real energy = 5, A[81] = {0};
+        CHECK_OK(sb_material_check(&m, NULL));
+        CHECK(sb_fibre_energy(&m, &f, along, &energy));
+        CHECK_NEAR((double)energy - 5, k2 > 0 ? k1 / (2 * k2) * expm1(q) : k1 / 2 * e * e, tolerance(1e-11, 200));
+        CHECK(sb_fibre_stress(&m, &f, along, &p));
+        CHECK_NEAR((double)p.m[1][1] - 2, 2.4 * k1 * e * exp(q), tolerance(1e-10, 1e4));
+        CHECK(p.m[0][0] == 1 && p.m[2][2] == 3 && p.m[0][1] == 0);
+        CHECK(sb_fibre_tangent(&m, &f, along, A));
+        CHECK_NEAR((double)A[4 * 9 + 4] / (4 * 1.44 * k1 * exp(q) * (1 + 2 * q) + 2 * k1 * e * exp(q)), 1,
+                   tolerance(1e-13, 50));
+        CHECK_NEAR((double)A[1 * 9 + 1] / (2 * k1 * e * exp(q)), 1, tolerance(1e-13, 50));
+        CHECK(A[0] == 0 && A[4] == 0);
+    }
+}
+
+static void check_fibre_refused(const sb_material *m, const sb_mat3 *f, sb_vec3 direction)
+{
+    sb_real energy = 7, A[81];
+    sb_mat3 p = diagonal(7, 7, 7), untouched = p;
+    for (int i = 0; i < 81; i++)
+        A[i] = 7;
+    CHECK_INT(sb_fibre_energy(m, f, direction, &energy), 0);
+    CHECK_INT(sb_fibre_stress(m, f, direction, &p), 0);
+    CHECK_INT(sb_fibre_tangent(m, f, direction, A), 0);
+    CHECK(energy == 7 && difference(flat(&p), flat(&untouched), 9) == 0);
+    for (int i = 0; i < 81; i++)
+        CHECK(A[i] == 7);
+}
+
+static void test_fibre_refused(void)
+{
+    sb_material m = fibrous(SB_SVK, 100, 2), none = material_of(SB_SVK);
+    sb_mat3 rest = sb_m3_identity(), f = rest, p = sb_m3_zero();
+    sb_vec3 x = sb_v3(1, 0, 0), bad = x;
+    sb_real energy = 0, A[81] = {0};
+    check_fibre_refused(NULL, &f, x);
+    check_fibre_refused(&m, NULL, x);
+    check_fibre_refused(&m, &f, sb_v3(0, 0, 0));
+    bad.y = SB_REAL_MAX * 2;
+    check_fibre_refused(&m, &f, bad);
+    f.m[2][1] = bad.y;
+    check_fibre_refused(&m, &f, x);
+    f = diagonal(1e3, 1, 1); /* exp(2e12) */
+    check_fibre_refused(&m, &f, x);
+    CHECK_INT(sb_fibre_energy(&m, &rest, x, NULL), 0);
+    CHECK_INT(sb_fibre_stress(&m, &rest, x, NULL), 0);
+    CHECK_INT(sb_fibre_tangent(&m, &rest, x, NULL), 0);
+    /* No fibres and a wild exponent, a huge direction: nothing to overflow. */
+    none.fibre_exponent = SB_REAL_MAX;
+    CHECK(sb_fibre_energy(&none, &f, x, &energy) && energy == 0);
+    CHECK(sb_fibre_stress(&none, &f, x, &p) && largest_of(flat(&p), 9) == 0);
+    CHECK(sb_fibre_tangent(&none, &f, x, A) && largest_of(A, 81) == 0);
+    f = diagonal(1.1, 1, 1);
+    CHECK(sb_fibre_energy(&m, &f, sb_v3(SB_REAL_MAX, 0, 0), &energy));
+    CHECK_NEAR((double)energy / (25 * expm1(2 * 0.21 * 0.21)), 1, tolerance(1e-13, 30));
+}
+
+/* ---- relaxation ---- */
+
+static sb_material relaxing(sb_material m)
+{
+    const sb_real g[3] = {(sb_real)0.3, (sb_real)0.2, (sb_real)0.1}, tau[3] = {(sb_real)0.1, 1, 20};
+    return sb_material_with_prony(m, g, tau, 3);
+}
+
+static double relaxation_of(double t)
+{
+    return 1 - 0.3 * (1 - exp(-t / 0.1)) - 0.2 * (1 - exp(-t)) - 0.1 * (1 - exp(-t / 20));
+}
+
+/* Integral of the relaxation from 0 to t. */
+static double ramp_of(double t)
+{
+    return t - 0.3 * (t - 0.1 * (1 - exp(-t / 0.1))) - 0.2 * (t - (1 - exp(-t))) -
+           0.1 * (t - 20 * (1 - exp(-t / 20)));
+}
+
+static void test_relaxation_function(void)
+{
+    sb_material m = relaxing(material_of(SB_SVK)), elastic = material_of(SB_SVK);
+    const double times[6] = {0, 1e-6, 0.05, 1, 30, 1e4};
+    for (int c = 0; c < 6; c++) {
+        CHECK_NEAR(sb_material_relaxation(&m, (sb_real)times[c]), relaxation_of(times[c]), tolerance(1e-14, 10));
+        CHECK_NEAR(sb_material_relaxation(&elastic, (sb_real)times[c]), 1, 0);
+    }
+    CHECK_NEAR(sb_material_relaxation(&m, -1), 1, 0);
+    CHECK_NEAR(sb_material_relaxation(&m, SB_REAL_MAX * 2), 0.4, tolerance(1e-14, 10));
+}
+
+/* Stress at constant volume change and what is left of the rest, of a jump to F held for a time; models in which
+ * the two are told apart by the trace of S C or by their own energies. Any division of the time is exact. */
+static void test_jump_and_hold(void)
+{
+    const int steps[3] = {1, 7, 200};
+    for (int model = SB_SVK; model <= MODEL_COUNT; model++) {
+        sb_material elastic = material_of(model), m = relaxing(elastic), volume = elastic;
+        sb_mat3 f = diagonal(1.3, 0.85, 0.95), whole, bulk = sb_m3_zero(), p, expected;
+        f.m[0][1] = (sb_real)0.2;
+        CHECK(sb_material_stress(&elastic, &f, NULL, &whole));
+        if (model < SB_NEO_HOOKEAN_ISOCHORIC || model == SB_STABLE_NEO_HOOKEAN) {
+            /* linear in lambda, mu: the bulk modulus' share is P(lambda = bulk, mu = 0) */
+            volume.lambda = sb_material_bulk(&elastic);
+            volume.mu = 0;
+        } else {
+            volume.c10 = volume.c01 = volume.c20 = volume.c30 = 0;
+        }
+        CHECK(sb_material_stress(&volume, &f, NULL, &bulk));
+        for (int c = 0; c < 3; c++)
+            for (int t = 0; t < 3; t++) {
+                sb_material_history history;
+                double time = t == 0 ? 0.02 : t == 1 ? 1.5 : 40;
+                memset(&history, 0, sizeof history);
+                CHECK(sb_material_history_stress(&m, &history, &f, 0, NULL, &p));
+                CHECK_NEAR(difference(flat(&p), flat(&whole), 9) / largest_of(flat(&whole), 9), 0,
+                           tolerance(1e-13, 50));
+                for (int i = 0; i < steps[c]; i++)
+                    CHECK(sb_material_history_stress(&m, &history, &f, (sb_real)(time / steps[c]), NULL, &p));
+                expected = sb_m3_add(bulk, sb_m3_scale((sb_real)relaxation_of(time), sb_m3_sub(whole, bulk)));
+                CHECK_NEAR(difference(flat(&p), flat(&expected), 9) / largest_of(flat(&whole), 9), 0,
+                           tolerance(1e-12, 300));
+            }
+    }
+}
+
+/* A strain that grows evenly: StVK's stress is linear in it, so the ramp's closed form is met at any step. */
+static void test_ramp(void)
+{
+    const int steps[3] = {1, 4, 300};
+    sb_material m = relaxing(material_of(SB_SVK));
+    double mu = (double)m.mu, bulk = (double)sb_material_bulk(&m), rate = 0.1, time = 2;
+    for (int c = 0; c < 3; c++) {
+        sb_material_history history;
+        sb_mat3 f = sb_m3_identity(), p = f;
+        double e, relaxed;
+        memset(&history, 0, sizeof history);
+        for (int i = 1; i <= steps[c]; i++) {
+            f.m[0][0] = (sb_real)sqrt(1 + 2 * rate * time * i / steps[c]);
+            CHECK(sb_material_history_stress(&m, &history, &f, (sb_real)(time / steps[c]), NULL, &p));
+        }
+        e = rate * time;
+        relaxed = 2 * mu * rate * ramp_of(time);
+        CHECK_NEAR((double)p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1, tolerance(1e-12, 2000));
+        CHECK_NEAR((double)p.m[1][1] / (bulk * e - relaxed / 3), 1, tolerance(1e-12, 2000));
+    }
+}
+
+/* sin t in the strain: the error of halved steps falls by four. */
+static double swing_error(int steps)
+{
+    const sb_real g = (sb_real)0.6, tau = (sb_real)0.5;
+    sb_material m = sb_material_with_prony(material_of(SB_SVK), &g, &tau, 1);
+    sb_material_history history;
+    sb_mat3 f = sb_m3_identity(), p = f;
+    double t = 3, x = 0.5, left, exact;
+    memset(&history, 0, sizeof history);
+    for (int i = 1; i <= steps; i++) {
+        f.m[0][1] = (sb_real)(0.1 * sin(t * i / steps));
+        CHECK(sb_material_history_stress(&m, &history, &f, (sb_real)(t / steps), NULL, &p));
+    }
+    /* S01 = mu 0.1 (0.4 sin t + 0.6 int exp(-(t-s)/x) cos s ds); P01 = S01 + f S11, f S11 being of third order */
+    left = x / (1 + x * x) * (cos(t) + x * sin(t) - exp(-t / x));
+    exact = (double)m.mu * 0.1 * (0.4 * sin(t) + 0.6 * left);
+    return fabs((double)(p.m[1][0]) - exact); /* P10 = S10 alone */
+}
+
+static void test_swing(void)
+{
+    double coarse = swing_error(10), middle = swing_error(20), fine = swing_error(40);
+    CHECK(coarse > 1e-3);
+    CHECK_NEAR(coarse / middle, 4, 0.2);
+    CHECK_NEAR(middle / fine, 4, 0.2);
+}
+
+/* Fibres relax with the rest; a fully relaxing step; the elastic material has no memory. */
+static void test_relaxing_fibres(void)
+{
+    sb_material elastic = fibrous(SB_NEO_HOOKEAN, 900, 1), m = relaxing(elastic);
+    sb_material_history history;
+    const sb_vec3 direction = sb_v3(0, 2, 0);
+    sb_mat3 f = diagonal(0.9, 1.3, 0.9), matrix, fibres = sb_m3_zero(), both, p;
+    memset(&history, 0, sizeof history);
+    CHECK(sb_fibre_stress(&elastic, &f, direction, &fibres));
+    CHECK(sb_material_history_stress(&m, &history, &f, 0, &direction, &both));
+    CHECK(sb_material_stress(&elastic, &f, NULL, &p));
+    p = sb_m3_add(p, fibres);
+    CHECK_NEAR(difference(flat(&p), flat(&both), 9) / largest_of(flat(&p), 9), 0, tolerance(1e-13, 50));
+    CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, &direction, &both));
+    memset(&history, 0, sizeof history);
+    CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, NULL, &matrix));
+    CHECK_NEAR((double)(both.m[1][1] - matrix.m[1][1]) / (0.4 * (double)fibres.m[1][1]), 1, tolerance(1e-12, 100));
+    memset(&history, 0, sizeof history);
+    CHECK(sb_material_history_stress(&elastic, &history, &f, 1, &direction, &both));
+    CHECK_NEAR(difference(flat(&p), flat(&both), 9), 0, 0);
+    CHECK(largest_of(history.stress, 6) == 0);
+}
+
+static void check_history_refused(const sb_material *m, const sb_mat3 *f, double dt)
+{
+    sb_material_history history, before;
+    sb_mat3 p = diagonal(7, 7, 7), untouched = p;
+    memset(&history, 0, sizeof history);
+    history.stress[2] = 3;
+    history.memory[1][4] = 5;
+    before = history;
+    CHECK_INT(sb_material_history_stress(m, &history, f, (sb_real)dt, NULL, &p), 0);
+    CHECK(memcmp(&history, &before, sizeof history) == 0);
+    CHECK_NEAR(difference(flat(&p), flat(&untouched), 9), 0, 0);
+}
+
+static void test_history_refused(void)
+{
+    sb_material m = relaxing(material_of(SB_NEO_HOOKEAN)), bad = m;
+    sb_mat3 f = diagonal(1.1, 1, 1), flat_one = diagonal(1, 1, 0), inverted = diagonal(1, 1, -1), p;
+    sb_material_history history;
+    memset(&history, 0, sizeof history);
+    check_history_refused(NULL, &f, 1);
+    check_history_refused(&m, NULL, 1);
+    check_history_refused(&m, &f, -1);
+    check_history_refused(&m, &f, sqrt(-1.0));
+    check_history_refused(&m, &inverted, 1);
+    check_history_refused(&m, &flat_one, 1);
+    bad.prony_count = SB_MAX_PRONY_TERMS + 1;
+    check_history_refused(&bad, &f, 1);
+    bad.prony_count = -1;
+    check_history_refused(&bad, &f, 1);
+    bad = relaxing(material_of(SB_COROTATED));
+    check_history_refused(&bad, &f, 1);
+    bad = relaxing(material_of(SB_STABLE_NEO_HOOKEAN));
+    check_history_refused(&bad, &flat_one, 1);
+    CHECK(sb_material_history_stress(&bad, &history, &inverted, 1, NULL, &p));
+    CHECK_INT(sb_material_history_stress(&m, NULL, &f, 1, NULL, &p), 0);
+    CHECK_INT(sb_material_history_stress(&m, &history, &f, 1, NULL, NULL), 0);
 }
 
 /* ---- inadmissible and degenerate deformations ---- */
@@ -777,11 +1237,17 @@ CHECK_SUITE(material, {"stress is the energy's gradient", test_stress_is_energy_
             {"quasi tangent of other models", test_quasi_of_other_models},
             {"Hooke's tangent at rest", test_hooke_tangent_at_rest}, {"rest state", test_rest_state},
             {"objectivity", test_objectivity}, {"closed forms", test_closed_forms},
+            {"uniaxial and biaxial states", test_uniaxial_and_biaxial}, {"simple shear", test_simple_shear},
             {"uniaxial Young's modulus", test_uniaxial_young}, {"warm start", test_warm_start},
             {"Cauchy and von Mises stress", test_cauchy_and_von_mises},
-            {"no stiffness scale", test_stiffness_scale}, {"constants", test_constants},
+            {"no stiffness scale", test_stiffness_scale}, {"constants", test_constants}, {"presets", test_presets},
             {"refused parameters", test_refused_parameters},
             {"refused isochoric parameters", test_refused_isochoric},
+            {"refused fibres", test_refused_fibres}, {"refused Prony terms", test_refused_prony},
+            {"fibre derivatives", test_fibre_derivatives}, {"fibre closed form", test_fibre_closed_form},
+            {"fibre calls refused", test_fibre_refused}, {"relaxation function", test_relaxation_function},
+            {"jump and hold", test_jump_and_hold}, {"ramp", test_ramp}, {"swing", test_swing},
+            {"relaxing fibres", test_relaxing_fibres}, {"histories refused", test_history_refused},
             {"inverted and flat deformations", test_inverted_and_flat},
             {"nearly flat deformations", test_nearly_flat}, {"refused input", test_refused_input},
             {"corotated kink", test_corotated_kink}, {"extreme deformations", test_extreme_deformations});

@@ -67,49 +67,169 @@ SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson
     return sbi_material_from_young(SB_STABLE_NEO_HOOKEAN, young, poisson, density);
 }
 
-SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
+static sb_material sbi_material_isochoric(sb_material_model model, sb_real c10, sb_real c01, sb_real d1,
+                                          sb_real density)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
-    m.model = SB_NEO_HOOKEAN_ISOCHORIC;
+    m.model = model;
     m.density = density;
-    m.mu = 2 * c10;
+    m.mu = 2 * (c10 + c01);
     m.lambda = 2 / d1 - 2 * m.mu / 3;
     m.c10 = c10;
+    m.c01 = c01;
     m.d1 = d1;
+    return m;
+}
+
+SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
+{
+    return sbi_material_isochoric(SB_NEO_HOOKEAN_ISOCHORIC, c10, 0, d1, density);
+}
+
+SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density)
+{
+    return sbi_material_isochoric(SB_MOONEY_RIVLIN, c10, c01, d1, density);
+}
+
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
+                                                  sb_real density)
+{
+    sb_material m = sbi_material_isochoric(SB_REDUCED_POLYNOMIAL, c10, 0, d1, density);
+    m.c20 = c20;
+    m.c30 = c30;
+    return m;
+}
+
+SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2)
+{
+    material.fibre_stiffness = k1;
+    material.fibre_exponent = k2;
+    return material;
+}
+
+/* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
+{
+    material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
+    for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
+        int given = i < material.prony_count;
+        material.prony_g[i] = given ? g[i] : 0;
+        material.prony_tau[i] = given ? tau[i] : 0;
+    }
+    return material;
+}
+
+/* ---- presets ---- */
+
+SB_API sb_material sb_material_preset(sb_preset preset, sb_real density)
+{
+    const sb_real jordan[2] = {(sb_real)0.832, (sb_real)0.15};
+    const sb_real raghunathan[2][3] = {{(sb_real)0.503, (sb_real)0.185, (sb_real)0.142},
+                                       {(sb_real)2.1, (sb_real)47.1, (sb_real)380}};
+    const sb_real kim[2][2] = {{(sb_real)0.2866, (sb_real)0.2022}, {(sb_real)1.537, (sb_real)6.09}};
+    const sb_real d1 = (sb_real)8.38e-4;
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    switch (preset) {
+    case SB_LIVER_JORDAN:
+        m = sb_material_reduced_polynomial((sb_real)79.2, 257, 0, (sb_real)4.38e-4, density);
+        return sb_material_with_prony(m, &jordan[0], &jordan[1], 1);
+    case SB_LIVER_RAGHUNATHAN:
+        m = sb_material_reduced_polynomial((sb_real)397.7, (sb_real)208.6, 0, d1, density);
+        return sb_material_with_prony(m, raghunathan[0], raghunathan[1], 3);
+    case SB_LIVER_KIM:
+        m = sb_material_mooney_rivlin((sb_real)322.96, (sb_real)161.47, (sb_real)1e-5, density);
+        return sb_material_with_prony(m, kim[0], kim[1], 2);
+    case SB_LIVER_NEO_HOOKEAN: return sb_material_neo_hookean_isochoric(365, d1, density);
+    case SB_LIVER_LINEAR: return sb_material_linear(1987, (sb_real)0.36, density);
+    }
     return m;
 }
 
 /* ---- check ---- */
 
+static int sbi_material_is_isochoric(sb_material_model model)
+{
+    return model == SB_NEO_HOOKEAN_ISOCHORIC || model == SB_MOONEY_RIVLIN || model == SB_REDUCED_POLYNOMIAL;
+}
+
 static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error)
 {
-    const char *const names[5] = {"density (kg/m^3)", "lambda (Pa)", "mu (Pa)", "c10 (Pa)", "d1 (1/Pa)"};
-    const sb_real values[5] = {m->density, m->lambda, m->mu, m->c10, m->d1};
-    int count = m->model == SB_NEO_HOOKEAN_ISOCHORIC ? 5 : 3;
-    for (int i = 0; i < count; i++)
-        if (!sb_is_finite(values[i]))
+    const char *const names[8] = {"density (kg/m^3)", "lambda (Pa)", "mu (Pa)",  "c10 (Pa)",
+                                  "d1 (1/Pa)",        "c01 (Pa)",    "c20 (Pa)", "c30 (Pa)"};
+    const sb_real values[8] = {m->density, m->lambda, m->mu, m->c10, m->d1, m->c01, m->c20, m->c30};
+    for (int i = 0; i < 8; i++) {
+        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) ||
+                   (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
+        if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
                             "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))",
                             names[i], (double)values[i]);
+    }
     return SB_OK;
 }
 
-/* c10, d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
+/* 2 (c10 + c01) > 0 and d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
 static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *error)
 {
-    sb_real tolerance = (sb_real)1e-3, mu = 2 * m->c10, bulk;
-    if (!(m->c10 > 0))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material c10 is %g Pa, must be > 0", (double)m->c10);
+    const sb_real tolerance = (sb_real)1e-3;
+    int mooney = m->model == SB_MOONEY_RIVLIN;
+    const char *name = mooney ? "c10 + c01" : "c10";
+    sb_real sum = mooney ? m->c10 + m->c01 : m->c10, mu = 2 * sum, bulk;
+    if (!(sum > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material %s is %g Pa, must be > 0", name, (double)sum);
     if (!(m->d1 > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 c10 is %g Pa", (double)m->mu,
-                        (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa", (double)m->mu,
+                        mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
+    return SB_OK;
+}
+
+static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error)
+{
+    if (!sb_is_finite(m->fibre_stiffness) || !sb_is_finite(m->fibre_exponent))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "material fibres have k1 %g Pa and k2 %g, not finite",
+                        (double)m->fibre_stiffness, (double)m->fibre_exponent);
+    if (m->fibre_stiffness < 0 || m->fibre_exponent < 0)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
+                        (double)m->fibre_stiffness, (double)m->fibre_exponent);
+    if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but model %d is not hyperelastic",
+                        (int)m->model);
+    return SB_OK;
+}
+
+static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
+{
+    sb_real sum = 0;
+    if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d", m->prony_count,
+                        (int)SB_MAX_PRONY_TERMS);
+    if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has Prony terms, but model %d is not hyperelastic",
+                        (int)m->model);
+    for (int i = 0; i < m->prony_count; i++) {
+        sb_real g = m->prony_g[i], tau = m->prony_tau[i];
+        if (!sb_is_finite(g) || !sb_is_finite(tau))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Prony term %d has g %g and tau %g s, not finite", i,
+                            (double)g, (double)tau);
+        if (!(g > 0 && g < 1))
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has g %g, must be inside (0, 1)", i,
+                            (double)g);
+        if (!(tau > 0))
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
+                            (double)tau);
+        sum += g;
+    }
+    if (!(sum < 1))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony terms have a sum of g of %g, must be < 1",
+                        (double)sum);
     return SB_OK;
 }
 
@@ -135,16 +255,20 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
     sb_result result;
     if (!material)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material is NULL");
-    if ((int)material->model < SB_LINEAR || (int)material->model > SB_STABLE_NEO_HOOKEAN)
+    if ((int)material->model < SB_LINEAR || (int)material->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
     result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
         result = sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0",
                           (double)material->density);
-    if (result == SB_OK && material->model == SB_NEO_HOOKEAN_ISOCHORIC)
+    if (result == SB_OK && sbi_material_is_isochoric(material->model))
         result = sbi_material_check_isochoric(material, error);
     if (result == SB_OK)
         result = sbi_material_check_moduli(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_fibres(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_prony(material, error);
     return result;
 }
 
@@ -165,6 +289,11 @@ SB_API int sb_material_allows_inversion(sb_material_model model)
 }
 
 SB_API int sb_material_is_linear(sb_material_model model) { return model == SB_LINEAR; }
+
+SB_API int sb_material_is_hyperelastic(sb_material_model model)
+{
+    return (int)model >= SB_SVK && (int)model <= SB_REDUCED_POLYNOMIAL;
+}
 
 /* ---- evaluation ---- */
 
@@ -218,6 +347,56 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
         *rotation = q;
     return 1;
 }
+
+/* ---- fibres ---- */
+
+/* 1 when the arguments of a fibre call are in order; *unit = the direction at length 1. */
+static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
+{
+    sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) || !(largest > 0))
+        return 0;
+    /* By the largest component first, lest squares overflow. */
+    direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
+    *unit = sb_v3_scale(1 / sb_v3_norm(direction), direction);
+    return 1;
+}
+
+SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W)
+{
+    sb_vec3 unit;
+    sb_real energy = 0;
+    if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P)
+{
+    sb_vec3 unit;
+    sb_mat3 stress = sb_m3_zero();
+    if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        return 0;
+    *P = sb_m3_add(*P, stress);
+    return 1;
+}
+
+SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81])
+{
+    sb_vec3 unit;
+    sb_real tangent[81] = {0};
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        return 0;
+    for (int i = 0; i < 81; i++)
+        A[i] += tangent[i];
+    return 1;
+}
+
+/* ---- stress measures ---- */
 
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
 {
@@ -319,4 +498,82 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
         for (int k = 0; k < 6; k++)
             H[k] += decay * h[i][k] - taken * s0_old[k];
     }
+}
+
+/* Rows and columns of the six components. */
+static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
+
+/* S0 = F^-1 P, symmetric but for rounding. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6])
+{
+    sb_mat3 p;
+    sb_real J = sb_m3_det(*F), stress[6];
+    if (!(sb_abs(J) > 0) || !sb_material_stress(relaxing, F, NULL, &p) ||
+        (fibre && !sb_fibre_stress(relaxing, F, *fibre, &p)))
+        return 0;
+    p = sb_m3_mul(sb_m3_inverse(*F), p);
+    for (int k = 0; k < 6; k++) {
+        int i = sbi_voigt_row[k], j = sbi_voigt_column[k];
+        stress[k] = (sb_real)0.5 * (p.m[i][j] + p.m[j][i]);
+    }
+    if (!sbi_material_all_finite(stress, 6))
+        return 0;
+    for (int k = 0; k < 6; k++)
+        s0[k] = stress[k];
+    return 1;
+}
+
+/* ---- relaxation of one point ---- */
+
+SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
+{
+    sb_real left = 1;
+    for (int i = 0; i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS) && time > 0; i++)
+        left -= material->prony_g[i] * (1 - sb_exp(-time / material->prony_tau[i]));
+    return left;
+}
+
+/* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */
+static int sbi_material_history_total(const sb_material *material, const sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+{
+    sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+    sb_real prestress[6];
+    sb_mat3 remembered, stress;
+    if (!sb_material_stress(&left, F, NULL, &stress) || (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+        return 0;
+    sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
+    for (int k = 0; k < 6; k++) {
+        int i = sbi_voigt_row[k], j = sbi_voigt_column[k];
+        remembered.m[i][j] = remembered.m[j][i] = prestress[k];
+    }
+    *P = sb_m3_add(stress, sb_m3_mul(*F, remembered));
+    return sbi_material_all_finite(P->m[0], 9);
+}
+
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+{
+    sb_material relaxing;
+    sb_real s0[6];
+    sb_mat3 stress;
+    if (!material || !history || !F || !P || !(dt >= 0) || material->prony_count < 0 ||
+        material->prony_count > SB_MAX_PRONY_TERMS ||
+        (material->prony_count > 0 && !sb_material_is_hyperelastic(material->model)))
+        return 0;
+    if (material->prony_count == 0) {
+        if (!sb_material_stress(material, F, NULL, &stress) || (fibre && !sb_fibre_stress(material, F, *fibre, &stress)))
+            return 0;
+        *P = stress;
+        return 1;
+    }
+    relaxing = sbi_material_relaxing(material);
+    if (!sbi_prony_instant(&relaxing, F, fibre, s0) ||
+        !sbi_material_history_total(material, history, F, dt, fibre, &stress))
+        return 0;
+    sbi_prony_advance(material, dt, history->stress, s0, history->memory);
+    for (int k = 0; k < 6; k++)
+        history->stress[k] = s0[k];
+    *P = stress;
+    return 1;
 }

@@ -1,8 +1,9 @@
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 1.
  *
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
- * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. No function
- * allocates or keeps state; all are thread-safe.
+ * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
+ * hyperelastic model in a direction that the caller gives with each F; Prony terms let it relax in time. No
+ * function allocates or keeps state; all are thread-safe.
  *
  * Two ways in: sb_material_energy/stress/tangent choose the model at run time and check their input; the
  * sbi_..._inline workers take the model as a literal first argument, so that a loop over integration
@@ -38,17 +39,17 @@ enum { SB_MAX_PRONY_TERMS = 8 };
 
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
- * and c10 = mu/2, d1 = 2/bulk. Only SB_NEO_HOOKEAN_ISOCHORIC evaluates c10 and d1; the others evaluate
- * lambda and mu. */
+ * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC, SB_MOONEY_RIVLIN,
+ * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
     sb_real density; /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
     sb_real lambda;  /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
     sb_real mu;      /* shear modulus [Pa], > 0 */
-    sb_real c10;     /* [Pa], > 0 */
+    sb_real c10;     /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
     sb_real d1;      /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;     /* [Pa]; Mooney-Rivlin, else 0 */
-    sb_real c20, c30; /* [Pa]; reduced polynomial, else 0 */
+    sb_real c01;     /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30; /* [Pa], any sign; reduced polynomial, else 0 */
     sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
     sb_real fibre_exponent;  /* k2, >= 0 */
     int prony_count; /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
@@ -75,6 +76,44 @@ SB_API sb_material sb_material_neo_hookean(sb_real young, sb_real poisson, sb_re
 SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson, sb_real density);
 /* c10 [Pa] > 0, d1 [1/Pa] > 0: Abaqus' and CalculiX' constants, mu = 2 c10 and bulk = 2/d1. */
 SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density);
+/* The same convention with mu = 2 (c10 + c01) > 0; c10 or c01 [Pa] may be 0 or negative, at the price of a
+ * material that softens or turns unstable under large strain. */
+SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
+/* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
+ * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
+                                                  sb_real density);
+/* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
+ *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
+ * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
+ * stay those of the matrix. */
+SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2);
+/* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
+ * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
+ * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
+ * elastic again. */
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
+
+/* ---- presets: liver, as published ----
+ * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
+typedef enum sb_preset {
+    /* Reduced polynomial C10 79.2 Pa, C20 257 Pa, D1 4.38e-4 1/Pa; g 0.832, tau 0.15 s (Jordan et al. 2009). */
+    SB_LIVER_JORDAN = 1,
+    /* Reduced polynomial C10 397.7 Pa, C20 208.6 Pa, D1 8.38e-4 1/Pa; g 0.503, 0.185, 0.142, tau 2.1, 47.1,
+     * 380 s (Raghunathan et al. 2010). */
+    SB_LIVER_RAGHUNATHAN = 2,
+    /* Mooney-Rivlin C10 322.96 Pa, C01 161.47 Pa; g 0.2866, 0.2022, tau 1.537, 6.09 s (Kim and Srinivasan 2005).
+     * D1 is published as "below 1e-5 1/Pa"; here it is 1e-5, the softest of these (Poisson's ratio 0.4976). */
+    SB_LIVER_KIM = 3,
+    /* Simplified: isochoric neo-Hookean C10 365 Pa, D1 8.38e-4 1/Pa (Young's modulus 1987 Pa, Poisson's ratio
+     * 0.36). Goes with a body's damping_stiffness of 0.21 s in place of Prony terms. */
+    SB_LIVER_NEO_HOOKEAN = 4,
+    /* Linear, Young's modulus 1987 Pa, Poisson's ratio 0.36; goes with a damping_stiffness of 0.21 s. */
+    SB_LIVER_LINEAR = 5
+} sb_preset;
+/* A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that
+ * sb_material_check refuses. */
+SB_API sb_material sb_material_preset(sb_preset preset, sb_real density);
 
 /* Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa]. */
 SB_API sb_real sb_material_young(const sb_material *material);
@@ -82,9 +121,10 @@ SB_API sb_real sb_material_poisson(const sb_material *material);
 SB_API sb_real sb_material_bulk(const sb_material *material);
 
 /* Checks model, finiteness and ranges of a material (mu > 0, bulk > 0, density > 0, Poisson's ratio in
- * (-1, 0.5); isochoric: c10, d1 > 0 and in agreement with lambda, mu). Returns SB_OK, or SB_ERROR_ARGUMENT
- * (NULL, unknown model), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
- * be NULL). */
+ * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
+ * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
+ * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
+ * be NULL). It does not tell whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
 /* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
@@ -93,6 +133,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
 SB_API int sb_material_is_linear(sb_material_model model);
+/* 1 for the models that take fibres and Prony terms: all but the linear and corotated ones. */
+SB_API int sb_material_is_hyperelastic(sb_material_model model);
 
 /* ---- evaluation at one point -------------------------------------------------------------------------
  * F: deformation gradient. rotation: SB_COROTATED's warm start, a unit quaternion read and overwritten with
@@ -112,6 +154,36 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * not divide by it. */
 SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
                                sb_tangent_kind kind, sb_real A[81]);
+
+/* ---- fibres ----
+ * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
+ * rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
+ * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
+ * tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it. */
+SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W);
+SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P);
+SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81]);
+
+/* ---- relaxation in time ---- */
+
+/* g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0. */
+SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time);
+
+/* What a point of a material with Prony terms remembers. All zero: at rest for ever. Plain data. */
+typedef struct sb_material_history {
+    sb_real stress[6];                   /* instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F
+                                            [Pa], in the order 00 11 22 01 12 02 */
+    sb_real memory[SB_MAX_PRONY_TERMS][6]; /* h_i [Pa], the same */
+} sb_material_history;
+
+/* Moves one point by dt [s] >= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres
+ * included: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes
+ * evenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.
+ * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
+ * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
+ * hyperelastic, or a pointer but fibre is NULL. */
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -150,6 +222,9 @@ SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb
                                const sb_real s0_new[6], sb_real (*h)[6]);
 SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
                                  const sb_real (*h)[6], sb_real H[6]);
+/* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
+ * untouched when F is not admissible, or J = 0. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -409,14 +484,50 @@ SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb
     }
 }
 
-/* ---- neo-Hookean with a volume barrier: ln J and isochoric form ---- */
+/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
 
-/* Both forms have P = alpha F - epsilon B and
- *     A_ijkl = alpha d_ik d_jl + beta (F_ij B_kl + B_ij F_kl) + gamma B_ij B_kl + epsilon B_il B_kj. */
+/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
+ *     P = alpha F + second N - epsilon B and
+ *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
+ *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
+ * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
 typedef struct sbi_barrier {
     sb_mat3 b;
-    sb_real J, alpha, beta, gamma, epsilon;
+    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
 } sbi_barrier;
+
+/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
+SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    *curvature = 2 * m->c20 + 6 * m->c30 * i;
+    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
+}
+
+/* The isochoric family's coefficients; cofactor = cof F. */
+SBI_FORCE_INLINE void sbi_barrier_isochoric(const int model, const sb_material *m, const sb_mat3 *F,
+                                            const sb_mat3 *cofactor, sbi_barrier *out)
+{
+    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
+    sb_real square = root * root, slope = m->c10, curvature = 0;
+    if (model == SB_REDUCED_POLYNOMIAL)
+        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    out->alpha = 2 * slope / square;
+    out->beta = -(sb_real)2 / 3 * out->alpha;
+    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
+    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+        out->zeta = 4 * curvature / (square * square);
+        out->beta -= out->zeta * I1 / 3;
+        out->gamma += out->zeta * I1 * I1 / 9;
+    }
+    if (model == SB_MOONEY_RIVLIN) {
+        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
+        out->second = 2 * m->c01 / (square * square);
+        out->zeta = 2 * out->second;
+        out->gamma += (sb_real)8 / 9 * out->second * I2;
+        out->epsilon += 2 * out->second * I2 / 3;
+    }
+}
 
 SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
 {
@@ -426,19 +537,23 @@ SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const
         return 0;
     out->J = J;
     out->b = sb_m3_scale(1 / J, cofactor);
+    out->zeta = out->second = 0;
     if (model == SB_NEO_HOOKEAN) {
         out->alpha = m->mu;
         out->beta = 0;
         out->gamma = m->lambda;
         out->epsilon = m->mu - m->lambda * sb_log(J);
     } else {
-        sb_real root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
-        out->alpha = 2 * m->c10 / (root * root);
-        out->beta = -(sb_real)2 / 3 * out->alpha;
-        out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
-        out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+        sbi_barrier_isochoric(model, m, F, &cofactor, out);
     }
     return 1;
+}
+
+/* N = F (I1 I - C) */
+SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
 }
 
 SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
@@ -446,7 +561,10 @@ SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, c
     sbi_barrier c;
     if (!sbi_barrier_at(model, m, F, &c))
         return 0;
-    *P = sb_m3_sub(sb_m3_scale(c.alpha, *F), sb_m3_scale(c.epsilon, c.b));
+    *P = sb_m3_scale(c.alpha, *F);
+    if (model == SB_MOONEY_RIVLIN)
+        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
+    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
     return 1;
 }
 
@@ -459,10 +577,38 @@ SBI_FORCE_INLINE int sbi_barrier_energy(const int model, const sb_material *m, c
         sb_real log_J = sb_log(J);
         *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
     } else {
-        sb_real root = sb_cbrt(J);
-        *W = m->c10 * (I1 / (root * root) - 3) + (J - 1) * (J - 1) / m->d1;
+        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
+        if (model == SB_REDUCED_POLYNOMIAL)
+            slope += i * (m->c20 + m->c30 * i);
+        *W = slope * i + (J - 1) * (J - 1) / m->d1;
+        if (model == SB_MOONEY_RIVLIN) {
+            sb_mat3 cofactor = sb_m3_cofactor(*F);
+            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
+        }
     }
     return 1;
+}
+
+/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
+ * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
+SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
+    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
+            block = sb_m3_add(block, sb_m3_outer(li, bk));
+            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
+            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
+            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
+            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
+        }
+    }
 }
 
 SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
@@ -470,6 +616,10 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, 
     sbi_barrier c;
     if (!sbi_barrier_at(model, m, F, &c))
         return 0;
+    if (model == SB_MOONEY_RIVLIN) {
+        sbi_mooney_tangent(&c, F, A);
+        return 1;
+    }
     for (int i = 0; i < 3; i++) {
         sb_vec3 bi = sbi_material_row(&c.b, i);
         sb_vec3 fi = sbi_material_row(F, i);
@@ -478,8 +628,12 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, 
             if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
                 right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
             sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
-            if (model != SB_NEO_HOOKEAN)
-                block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c.beta, bk)));
+            if (model != SB_NEO_HOOKEAN) {
+                sb_vec3 left = sb_v3_scale(c.beta, bk);
+                if (model == SB_REDUCED_POLYNOMIAL)
+                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
+                block = sb_m3_add(block, sb_m3_outer(fi, left));
+            }
             sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
         }
     }
@@ -585,14 +739,20 @@ SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_pri
 /* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
 SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
 {
+    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
+    sb_real normal[3]; /* N_i = normal_i s_i */
+    for (int i = 0; i < 3; i++)
+        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
         sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
-        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse;
+        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
+                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
         out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (s[j] * s[j] + s[k] * s[k]) + c->gamma) * product;
-        out->same[i] = c->alpha;
-        out->cross[i] = c->epsilon * product;
+            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+             c->gamma) * product + c->zeta * s[j] * s[k];
+        out->same[i] = c->alpha + c->second * squares[i];
+        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
 }
 
@@ -730,7 +890,7 @@ SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat
         return 0;
     if (!(second > 0))
         return 1;
-    const sb_mat3 tension = sb_m3_outer(sb_v3_scale(2 * first, a0), a0);
+    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
     sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -754,7 +914,9 @@ SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_materi
     }
     case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return sbi_barrier_energy(model, m, F, W);
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
     case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
     default: return 0;
     }
@@ -773,7 +935,9 @@ SBI_FORCE_INLINE int sbi_material_stress_inline(const int model, const sb_materi
     }
     case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return sbi_barrier_stress(model, m, F, P);
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
     case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
     default: return 0;
     }
@@ -789,6 +953,8 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
     case SB_SVK: sbi_svk_tangent(m, F, A); break;
     case SB_NEO_HOOKEAN:
     case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL:
         if (!sbi_barrier_tangent(model, m, F, A))
             return 0;
         break;
