@@ -6,7 +6,7 @@
 
 static const double pi = 3.14159265358979323846;
 
-enum { MODELS = 7, CORNERS = 8, DOFS = 24 };
+enum { MODELS = 9, CORNERS = 8, DOFS = 24 };
 
 static sb_material model_of(int model, double poisson)
 {
@@ -18,8 +18,10 @@ static sb_material model_of(int model, double poisson)
     case 2: return sb_material_corotated_invertible(young, nu, density);
     case 3: return sb_material_svk(young, nu, density);
     case 4: return sb_material_neo_hookean(young, nu, density);
-    case 5: return sb_material_neo_hookean_isochoric(m.mu / 2, 2 / sb_material_bulk(&m), density);
-    default: return sb_material_stable_neo_hookean(young, nu, density);
+    case 5: return sb_material_neo_hookean_isochoric(m.c10, m.d1, density);
+    case 6: return sb_material_stable_neo_hookean(young, nu, density);
+    case 7: return sb_material_mooney_rivlin(REAL(0.7) * m.c10, REAL(0.3) * m.c10, m.d1, density);
+    default: return sb_material_reduced_polynomial(m.c10, REAL(0.1) * m.c10, REAL(0.02) * m.c10, m.d1, density);
     }
 }
 

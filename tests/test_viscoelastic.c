@@ -34,7 +34,7 @@ static sb_material with_prony(sb_material material)
     return material;
 }
 
-enum { MODELS = 4 };
+enum { MODELS = 6 };
 
 /* A hyperelastic model with its shear modulus times g, at a constant bulk modulus of 8000 Pa. */
 static sb_material model_of(int model, double g, double density)
@@ -45,7 +45,10 @@ static sb_material model_of(int model, double g, double density)
     case 0: return sb_material_svk(REAL(young), REAL(poisson), REAL(density));
     case 1: return sb_material_neo_hookean(REAL(young), REAL(poisson), REAL(density));
     case 2: return sb_material_neo_hookean_isochoric(REAL(mu / 2), REAL(2 / bulk), REAL(density));
-    default: return sb_material_stable_neo_hookean(REAL(young), REAL(poisson), REAL(density));
+    case 3: return sb_material_stable_neo_hookean(REAL(young), REAL(poisson), REAL(density));
+    case 4: return sb_material_mooney_rivlin(REAL(0.3 * mu), REAL(0.2 * mu), REAL(2 / bulk), REAL(density));
+    default:
+        return sb_material_reduced_polynomial(REAL(mu / 2), REAL(mu / 5), REAL(mu / 20), REAL(2 / bulk), REAL(density));
     }
 }
 
