@@ -13050,14 +13050,14 @@ static double sbi_fit_own(const sbi_fit_system *system, int k)
     return sum > 0 ? fabs(system->r[k][k]) / sqrt(sum) : 0;
 }
 
-/* The unknown with the least part of its own, and that part. */
+/* The unknown with the least part of its own, or the first that is not told apart; and that part. */
 static int sbi_fit_weakest(const sbi_fit_system *system, double *own)
 {
     int weakest = 0;
     *own = 1;
     for (int k = 0; k < system->n; k++) {
         double part = sbi_fit_own(system, k);
-        if (part < *own) {
+        if (part < *own && *own >= sbi_fit_least_own) {
             *own = part;
             weakest = k;
         }
@@ -13248,6 +13248,8 @@ static int sbi_fit_free_side(const sb_material *m, sb_test_kind kind, double x, 
         sb_real A[81];
         double next, slope;
         if (!sb_material_stress(m, &f, NULL, &p) || !sb_material_tangent(m, &f, NULL, SB_TANGENT_EXACT, A))
+            return 0;
+        if (at < (double)SB_EPSILON) /* squeezed to nothing, where some models have no stress either */
             return 0;
         if (p.m[2][2] < 0)
             low = at;
