@@ -28,7 +28,7 @@ typedef struct settings {
 
 typedef struct model {
     const char *name;
-    sb_material_preset preset;
+    sb_preset preset;
     int corotated;              /* 1: the linear model's constants in the corotated formulation */
     double beta;                /* Rayleigh damping (s) */
     const char *thesis[PATTERNS]; /* maximum / mean distance to the reference (mm) */
@@ -38,7 +38,7 @@ static const model models[] = {
     {"Raghunathan 2010 (reference)", SB_LIVER_RAGHUNATHAN, 0, 0, {"", ""}},
     {"Jordan 2009", SB_LIVER_JORDAN, 0, 0, {"0.58 / 0.16", "1.14 / 0.22"}},
     {"Kim 2005", SB_LIVER_KIM, 0, 0, {"0.55 / 0.13", "1.11 / 0.18"}},
-    {"simplified neo-Hookean", SB_LIVER_SIMPLIFIED, 0, 0.21, {"0.25 / 0.07", "0.27 / 0.007"}},
+    {"simplified neo-Hookean", SB_LIVER_NEO_HOOKEAN, 0, 0.21, {"0.25 / 0.07", "0.27 / 0.007"}},
     {"corotated linear", SB_LIVER_LINEAR, 1, 0.21, {"0.47 / 0.13", "0.55 / 0.09"}}, /* tables 5.1, 5.2 */
     {"linear", SB_LIVER_LINEAR, 0, 0.21, {"3.88 / 1.28", "0.66 / 0.007"}},
 };
@@ -48,7 +48,7 @@ static const sb_real density = 1060; /* kg/m^3 */
 
 static sb_material make_material(const model *m)
 {
-    sb_material material = sb_material_from_preset(m->preset, density);
+    sb_material material = sb_material_preset(m->preset, density);
     if (m->corotated)
         material = sb_material_corotated(sb_material_young(&material), sb_material_poisson(&material), density);
     return material;

@@ -23,7 +23,7 @@ typedef struct settings {
 
 typedef struct model {
     const char *name;
-    sb_material_preset preset;
+    sb_preset preset;
     double *stress, *stretched; /* [points of time] Pa and - */
 } model;
 
@@ -61,7 +61,7 @@ static sb_result make_specimen(const model *m, sb_mesh *mesh, sb_body **body, sb
     if (result != SB_OK)
         return result;
     def.mesh = mesh;
-    def.material = sb_material_from_preset(m->preset, (sb_real)density);
+    def.material = sb_material_preset(m->preset, (sb_real)density);
     def.damping_stiffness = 0; /* the presets' own relaxation is to be seen, nothing else */
     def.newton_tolerance = (sb_real)1e-8;
     result = sb_body_create(&def, body, error);
@@ -207,7 +207,7 @@ static int study(const settings *s)
         {"Jordan et al. 2009", SB_LIVER_JORDAN, NULL, NULL},
         {"Raghunathan et al. 2010", SB_LIVER_RAGHUNATHAN, NULL, NULL},
         {"Kim et al. 2005", SB_LIVER_KIM, NULL, NULL},
-        {"simplified, elastic", SB_LIVER_SIMPLIFIED, NULL, NULL},
+        {"simplified, elastic", SB_LIVER_NEO_HOOKEAN, NULL, NULL},
     };
     int count = 1 + RAMP_STEPS + s->points, status = 0;
     double *memory = (double *)calloc((size_t)count, (1 + 2 * MODELS) * sizeof *memory), *times = memory;
