@@ -1254,7 +1254,7 @@ static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_err
             result = sb_body_add_pressure(body, s->faces, s->count, case_face_corners(c),
                                           (sb_real)s->number[CASE_PRESSURE_VALUE], NULL, error);
         else if (s->form->kind == CASE_SPRING)
-            result = sb_body_add_springs(body, s->nodes, s->count, s->stiffness, s->vectors, NULL, error);
+            result = sb_body_add_springs(body, s->nodes, s->count, s->stiffness, 0, s->vectors, NULL, error);
     }
     return result;
 }
@@ -1311,7 +1311,8 @@ static inline int case_create_body(case_file *c, sb_body **out)
     def.region_materials = c->region_materials;
     def.region_material_count = c->region_material_count;
     def.single_rotation = c->element ? c->element->treatment->single_rotation : 0;
-    def.bbar = c->element ? c->element->treatment->bbar : 0;
+    if (c->element && c->element->treatment->bbar)
+        def.integration = SB_INTEGRATION_BBAR;
     def.mass = case_mass(c);
     if (c->gravity)
         def.gravity = sb_v3((sb_real)c->gravity->numbers[0], (sb_real)c->gravity->numbers[1],

@@ -256,8 +256,8 @@ static void solve_dynamic(run *r)
 
 static void solve_modes(run *r)
 {
-    sb_mode_options options = sb_default_mode_options();
-    sb_mode_info info;
+    sb_modes_options options = sb_default_modes_options();
+    sb_modes_info info = {0, 0, 0, 0, 0};
     sb_error error;
     size_t count = (size_t)r->file.solve->number[CASE_COUNT], nodes = (size_t)r->file.mesh.node_count;
     if (count > 3 * nodes) {

@@ -261,10 +261,10 @@ static void compare_dynamic(const char *name)
  * CalculiX integrates with the points of the stiffness, 3 with the exact one. Where those differ, the elastic modes
  * (from `first` on, the others are rigid) differ by formulation: 2 % on tet4, 0.1 % on tet10. */
 static double frequency_difference(const table *t, sb_body *body, sb_mass_kind mass, int first, int column,
-                                   sb_mode_info *info)
+                                   sb_modes_info *info)
 {
     enum { MOST = 32 };
-    sb_mode_options options = sb_default_mode_options();
+    sb_modes_options options = sb_default_modes_options();
     sb_real frequencies[MOST];
     double difference = 0;
     sb_error error;
@@ -283,7 +283,7 @@ static void compare_modes(const char *name)
 {
     case_file c;
     sb_body *body = NULL;
-    sb_mode_info info;
+    sb_modes_info info;
     clock_t begin = clock();
     int first = strstr(name, "free") ? 6 : 0;
     if (!open_case(name, SB_MASS_CONSISTENT, &c, &body))
