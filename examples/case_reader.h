@@ -21,7 +21,9 @@
 typedef enum case_type {
     CASE_TYPE_PATH,         /* a file to read, relative to the case file */
     CASE_TYPE_VECTOR,       /* X,Y,Z */
+    CASE_TYPE_NUMBER,       /* any finite number */
     CASE_TYPE_POSITIVE,     /* a number > 0 */
+    CASE_TYPE_STEP,         /* a number > 0, or `auto`, which is stored as 0 */
     CASE_TYPE_NOT_NEGATIVE, /* a number >= 0 */
     CASE_TYPE_FRACTION,     /* a number in (0, 1) */
     CASE_TYPE_POISSON,      /* a number in (-1, 0.5) */
@@ -29,7 +31,7 @@ typedef enum case_type {
     CASE_TYPE_INTEGER       /* any integer */
 } case_type;
 
-/* Options, key=value. A key means the same in every statement. */
+/* Options, key=value. Keys of the same name are for different statements. */
 typedef enum case_key {
     CASE_NODES,
     CASE_FACES,
@@ -39,6 +41,9 @@ typedef enum case_key {
     CASE_E,
     CASE_NU,
     CASE_C10,
+    CASE_C01,
+    CASE_C20,
+    CASE_C30,
     CASE_D1,
     CASE_DENSITY,
     CASE_REGION,
@@ -50,6 +55,9 @@ typedef enum case_key {
     CASE_ALPHA,
     CASE_BETA,
     CASE_NEWTON,
+    CASE_COUNT,
+    CASE_PRESSURE_VALUE,
+    CASE_CENTRAL_DT,
     CASE_KEY_COUNT
 } case_key;
 
@@ -61,15 +69,16 @@ typedef struct case_key_rule {
 static const case_key_rule case_keys[CASE_KEY_COUNT] = {
     {"nodes", CASE_TYPE_PATH},       {"faces", CASE_TYPE_PATH},         {"file", CASE_TYPE_PATH},
     {"value", CASE_TYPE_VECTOR},     {"ramp", CASE_TYPE_NOT_NEGATIVE},  {"E", CASE_TYPE_POSITIVE},
-    {"nu", CASE_TYPE_POISSON},       {"C10", CASE_TYPE_POSITIVE},       {"D1", CASE_TYPE_POSITIVE},
+    {"nu", CASE_TYPE_POISSON},       {"C10", CASE_TYPE_NUMBER},         {"C01", CASE_TYPE_NUMBER},
+    {"C20", CASE_TYPE_NUMBER},       {"C30", CASE_TYPE_NUMBER},         {"D1", CASE_TYPE_POSITIVE},
     {"density", CASE_TYPE_POSITIVE}, {"region", CASE_TYPE_INTEGER},     {"steps", CASE_TYPE_COUNT},
     {"tol", CASE_TYPE_FRACTION},     {"iterations", CASE_TYPE_COUNT},   {"dt", CASE_TYPE_POSITIVE},
     {"end", CASE_TYPE_POSITIVE},     {"alpha", CASE_TYPE_NOT_NEGATIVE}, {"beta", CASE_TYPE_NOT_NEGATIVE},
-    {"newton", CASE_TYPE_COUNT},
+    {"newton", CASE_TYPE_COUNT},     {"count", CASE_TYPE_COUNT},        {"value", CASE_TYPE_NUMBER},
+    {"dt", CASE_TYPE_STEP},
 };
 
 typedef enum case_kind {
-    CASE_LATER, /* in the format, but not in this version */
     CASE_MESH,
     CASE_ELEMENT,
     CASE_MATERIAL,
@@ -78,12 +87,21 @@ typedef enum case_kind {
     CASE_PRESCRIBE,
     CASE_FORCE,
     CASE_TRACTION,
+    CASE_PRESSURE,
+    CASE_SPRING,
     CASE_SOLVE,
     CASE_OUTPUT
 } case_kind;
 
-enum { CASE_STATIC = 0 }; /* code of `solve static`; the other solves have that of an sb_integrator */
-enum { CASE_OUTPUT_DISPLACEMENT, CASE_OUTPUT_REACTION, CASE_OUTPUT_STRESS, CASE_OUTPUT_PROBE };
+/* Codes of the solves that are no time integration; the others have that of an sb_integrator, which is > 0. */
+enum { CASE_STATIC = 0, CASE_MODES = -1 };
+enum {
+    CASE_OUTPUT_DISPLACEMENT,
+    CASE_OUTPUT_REACTION,
+    CASE_OUTPUT_STRESS,
+    CASE_OUTPUT_PROBE,
+    CASE_OUTPUT_FREQUENCIES
+};
 
 /* One way to write a statement. Forms with the same keyword and variant differ in their options only. */
 typedef struct case_form {
@@ -100,6 +118,8 @@ typedef struct case_form {
 #define CASE_HOOKE (CASE_BIT(CASE_E) | CASE_BIT(CASE_NU) | CASE_BIT(CASE_DENSITY))
 #define CASE_ISOCHORIC (CASE_BIT(CASE_C10) | CASE_BIT(CASE_D1) | CASE_BIT(CASE_DENSITY))
 #define CASE_IN_REGION CASE_BIT(CASE_REGION)
+#define CASE_MOONEY (CASE_ISOCHORIC | CASE_BIT(CASE_C01))
+#define CASE_POLYNOMIAL (CASE_ISOCHORIC | CASE_BIT(CASE_C20))
 #define CASE_NODES_VALUE (CASE_BIT(CASE_NODES) | CASE_BIT(CASE_VALUE))
 #define CASE_TIMES (CASE_BIT(CASE_DT) | CASE_BIT(CASE_END))
 #define CASE_DAMPED (CASE_BIT(CASE_TOL) | CASE_BIT(CASE_ALPHA) | CASE_BIT(CASE_BETA))
@@ -117,8 +137,9 @@ static const case_form case_forms[] = {
      0},
     {"material", "stable_neo_hookean", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_STABLE_NEO_HOOKEAN,
      0},
-    {"material", "mooney_rivlin", "", 0, 0, CASE_LATER, 0, 0},
-    {"material", "reduced_polynomial", "", 0, 0, CASE_LATER, 0, 0},
+    {"material", "mooney_rivlin", "", CASE_MOONEY, CASE_IN_REGION, CASE_MATERIAL, SB_MOONEY_RIVLIN, 0},
+    {"material", "reduced_polynomial", "", CASE_POLYNOMIAL, CASE_IN_REGION | CASE_BIT(CASE_C30), CASE_MATERIAL,
+     SB_REDUCED_POLYNOMIAL, 0},
     {"gravity", NULL, "nnn", 0, 0, CASE_GRAVITY, 0, 1},
     {"fix", NULL, "a", CASE_BIT(CASE_NODES), 0, CASE_FIX, 0, 0},
     {"prescribe", NULL, "a", CASE_NODES_VALUE, CASE_BIT(CASE_RAMP), CASE_PRESCRIBE, 0, 0},
@@ -126,32 +147,35 @@ static const case_form case_forms[] = {
     {"force", NULL, "", CASE_NODES_VALUE, 0, CASE_FORCE, 0, 0},
     {"force", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_FORCE, 0, 0},
     {"traction", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_VALUE), 0, CASE_TRACTION, 0, 0},
-    {"pressure", NULL, "", 0, 0, CASE_LATER, 0, 0},
-    {"spring", NULL, "", 0, 0, CASE_LATER, 0, 0},
+    {"pressure", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_PRESSURE_VALUE), 0, CASE_PRESSURE, 0, 0},
+    {"spring", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_SPRING, 0, 0},
     {"solve", "static", "", CASE_BIT(CASE_STEPS) | CASE_BIT(CASE_TOL), CASE_BIT(CASE_ITERATIONS), CASE_SOLVE,
      CASE_STATIC, 1},
     {"solve", "euler", "", CASE_TIMES, CASE_DAMPED, CASE_SOLVE, SB_EULER, 1},
     {"solve", "newmark", "", CASE_TIMES, CASE_DAMPED | CASE_BIT(CASE_NEWTON), CASE_SOLVE, SB_NEWMARK, 1},
-    {"solve", "central", "", 0, 0, CASE_LATER, 0, 1},
-    {"solve", "modes", "", 0, 0, CASE_LATER, 0, 1},
+    {"solve", "central", "", CASE_BIT(CASE_CENTRAL_DT) | CASE_BIT(CASE_END), CASE_BIT(CASE_ALPHA), CASE_SOLVE,
+     SB_CENTRAL_DIFFERENCE, 1},
+    {"solve", "modes", "", CASE_BIT(CASE_COUNT), 0, CASE_SOLVE, CASE_MODES, 1},
     {"output", "displacement", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_DISPLACEMENT, 0},
     {"output", "reaction", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_REACTION, 0},
     {"output", "stress", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_STRESS, 0},
     {"output", "probe", "if", 0, 0, CASE_OUTPUT, CASE_OUTPUT_PROBE, 0},
-    {"output", "frequencies", "", 0, 0, CASE_LATER, 0, 0},
+    {"output", "frequencies", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_FREQUENCIES, 0},
 };
 enum { CASE_FORM_COUNT = (int)(sizeof case_forms / sizeof case_forms[0]) };
 
 /* What `element NAME` may say. */
 typedef struct case_treatment {
     const char *name;
-    sb_element_type type; /* that the mesh must have; SB_NO_ELEMENT: not in this version */
+    sb_element_type type; /* that the mesh must have */
     int single_rotation;
+    int bbar;
 } case_treatment;
 
 static const case_treatment case_treatments[] = {
-    {"tet4", SB_TET4, 0}, {"tet10", SB_TET10, 0},         {"tet10sr", SB_TET10, 1},
-    {"hex8", SB_HEX8, 0}, {"hex8bbar", SB_NO_ELEMENT, 0}, {"hex20", SB_HEX20, 0}, {"hex27", SB_HEX27, 0},
+    {"tet4", SB_TET4, 0, 0}, {"tet10", SB_TET10, 0, 0},    {"tet10sr", SB_TET10, 1, 0},
+    {"hex8", SB_HEX8, 0, 0}, {"hex8bbar", SB_HEX8, 0, 1}, {"hex20", SB_HEX20, 0, 0},
+    {"hex27", SB_HEX27, 0, 0},
 };
 enum { CASE_TREATMENT_COUNT = (int)(sizeof case_treatments / sizeof case_treatments[0]) };
 
@@ -171,11 +195,14 @@ typedef struct case_statement {
     const char *text[CASE_KEY_COUNT];
     double number[CASE_KEY_COUNT];
     sb_vec3 vector; /* option value */
+    unsigned prony_g, prony_tau; /* given relaxation terms, as bits */
+    sb_real g[SB_MAX_PRONY_TERMS], tau[SB_MAX_PRONY_TERMS];
 
     int count; /* nodes or faces */
     int capacity;
-    int *nodes;       /* [count] */
-    sb_vec3 *vectors; /* [count] displacement (m) or force (N) of each node */
+    int *nodes;         /* [count] */
+    sb_vec3 *vectors;   /* [count] displacement (m), force (N) or spring point (m) of each node */
+    sb_real *stiffness; /* [count] of springs (N/m) */
     sb_vec3 *scaled;  /* [count] scratch: vectors times the ramp's share */
     int *faces;       /* [count][corners of a face] */
 } case_statement;
@@ -197,7 +224,7 @@ typedef struct case_file {
     sb_material material;
     unsigned char *supports; /* [node_count] axes that statements support */
 
-    sb_mass_kind mass; /* of a dynamic solve; a setting, SB_MASS_REDUCED unless changed */
+    int mass; /* an sb_mass_kind, or -1 (unless changed): what suits the solve, see case_mass */
 
     int error_line; /* line of the case file that `message` is about */
     char message[1024];
@@ -256,6 +283,7 @@ static inline void case_free_statement(case_statement *s)
 {
     free(s->nodes);
     free(s->vectors);
+    free(s->stiffness);
     free(s->scaled);
     free(s->faces);
 }
@@ -462,8 +490,7 @@ static inline int case_fail_variant(case_file *c, int line, const char *keyword,
     for (int i = 0; i < CASE_FORM_COUNT; i++) {
         const case_form *form = case_forms + i;
         size_t length = strlen(c->message);
-        if (strcmp(form->keyword, keyword) != 0 || form->kind == CASE_LATER ||
-            case_same_text(form->variant, last))
+        if (strcmp(form->keyword, keyword) != 0 || case_same_text(form->variant, last))
             continue;
         last = form->variant;
         snprintf(c->message + length, sizeof c->message - length, " %s", last);
@@ -487,9 +514,6 @@ static inline int case_parse_form(case_file *c, case_statement *s, const char *k
         if (form->variant && strcmp(form->variant, variant) != 0)
             continue;
         s->form = form;
-        if (form->kind == CASE_LATER)
-            return case_fail(c, s->line, "%s%s%s is not supported by this version", keyword,
-                             variant ? " " : "", variant ? variant : "");
         return 1;
     }
     if (variant)
@@ -502,11 +526,7 @@ static inline int case_parse_treatment(case_file *c, case_statement *s, const ch
     for (int i = 0; i < CASE_TREATMENT_COUNT; i++)
         if (strcmp(case_treatments[i].name, word) == 0)
             s->treatment = case_treatments + i;
-    if (!s->treatment)
-        return case_fail(c, s->line, "unknown element '%.80s'", word);
-    if (s->treatment->type == SB_NO_ELEMENT)
-        return case_fail(c, s->line, "element %s is not supported by this version", word);
-    return 1;
+    return s->treatment || case_fail(c, s->line, "unknown element '%.80s'", word);
 }
 
 static inline int case_parse_word(case_file *c, case_statement *s, int kind, const char *word)
@@ -543,6 +563,7 @@ static inline int case_is_in_range(case_type type, double x, const char **expect
 {
     switch (type) {
     case CASE_TYPE_POSITIVE: *expected = "a number > 0"; return (sb_real)x > 0;
+    case CASE_TYPE_STEP: *expected = "a number > 0 or auto"; return (sb_real)x > 0;
     case CASE_TYPE_NOT_NEGATIVE: *expected = "a number >= 0"; return x >= 0;
     case CASE_TYPE_FRACTION: *expected = "a number between 0 and 1"; return (sb_real)x > 0 && (sb_real)x < 1;
     case CASE_TYPE_POISSON:
@@ -565,6 +586,8 @@ static inline int case_parse_value(case_file *c, case_statement *s, int key, cha
     if (type == CASE_TYPE_VECTOR)
         return case_scan_vector(value, &s->vector) ||
                case_fail(c, s->line, "%s= must be three finite numbers X,Y,Z", name);
+    if (type == CASE_TYPE_STEP && strcmp(value, "auto") == 0)
+        return 1;
     if (type == CASE_TYPE_COUNT || type == CASE_TYPE_INTEGER) {
         if (!case_scan_integer(value, &integer))
             return case_fail(c, s->line, "%s=%.80s is no integer", name, value);
@@ -576,24 +599,61 @@ static inline int case_parse_value(case_file *c, case_statement *s, int key, cha
            case_fail(c, s->line, "%s=%.80s must be %s", name, value, expected);
 }
 
-/* g1 tau1 g2 tau2 ...: relaxation terms of a material */
-static inline int case_is_prony(const char *key)
+/* Number of a relaxation term g1 tau1 g2 tau2 ..., from 0; -1 when the key is none. */
+static inline int case_prony_term(const char *key)
 {
     const char *digits = key + (strncmp(key, "tau", 3) == 0 ? 3 : key[0] == 'g' ? 1 : 0);
-    return digits > key && *digits && !digits[strspn(digits, "0123456789")];
+    int term;
+    if (digits == key || !case_scan_integer(digits, &term) || digits[0] < '1' || digits[0] > '9')
+        return -1;
+    return term - 1;
+}
+
+/* Stores one of the relaxation terms. */
+static inline int case_parse_prony(case_file *c, case_statement *s, const char *name, int term, const char *value)
+{
+    unsigned *given = name[0] == 'g' ? &s->prony_g : &s->prony_tau;
+    double number;
+    if (term >= SB_MAX_PRONY_TERMS)
+        return case_fail(c, s->line, "option %s=: a material has at most %d relaxation terms", name,
+                         (int)SB_MAX_PRONY_TERMS);
+    if (*given >> term & 1)
+        return case_fail(c, s->line, "option %s= is given twice", name);
+    if (!case_scan_number(value, &number) || !((sb_real)number > 0))
+        return case_fail(c, s->line, "%s=%.80s must be a number > 0", name, value);
+    *given |= 1u << term;
+    (name[0] == 'g' ? s->g : s->tau)[term] = (sb_real)number;
+    return 1;
+}
+
+/* The key of a name: of those that share it, the one that a form of the statement has. */
+static inline int case_find_key(const case_statement *s, const char *name)
+{
+    int key = CASE_KEY_COUNT;
+    for (int k = CASE_KEY_COUNT - 1; k >= 0; k--) {
+        unsigned known = 0;
+        if (strcmp(case_keys[k].name, name) != 0)
+            continue;
+        for (int i = 0; i < CASE_FORM_COUNT; i++)
+            if (case_are_alternatives(case_forms + i, s->form))
+                known |= case_forms[i].required | case_forms[i].optional;
+        if (key == CASE_KEY_COUNT || (known & CASE_BIT(k)))
+            key = k;
+    }
+    return key;
 }
 
 static inline int case_parse_option(case_file *c, case_statement *s, char *word)
 {
     char *value = strchr(word, '=');
-    int key = 0;
+    int key, term;
     if (!value)
         return case_fail_usage(c, s, "unexpected word ", word);
     *value++ = 0;
-    while (key < CASE_KEY_COUNT && strcmp(case_keys[key].name, word) != 0)
-        key++;
-    if (key == CASE_KEY_COUNT && s->form->kind == CASE_MATERIAL && case_is_prony(word))
-        return case_fail(c, s->line, "relaxation (%s=) is not supported by this version", word);
+    key = case_find_key(s, word);
+    term = s->form->kind == CASE_MATERIAL ? case_prony_term(word) : -1;
+    if (term >= 0)
+        return case_parse_prony(c, s, word, term, value);
     if (key == CASE_KEY_COUNT)
         return case_fail_usage(c, s, "unknown option ", word);
     if (s->given & CASE_BIT(key))
@@ -647,6 +707,8 @@ static inline int case_parse_statement(case_file *c, case_statement *s, const ch
     while ((word = case_next_word(&rest)) != NULL)
         if (!case_parse_option(c, s, word))
             return 0;
+    if (s->prony_g != s->prony_tau || (s->prony_g & (s->prony_g + 1)))
+        return case_fail(c, s->line, "relaxation terms must be g1= tau1= g2= tau2= ... without a gap");
     return case_choose_form(c, s);
 }
 
@@ -727,43 +789,49 @@ static inline int case_take_node(case_file *c, const char *word, int *node)
 
 static inline int case_reserve_nodes(case_statement *s)
 {
-    void *nodes = s->nodes, *vectors = s->vectors;
+    void *nodes = s->nodes, *vectors = s->vectors, *stiffness = s->stiffness;
     int capacity = s->capacity, ok = case_reserve(&nodes, s->count, &capacity, sizeof *s->nodes);
     s->nodes = (int *)nodes;
     capacity = s->capacity;
     ok = ok && case_reserve(&vectors, s->count, &capacity, sizeof *s->vectors);
     s->vectors = (sb_vec3 *)vectors;
+    if (s->form->kind == CASE_SPRING) {
+        capacity = s->capacity;
+        ok = ok && case_reserve(&stiffness, s->count, &capacity, sizeof *s->stiffness);
+        s->stiffness = (sb_real *)stiffness;
+    }
     if (ok)
         s->capacity = capacity;
     return ok;
 }
 
-/* One line of a node list: NODE, or NODE X Y Z for file=. `seen` has a byte per node. */
+/* One line of a node list: NODE, NODE X Y Z for file=, or NODE K X Y Z for springs. `seen` has a byte per node;
+ * only springs may share one. */
 static inline int case_take_node_line(case_file *c, case_statement *s, char *line, unsigned char *seen)
 {
-    char *word = case_next_word(&line);
-    sb_vec3 vector = s->vector;
-    double parts[3];
-    int node = -1;
-    if (!case_take_node(c, word, &node))
+    int spring = s->form->kind == CASE_SPRING, count = s->given & CASE_BIT(CASE_FILE) ? 3 + spring : 0, node = -1;
+    double numbers[4] = {0, 0, 0, 0}, *xyz = numbers + spring;
+    if (!case_take_node(c, case_next_word(&line), &node))
         return 0;
-    if (s->given & CASE_BIT(CASE_FILE)) {
-        for (int i = 0; i < 3; i++) {
-            word = case_next_word(&line);
-            if (!word || !case_scan_number(word, parts + i))
-                return case_fail(c, 0, "the line must hold a node and three finite numbers");
-        }
-        vector = sb_v3((sb_real)parts[0], (sb_real)parts[1], (sb_real)parts[2]);
+    for (int i = 0; i < count; i++) {
+        const char *word = case_next_word(&line);
+        if (!word || !case_scan_number(word, numbers + i))
+            return case_fail(c, 0, "the line must hold a node and %s finite numbers", spring ? "four" : "three");
     }
     if (case_next_word(&line))
         return case_fail(c, 0, "the line holds more than it should");
-    if (seen[node])
+    if (spring && !((sb_real)numbers[0] > 0))
+        return case_fail(c, 0, "the stiffness %g of the spring must be > 0", numbers[0]);
+    if (seen[node] && !spring)
         return case_fail(c, 0, "node %d is listed twice", node);
     seen[node] = 1;
     if (!case_reserve_nodes(s))
         return case_fail_memory(c, 0);
     s->nodes[s->count] = node;
-    s->vectors[s->count] = vector;
+    s->vectors[s->count] =
+        count ? sb_v3((sb_real)xyz[0], (sb_real)xyz[1], (sb_real)xyz[2]) : s->vector;
+    if (spring)
+        s->stiffness[s->count] = (sb_real)numbers[0];
     s->count++;
     return 1;
 }
@@ -802,7 +870,15 @@ static inline int case_find_face(const case_file *c, const int *nodes, int count
 }
 
 /* Corners of a face of the mesh's elements. */
-static inline int case_face_corners(const case_file *c) { return sb_element_straight(c->mesh.element_type) == SB_HEX8 ? 4 : 3; }
+static inline int case_face_corners(const case_file *c)
+{
+    return sb_element_corner_count(c->mesh.element_type) == 8 ? 4 : 3;
+}
+
+static inline int case_has_faces(const case_statement *s)
+{
+    return s->form->kind == CASE_TRACTION || s->form->kind == CASE_PRESSURE;
+}
 
 static inline int case_add_face(case_file *c, case_statement *s, int element, int face)
 {
@@ -849,8 +925,7 @@ static inline int case_take_lines(case_file *c, case_statement *s, const char *p
         int ok;
         if (!line[strspn(line, " \t\r")])
             continue;
-        ok = s->form->kind == CASE_TRACTION ? case_take_face_line(c, s, line, seen)
-                                            : case_take_node_line(c, s, line, seen);
+        ok = case_has_faces(s) ? case_take_face_line(c, s, line, seen) : case_take_node_line(c, s, line, seen);
         if (!ok) {
             memcpy(message, c->message, sizeof message);
             return case_fail(c, s->line, "%.500s:%d: %.400s", path, number, message);
@@ -861,7 +936,7 @@ static inline int case_take_lines(case_file *c, case_statement *s, const char *p
 
 static inline int case_load_list(case_file *c, case_statement *s, const char *name)
 {
-    int faces = s->form->kind == CASE_TRACTION, ok;
+    int faces = case_has_faces(s), ok;
     int marks = faces ? c->mesh.element_count : c->mesh.node_count;
     unsigned char *seen = (unsigned char *)calloc((size_t)marks, 1);
     const char *reason = "out of memory";
@@ -920,9 +995,11 @@ static inline int case_load_mesh(case_file *c)
     return 1;
 }
 
-static inline sb_material case_material(const case_statement *s)
+/* The elastic part of a material. */
+static inline sb_material case_elastic_material(const case_statement *s)
 {
     sb_real young = (sb_real)s->number[CASE_E], poisson = (sb_real)s->number[CASE_NU];
+    sb_real c10 = (sb_real)s->number[CASE_C10], d1 = (sb_real)s->number[CASE_D1];
     sb_real density = (sb_real)s->number[CASE_DENSITY];
     switch (s->form->code) {
     case SB_LINEAR: return sb_material_linear(young, poisson, density);
@@ -931,10 +1008,22 @@ static inline sb_material case_material(const case_statement *s)
     case SB_SVK: return sb_material_svk(young, poisson, density);
     case SB_NEO_HOOKEAN: return sb_material_neo_hookean(young, poisson, density);
     case SB_STABLE_NEO_HOOKEAN: return sb_material_stable_neo_hookean(young, poisson, density);
-    default:
-        return sb_material_neo_hookean_isochoric((sb_real)s->number[CASE_C10], (sb_real)s->number[CASE_D1],
-                                                 density);
+    case SB_MOONEY_RIVLIN:
+        return sb_material_mooney_rivlin(c10, (sb_real)s->number[CASE_C01], d1, density);
+    case SB_REDUCED_POLYNOMIAL:
+        return sb_material_reduced_polynomial(c10, (sb_real)s->number[CASE_C20], (sb_real)s->number[CASE_C30],
+                                              d1, density);
+    default: return sb_material_neo_hookean_isochoric(c10, d1, density);
     }
+}
+
+static inline sb_material case_material(const case_statement *s)
+{
+    sb_material material = case_elastic_material(s);
+    int terms = 0;
+    while (s->prony_g >> terms & 1)
+        terms++;
+    return terms > 0 ? sb_material_with_prony(material, s->g, s->tau, terms) : material;
 }
 
 /* Index of a region's material, or -1. */
@@ -1058,18 +1147,22 @@ static inline int case_load_supports(case_file *c)
     return ok;
 }
 
-static inline int case_check_statement(case_file *c, case_statement *s)
+/* 1 for a solve that steps through time. */
+static inline int case_is_dynamic(const case_file *c) { return c->solve->form->code > CASE_STATIC; }
+
+/* Time step (s) of a dynamic solve; 0: auto. */
+static inline double case_dt(const case_file *c)
 {
-    if (s->form->kind == CASE_PRESCRIBE) {
-        if (c->solve->form->code == CASE_STATIC && (s->given & CASE_BIT(CASE_RAMP)))
-            return case_fail(c, s->line,
-                             "ramp= is for dynamic solves; a static solve ramps over its load steps");
-        s->scaled = (sb_vec3 *)calloc((size_t)s->count, sizeof *s->scaled);
-        if (!s->scaled)
-            return case_fail_memory(c, s->line);
-    }
-    if (s->form->kind != CASE_OUTPUT)
-        return 1;
+    return c->solve->number[c->solve->form->code == SB_CENTRAL_DIFFERENCE ? CASE_CENTRAL_DT : CASE_DT];
+}
+
+/* What is there to write must be what the solve gives. */
+static inline int case_check_output(case_file *c, const case_statement *s)
+{
+    int frequencies = s->form->code == CASE_OUTPUT_FREQUENCIES, modes = c->solve->form->code == CASE_MODES;
+    if (frequencies != modes)
+        return case_fail(c, s->line, "output %s does not go with solve %s", s->form->variant,
+                         c->solve->form->variant);
     if (s->form->code == CASE_OUTPUT_PROBE && (s->node < 0 || s->node >= c->mesh.node_count))
         return case_fail(c, s->line, "node %d is not in the mesh, which has nodes 0 to %d", s->node,
                          c->mesh.node_count - 1);
@@ -1079,13 +1172,24 @@ static inline int case_check_statement(case_file *c, case_statement *s)
     return 1;
 }
 
+static inline int case_check_statement(case_file *c, case_statement *s)
+{
+    if (s->form->kind == CASE_OUTPUT)
+        return case_check_output(c, s);
+    if (s->form->kind != CASE_PRESCRIBE)
+        return 1;
+    if (!case_is_dynamic(c) && (s->given & CASE_BIT(CASE_RAMP)))
+        return case_fail(c, s->line, "ramp= is for dynamic solves; a static solve ramps over its load steps");
+    s->scaled = (sb_vec3 *)calloc((size_t)s->count, sizeof *s->scaled);
+    return s->scaled || case_fail_memory(c, s->line);
+}
+
 static inline int case_load(case_file *c)
 {
     int ok = case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c);
     for (int i = 0; i < c->statement_count && ok; i++)
         ok = case_check_statement(c, c->statements + i);
-    if (ok && c->solve->form->code != CASE_STATIC &&
-        !(c->solve->number[CASE_END] / c->solve->number[CASE_DT] < 1e9))
+    if (ok && case_is_dynamic(c) && case_dt(c) > 0 && !(c->solve->number[CASE_END] / case_dt(c) < 1e9))
         ok = case_fail(c, c->solve->line, "end= is more than 1e9 steps of dt= away");
     return ok;
 }
@@ -1097,7 +1201,7 @@ static inline int case_read(case_file *c, const char *path)
     const char *reason = "out of memory";
     size_t size = strlen(path) + 1;
     memset(c, 0, sizeof *c);
-    c->mass = SB_MASS_REDUCED; /* what industrial solvers integrate: cases compare with theirs */
+    c->mass = -1;
     c->path = (char *)malloc(size);
     if (!c->path)
         return case_fail_memory(c, 0);
@@ -1110,12 +1214,22 @@ static inline int case_read(case_file *c, const char *path)
 
 /* ---- the body ------------------------------------------------------------------------------------------ */
 
+/* The mass matrix of a solve. Explicit steps need a diagonal one; modes are those of the exact one; other dynamics
+ * take what industrial solvers integrate, since cases compare with theirs. */
+static inline sb_mass_kind case_mass(const case_file *c)
+{
+    if (c->mass >= 0)
+        return (sb_mass_kind)c->mass;
+    return c->solve->form->code == SB_CENTRAL_DIFFERENCE ? SB_MASS_LUMPED
+           : c->solve->form->code == CASE_MODES          ? SB_MASS_CONSISTENT
+                                                         : SB_MASS_REDUCED;
+}
+
 /* Settings of a dynamic solve; tol= and newton= have defaults. */
 static inline void case_set_dynamics(const case_file *c, sb_body_def *def)
 {
     const case_statement *s = c->solve;
     def->integrator = (sb_integrator)s->form->code;
-    def->mass = c->mass;
     def->damping_mass = (sb_real)s->number[CASE_ALPHA];
     def->damping_stiffness = (sb_real)s->number[CASE_BETA];
     def->max_newton = s->given & CASE_BIT(CASE_NEWTON) ? (int)s->number[CASE_NEWTON] : 20;
@@ -1136,6 +1250,11 @@ static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_err
             result = sb_body_add_forces(body, s->nodes, s->count, s->vectors, 0);
         else if (s->form->kind == CASE_TRACTION)
             result = sb_body_add_traction(body, s->faces, s->count, case_face_corners(c), s->vector, error);
+        else if (s->form->kind == CASE_PRESSURE)
+            result = sb_body_add_pressure(body, s->faces, s->count, case_face_corners(c),
+                                          (sb_real)s->number[CASE_PRESSURE_VALUE], NULL, error);
+        else if (s->form->kind == CASE_SPRING)
+            result = sb_body_add_springs(body, s->nodes, s->count, s->stiffness, 0, s->vectors, NULL, error);
     }
     return result;
 }
@@ -1192,10 +1311,13 @@ static inline int case_create_body(case_file *c, sb_body **out)
     def.region_materials = c->region_materials;
     def.region_material_count = c->region_material_count;
     def.single_rotation = c->element ? c->element->treatment->single_rotation : 0;
+    if (c->element && c->element->treatment->bbar)
+        def.integration = SB_INTEGRATION_BBAR;
+    def.mass = case_mass(c);
     if (c->gravity)
         def.gravity = sb_v3((sb_real)c->gravity->numbers[0], (sb_real)c->gravity->numbers[1],
                             (sb_real)c->gravity->numbers[2]);
-    if (c->solve->form->code != CASE_STATIC)
+    if (case_is_dynamic(c))
         case_set_dynamics(c, &def);
     if (sb_body_create(&def, &body, &error) != SB_OK)
         return case_fail_library(c, c->mesh_statement->line, &error);
@@ -1219,18 +1341,18 @@ static inline sb_static_options case_static_options(const case_file *c)
     return options;
 }
 
-/* Number of time steps of a dynamic solve; the last one is shorter when dt does not divide the time. */
-static inline int case_step_count(const case_file *c)
+/* Number of time steps of dt (s) in a dynamic solve; the last one is shorter when dt does not divide the time. */
+static inline int case_step_count(const case_file *c, double dt)
 {
-    double steps = c->solve->number[CASE_END] / c->solve->number[CASE_DT];
+    double steps = c->solve->number[CASE_END] / dt;
     int count = (int)steps;
     return count + (count < 1 || steps - count > 1e-6 * steps);
 }
 
 /* Time (s) at the end of step `step` of `count`, from 1. */
-static inline double case_step_time(const case_file *c, int step, int count)
+static inline double case_step_time(const case_file *c, double dt, int step, int count)
 {
-    return step == count ? c->solve->number[CASE_END] : step * c->solve->number[CASE_DT];
+    return step == count ? c->solve->number[CASE_END] : step * dt;
 }
 
 #endif /* CASE_READER_H */

@@ -28,12 +28,16 @@ static const char help[] =
     "A case is plain text: one statement per line, # starts a comment, units are SI, indices count from 0,\n"
     "input files are relative to the case file.\n"
     "\n"
-    "  mesh      FILE                        VTK legacy or gmsh: tet4, tet10 or hex8\n"
-    "  element   tet10sr                     one rotation per element (corotated); default: as in the file\n"
+    "  mesh      FILE                        VTK legacy or gmsh: tet4, tet10, hex8, hex20 or hex27\n"
+    "  element   tet10sr|hex8bbar            one rotation per element (corotated); hex8 for nearly incompressible\n"
+    "                                        material; default: as in the file\n"
     "  material  MODEL E=.. nu=.. density=.. [region=ID]\n"
     "                                        linear corotated corotated_invertible svk neo_hookean\n"
     "                                        stable_neo_hookean\n"
     "  material  neo_hookean C10=.. D1=.. density=.. [region=ID]\n"
+    "  material  mooney_rivlin C10=.. C01=.. D1=.. density=.. [region=ID]\n"
+    "  material  reduced_polynomial C10=.. C20=.. [C30=..] D1=.. density=.. [region=ID]\n"
+    "                                        hyperelastic ones with relaxation: g1=.. tau1=.. g2=.. tau2=.. ...\n"
     "  gravity   GX GY GZ                    m/s^2\n"
     "  fix       AXES nodes=FILE             AXES: xyz, x, yz ...\n"
     "  prescribe AXES nodes=FILE value=UX,UY,UZ [ramp=SECONDS]\n"
@@ -41,20 +45,26 @@ static const char help[] =
     "  force     nodes=FILE value=FX,FY,FZ   N per node\n"
     "  force     file=FILE                   lines: NODE FX FY FZ\n"
     "  traction  faces=FILE value=TX,TY,TZ   Pa on the undeformed area; lines: the nodes of a face\n"
+    "  pressure  faces=FILE value=P          Pa, follows the faces, positive pushes inwards\n"
+    "  spring    file=FILE                   lines: NODE K X Y Z, N/m to a point in space\n"
     "  solve     static  steps=N tol=T [iterations=N]\n"
     "  solve     euler   dt=S end=S [tol=T] [alpha=A] [beta=B]\n"
     "  solve     newmark dt=S end=S [tol=T] [alpha=A] [beta=B] [newton=N]\n"
+    "  solve     central dt=S|auto end=S [alpha=A]      explicit; auto: 0.9 of the stable step\n"
+    "  solve     modes   count=N             natural frequencies of the undeformed body\n"
     "  output    displacement|reaction|stress FILE\n"
+    "  output    frequencies FILE            lines: MODE F_HZ, ascending, rigid modes included\n"
     "  output    probe NODE FILE             one line per step: time (static: share of the load) and "
     "displacement\n"
     "\n"
     "Static: load steps grow and shrink with Newton's success, beginning with N equal ones; iterations (30) "
     "is the\n"
     "most per load step; tol is the out-of-balance force relative to the largest of load and reaction.\n"
-    "Dynamic: every step is iterated to tol (1e-6) in at most newton (20) iterations. --mass: reduced "
-    "(default)\n"
-    "uses the points of the stiffness, as CalculiX does; consistent is integrated exactly; lumped is diagonal.\n"
-    "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8.\n"
+    "Dynamic: every step is iterated to tol (1e-6) in at most newton (20) iterations. --mass: reduced uses the\n"
+    "points of the stiffness, as CalculiX does (default of euler and newmark); consistent is integrated exactly\n"
+    "(default of modes); lumped is diagonal (what central needs). Relaxing materials: a static solve finds the\n"
+    "state after infinite time. -o of modes writes the mode shapes as fields.\n"
+    "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
     "written.\n"
@@ -84,8 +94,11 @@ typedef struct run {
     probe *probes;
     int probe_count;
     sb_vec3 *displacement, *reaction; /* [node_count] of the last converged state */
+    sb_real *frequencies;             /* [mode_count] (Hz), or NULL */
+    sb_vec3 *shapes;                  /* [mode_count][node_count] */
+    int mode_count;
     int steps, newton, pcg;
-    int mass_kind; /* place in mass_names */
+    int mass_kind; /* place in mass_names, or -1: what suits the solve */
     int show_progress;
     char failure[600]; /* what failed and where; empty: nothing */
 } run;
@@ -202,12 +215,30 @@ static int solve_step(run *r, double time, double dt)
     return 0;
 }
 
+/* The time step of the case; auto: on the safe side of the stable one. 0 when there is none. */
+static double time_step(run *r)
+{
+    sb_real stable;
+    sb_error error;
+    double dt = case_dt(&r->file);
+    if (dt > 0)
+        return dt;
+    if (sb_body_stable_step(r->body, &stable, &error) == SB_OK)
+        dt = 0.9 * (double)stable;
+    if (!(dt > 0) || !(r->file.solve->number[CASE_END] / dt < 1e9)) {
+        snprintf(r->failure, sizeof r->failure, "no stable step: %s",
+                 dt > 0 ? "end= is more than 1e9 of them away" : error.message);
+        return 0;
+    }
+    return dt;
+}
+
 static void solve_dynamic(run *r)
 {
-    int count = case_step_count(&r->file);
-    double last = 0;
+    double dt = time_step(r), last = 0;
+    int count = dt > 0 ? case_step_count(&r->file, dt) : 0;
     for (int step = 1; step <= count; step++) {
-        double time = case_step_time(&r->file, step, count);
+        double time = case_step_time(&r->file, dt, step, count);
         if (!solve_step(r, time, time - last)) {
             sb_body_set_displacements(r->body, r->displacement); /* a capped step has moved it */
             return;
@@ -221,6 +252,30 @@ static void solve_dynamic(run *r)
             return;
         }
     }
+}
+
+static void solve_modes(run *r)
+{
+    sb_modes_options options = sb_default_modes_options();
+    sb_modes_info info = {0, 0, 0, 0, 0};
+    sb_error error;
+    size_t count = (size_t)r->file.solve->number[CASE_COUNT], nodes = (size_t)r->file.mesh.node_count;
+    if (count > 3 * nodes) {
+        snprintf(r->failure, sizeof r->failure, "count= is more than the mesh's %d degrees of freedom",
+                 3 * r->file.mesh.node_count);
+        return;
+    }
+    options.mass = case_mass(&r->file);
+    r->frequencies = (sb_real *)calloc(count, sizeof *r->frequencies);
+    r->shapes = (sb_vec3 *)calloc(count, nodes * sizeof *r->shapes);
+    if (!r->frequencies || !r->shapes)
+        snprintf(r->failure, sizeof r->failure, "out of memory for the modes");
+    else if (sb_body_modes(r->body, (int)count, &options, r->frequencies, r->shapes, &info, &error) != SB_OK)
+        snprintf(r->failure, sizeof r->failure, "%.500s", error.message);
+    else
+        r->mode_count = (int)count;
+    r->steps = info.iterations;
+    r->pcg = info.pcg_iterations;
 }
 
 /* ---- writing ------------------------------------------------------------------------------------------- */
@@ -271,9 +326,16 @@ static void write_probe(const run *r, const case_statement *s, FILE *file)
         }
 }
 
+static void write_frequencies(const run *r, const case_statement *s, FILE *file)
+{
+    (void)s;
+    for (int i = 0; i < r->mode_count; i++)
+        fprintf(file, "%d %.17g\n", i + 1, (double)r->frequencies[i]);
+}
+
 /* In the order of CASE_OUTPUT_... */
-static void (*const writers[])(const run *, const case_statement *,
-                               FILE *) = {write_displacement, write_reaction, write_stress, write_probe};
+static void (*const writers[])(const run *, const case_statement *, FILE *) = {
+    write_displacement, write_reaction, write_stress, write_probe, write_frequencies};
 
 /* PREFIX and the name; NULL when memory is short. The caller frees it. */
 static char *output_path(const run *r, const char *name)
@@ -339,8 +401,28 @@ static int write_output(run *r, const case_statement *s)
     return ok;
 }
 
+/* The mesh with its modes as fields mode_1, mode_2 ... */
+static sb_result write_modes(const run *r, sb_error *error)
+{
+    sb_field *fields = (sb_field *)calloc((size_t)r->mode_count + 1, sizeof *fields);
+    char(*names)[24] = (char(*)[24])calloc((size_t)r->mode_count + 1, sizeof *names);
+    sb_result result = SB_ERROR_MEMORY;
+    for (int i = 0; i < r->mode_count && fields && names; i++) {
+        snprintf(names[i], sizeof names[i], "mode_%d", i + 1);
+        fields[i].name = names[i];
+        fields[i].location = SB_FIELD_NODES;
+        fields[i].components = 3;
+        fields[i].values = &r->shapes[(size_t)i * (size_t)r->file.mesh.node_count].x;
+    }
+    if (fields && names)
+        result = sb_mesh_save_vtk(r->vtk_path, &r->file.mesh, fields, r->mode_count, error);
+    free(fields);
+    free(names);
+    return result;
+}
+
 /* The deformed mesh with displacement and von Mises stress. */
-static int write_vtk(run *r)
+static sb_result write_deformed(const run *r, sb_error *error)
 {
     sb_mesh mesh = r->file.mesh;
     sb_real *von_mises = (sb_real *)calloc((size_t)mesh.element_count, sizeof(sb_real));
@@ -348,17 +430,23 @@ static int write_vtk(run *r)
     sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL},
                           {"von_mises", SB_FIELD_ELEMENTS, 1, NULL}};
     sb_result result = SB_ERROR_MEMORY;
-    sb_error error;
     if (von_mises && positions) {
         memcpy(positions, sb_body_positions(r->body), (size_t)mesh.node_count * sizeof *positions);
         sb_body_von_mises(r->body, von_mises);
         mesh.nodes = positions;
         fields[0].values = &r->displacement[0].x;
         fields[1].values = von_mises;
-        result = sb_mesh_save_vtk(r->vtk_path, &mesh, fields, 2, &error);
+        result = sb_mesh_save_vtk(r->vtk_path, &mesh, fields, 2, error);
     }
     free(von_mises);
     free(positions);
+    return result;
+}
+
+static int write_vtk(run *r)
+{
+    sb_error error;
+    sb_result result = r->file.solve->form->code == CASE_MODES ? write_modes(r, &error) : write_deformed(r, &error);
     if (result == SB_ERROR_MEMORY)
         return case_fail_memory(&r->file, 0);
     return result == SB_OK || case_fail_library(&r->file, 0, &error);
@@ -380,11 +468,13 @@ static int solve_and_write(run *r)
     double seconds;
     if (!case_read(&r->file, r->case_path))
         return complain(r);
-    r->file.mass = (sb_mass_kind)r->mass_kind;
+    r->file.mass = r->mass_kind;
     if (!case_create_body(&r->file, &r->body) || !prepare(r) || !check_outputs(r))
         return complain(r);
     if (r->file.solve->form->code == CASE_STATIC)
         solve_static(r);
+    else if (r->file.solve->form->code == CASE_MODES)
+        solve_modes(r);
     else
         solve_dynamic(r);
     end_progress(r);
@@ -406,6 +496,8 @@ static void release(run *r)
     free(r->probes);
     free(r->displacement);
     free(r->reaction);
+    free(r->frequencies);
+    free(r->shapes);
     sb_body_destroy(r->body);
     case_free(&r->file);
 }
@@ -436,10 +528,9 @@ static int take_arguments(run *r, int argc, char **argv)
     }
     if (!r->prefix)
         r->prefix = "";
-    if (!r->mass)
-        r->mass = mass_names[SB_MASS_REDUCED];
-    for (r->mass_kind = 0; r->mass_kind < 3 && strcmp(mass_names[r->mass_kind], r->mass) != 0;)
-        r->mass_kind++;
+    for (r->mass_kind = r->mass ? 0 : -1; r->mass && r->mass_kind < 3; r->mass_kind++)
+        if (strcmp(mass_names[r->mass_kind], r->mass) == 0)
+            break;
     return r->case_path && r->mass_kind < 3;
 }
 

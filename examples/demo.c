@@ -26,6 +26,7 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "options.h"
 #include "picture.h"
 
 enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024 };
@@ -104,37 +105,26 @@ static const material_name *find_material(const char *name)
     return NULL;
 }
 
-typedef enum option_kind { FLAG = 0, INTEGER = 1, NUMBER = 2, TEXT = 3 } option_kind;
-typedef struct option {
-    const char *name, *value_name;
-    option_kind kind;
-    int *flag_or_integer;
-    double *number;
-    const char **text;
-    double low, high; /* range of an integer or number */
-    const char *help;
-} option;
-
 enum { OPTION_COUNT = 14 };
 static void list_options(settings *s, option options[OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
-        {"-o", "DIR", TEXT, NULL, NULL, &s->folder, 0, 0, "folder for what is written; made when missing"},
-        {"--frames", "N", INTEGER, &s->frames, NULL, NULL, 10, 1e6, "number of steps"},
-        {"--dt", "S", NUMBER, NULL, &s->dt, NULL, 1e-6, 1, "time of a step (s)"},
-        {"--young", "PA", NUMBER, NULL, &s->young, NULL, 1e-3, 1e12, "Young's modulus (Pa)"},
-        {"--poisson", "NU", NUMBER, NULL, &s->poisson, NULL, -0.99, 0.4999, "Poisson's ratio"},
-        {"--density", "RHO", NUMBER, NULL, &s->density, NULL, 1e-3, 1e6, "density (kg/m^3)"},
-        {"--material", "NAME", TEXT, NULL, NULL, &s->material, 0, 0, "see below"},
-        {"--scale", "X", NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
+        {"-o", "DIR", OPTION_TEXT, NULL, NULL, &s->folder, 0, 0, "folder for what is written; made when missing"},
+        {"--frames", "N", OPTION_INTEGER, &s->frames, NULL, NULL, 10, 1e6, "number of steps"},
+        {"--dt", "S", OPTION_NUMBER, NULL, &s->dt, NULL, 1e-6, 1, "time of a step (s)"},
+        {"--young", "PA", OPTION_NUMBER, NULL, &s->young, NULL, 1e-3, 1e12, "Young's modulus (Pa)"},
+        {"--poisson", "NU", OPTION_NUMBER, NULL, &s->poisson, NULL, -0.99, 0.4999, "Poisson's ratio"},
+        {"--density", "RHO", OPTION_NUMBER, NULL, &s->density, NULL, 1e-3, 1e6, "density (kg/m^3)"},
+        {"--material", "NAME", OPTION_TEXT, NULL, NULL, &s->material, 0, 0, "see below"},
+        {"--scale", "X", OPTION_NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
          "multiplies the file's lengths; 0.001 for millimetres"},
-        {"--every", "K", INTEGER, &s->every, NULL, NULL, 0, 1e6, "write every K-th frame, 0 none"},
-        {"--no-vtk", NULL, FLAG, &s->no_vtk, NULL, NULL, 0, 0, "write no frames, as --every 0"},
-        {"--picture", "FILE", TEXT, NULL, NULL, &s->picture, 0, 0,
+        {"--every", "K", OPTION_INTEGER, &s->every, NULL, NULL, 0, 1e6, "write every K-th frame, 0 none"},
+        {"--no-vtk", NULL, OPTION_FLAG, &s->no_vtk, NULL, NULL, 0, 0, "write no frames, as --every 0"},
+        {"--picture", "FILE", OPTION_TEXT, NULL, NULL, &s->picture, 0, 0,
          "where the picture goes; default demo.png in the folder"},
-        {"--threads", "N", INTEGER, &s->threads, NULL, NULL, 1, 1024, "threads, when built with OpenMP"},
-        {"--help", NULL, FLAG, &s->help, NULL, NULL, 0, 0, "this text"},
-        {"-h", NULL, FLAG, &s->help, NULL, NULL, 0, 0, NULL},
+        {"--threads", "N", OPTION_INTEGER, &s->threads, NULL, NULL, 1, 1024, "threads, when built with OpenMP"},
+        {"--help", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, "this text"},
+        {"-h", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, NULL},
     };
     memcpy(options, all, sizeof all);
 }
@@ -147,19 +137,7 @@ static void print_help(const settings *defaults)
     printf("usage: demo [ORGAN] [OPTIONS]\n\n"
            "Presses a ball into an organ that lies under gravity. ORGAN: a volume mesh in metres (VTK, gmsh\n"
            "or TetGen); without it a liver-like one is made.\n\n");
-    for (int i = 0; i < OPTION_COUNT; i++) {
-        const option *o = &options[i];
-        if (!o->help)
-            continue;
-        printf("  %-10s %-5s %s", o->name, o->value_name ? o->value_name : "", o->help);
-        if (o->kind == INTEGER && *o->flag_or_integer > 0)
-            printf("; default %d", *o->flag_or_integer);
-        if (o->kind == NUMBER)
-            printf("; default %.4g", *o->number);
-        if (o->kind == TEXT && *o->text)
-            printf("; default %s", *o->text);
-        printf("\n");
-    }
+    options_print(options, OPTION_COUNT);
     printf("\nmaterials:");
     for (int i = 0; i < MATERIAL_COUNT; i++)
         printf(" %s", materials[i].name);
@@ -167,75 +145,23 @@ static void print_help(const settings *defaults)
            "or memory is short\n");
 }
 
-static int complain_usage(const char *about, const char *what)
-{
-    fprintf(stderr, "demo: %s %s; demo --help lists the options\n", about, what);
-    return EXIT_USAGE;
-}
-
-/* Stores the value of an option; returns 0 or an exit status. */
-static int store_option(const option *o, const char *text)
-{
-    char range[96], *end;
-    double value;
-    if (o->kind == FLAG) {
-        *o->flag_or_integer = 1;
-        return 0;
-    }
-    if (!text)
-        return complain_usage(o->name, "needs a value");
-    if (o->kind == TEXT) {
-        *o->text = text;
-        return 0;
-    }
-    value = strtod(text, &end);
-    if (end == text || *end || !(value >= o->low && value <= o->high) ||
-        (o->kind == INTEGER && value != floor(value))) {
-        snprintf(range, sizeof range, "needs %s from %g to %g",
-                 o->kind == INTEGER ? "a whole number" : "a number", o->low, o->high);
-        return complain_usage(o->name, range);
-    }
-    if (o->kind == INTEGER)
-        *o->flag_or_integer = (int)value;
-    else
-        *o->number = value;
-    return 0;
-}
-
 static int check_settings(const settings *s)
 {
     if (!find_material(s->material))
-        return complain_usage(s->material, "is no material");
+        return options_complain("demo", s->material, "is no material");
 #if !defined(_OPENMP)
     if (s->threads > 1)
-        return complain_usage("--threads", "needs a program built with OpenMP (-fopenmp)");
+        return options_complain("demo", "--threads", "needs a program built with OpenMP (-fopenmp)");
 #endif
-    return 0;
+    return 1;
 }
 
-/* Reads the command line; returns 0 or an exit status. */
+/* Reads the command line; 0 (with a message) when it is wrong. */
 static int parse_arguments(settings *s, int count, char **arguments)
 {
     option options[OPTION_COUNT];
     list_options(s, options);
-    for (int i = 1; i < count; i++) {
-        int k = 0, status;
-        while (k < OPTION_COUNT && strcmp(arguments[i], options[k].name) != 0)
-            k++;
-        if (k == OPTION_COUNT && arguments[i][0] == '-' && arguments[i][1])
-            return complain_usage(arguments[i], "is no option");
-        if (k == OPTION_COUNT && s->organ)
-            return complain_usage(arguments[i], "is a second file");
-        if (k == OPTION_COUNT) {
-            s->organ = arguments[i];
-            continue;
-        }
-        status = store_option(&options[k], i + 1 < count ? arguments[i + 1] : NULL);
-        if (status)
-            return status;
-        i += options[k].kind != FLAG;
-    }
-    return check_settings(s);
+    return options_parse("demo", options, OPTION_COUNT, &s->organ, 1, count, arguments) && check_settings(s);
 }
 
 /* demo_out beside the program: build/demo writes to build/demo_out. */
@@ -321,6 +247,12 @@ static int complain(const sb_error *error, int status)
         fprintf(stderr, ", node %d", error->node);
     fprintf(stderr, " (%s)\n", sb_result_string(error->result));
     return status;
+}
+
+static int complain_path(const char *path)
+{
+    fprintf(stderr, "demo: %s is too long a path\n", path);
+    return EXIT_USAGE;
 }
 
 static int complain_memory(void)
@@ -576,7 +508,7 @@ static int write_frame(scene *s, const char *folder, int index)
     sb_body_nodal_von_mises(s->body, s->stress);
     snprintf(name, sizeof name, "demo_%04d.vtk", index);
     if (!join_path(path, folder, name))
-        return complain_usage(folder, "is too long a path");
+        return complain_path(folder);
     if (sb_mesh_save_vtk_binary(path, &deformed, fields, 3, &error) != SB_OK)
         return complain(&error, EXIT_USAGE);
     return 0;
@@ -793,7 +725,7 @@ static int demo(const settings *set)
     memset(&s, 0, sizeof s);
     memset(&out, 0, sizeof out);
     if (!status && !name_picture(set, out.picture))
-        status = complain_usage(set->picture ? set->picture : set->folder, "is too long a path");
+        status = complain_path(set->picture ? set->picture : set->folder);
     if (!status)
         status = make_mesh(set, &s);
     if (!status)
@@ -820,9 +752,8 @@ int main(int argc, char **argv)
     char folder[PATH_SIZE];
     default_folder(argc > 0 ? argv[0] : "", folder);
     settings set = default_settings(folder), defaults = set;
-    int status = parse_arguments(&set, argc, argv);
-    if (status)
-        return status;
+    if (!parse_arguments(&set, argc, argv))
+        return EXIT_USAGE;
     if (set.help) {
         print_help(&defaults);
         return 0;

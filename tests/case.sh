@@ -38,6 +38,7 @@ printf '0\n0\n' >double
 printf '0 1\n' >two
 printf '4 0 0 -0.1\n5 0 0 -0.1\n6 0 0 -0.1\n7 0 0 -0.1\n' >moves
 printf '4 0 0 nan\n' >nan
+printf '4 -1 0 0 1\n' >pushing
 printf '4 0 0\n' >short
 printf '\0' >binary
 
@@ -116,14 +117,23 @@ wrong_material 'an infinite modulus' 'material svk E=inf nu=0.3 density=1' 'E=in
 wrong_material 'an overflowing modulus' 'material svk E=1e999 nu=0.3 density=1' 'E=1e999 is no finite number'
 wrong_material 'letters after a number' 'material svk E=1e3Pa nu=0.3 density=1' 'E=1e3Pa is no finite number'
 wrong_material 'a bad region' 'material svk E=1 nu=0.3 density=1 region=one' 'region=one is no integer'
-wrong_material 'relaxation' 'material svk E=1 nu=0.3 density=1 g1=0.5 tau1=1' 'g1=) is not supported'
-wrong_material 'Mooney-Rivlin' 'material mooney_rivlin C10=1 C01=1 D1=1 density=1' 'not supported by'
+relaxing='material svk E=1 nu=0.3 density=1'
+wrong_material 'a relaxation term without its time' "$relaxing g1=0.5" 'without a gap'
+wrong_material 'a second relaxation term only' "$relaxing g2=0.5 tau2=1" 'without a gap'
+wrong_material 'a relaxation term twice' "$relaxing g1=0.5 g1=0.5 tau1=1" 'g1= is given twice'
+wrong_material 'a relaxation time of 0' "$relaxing g1=0.5 tau1=0" 'tau1=0 must be a number > 0'
+wrong_material 'too many relaxation terms' "$relaxing g9=0.5 tau9=1" 'at most 8 relaxation terms'
+wrong_material 'more relaxation than stress' "$relaxing g1=0.5 tau1=1 g2=0.6 tau2=2" ''
+wrong_material 'relaxation of a linear material' "$material g1=0.5 tau1=1" ''
+wrong_material 'Mooney-Rivlin without D1' 'material mooney_rivlin C10=1 C01=1 density=1' 'missing option D1'
+wrong_material 'Mooney-Rivlin without stiffness' 'material mooney_rivlin C10=1 C01=-1 D1=1 density=1' ''
+wrong_material 'a polynomial without C20' 'material reduced_polynomial C10=1 D1=1 density=1' 'missing option C20'
 
 wrong_line 'an unknown statement' 'wobble 1' "unknown statement 'wobble'"
 wrong_line 'a second mesh' 'mesh cube.vtk' 'second mesh statement; the first is in line 1'
 wrong_line 'a second material' "$material" 'several materials need region='
 wrong_line 'an unknown element' 'element penta6' "unknown element 'penta6'"
-wrong_line 'an element of a later version' 'element hex8bbar' 'not supported by this version'
+wrong_line 'an element that does not fit' 'element hex20' 'element hex20 does not fit the mesh, which has hex8'
 wrong_line 'an element that does not fit' 'element tet10' 'does not fit the mesh'
 wrong_line 'two gravity components' 'gravity 0 0' 'word is missing; expected: gravity NUMBER NUMBER NUMBER'
 wrong_line 'a gravity of letters' 'gravity 0 0 down' "'down' is no finite number"
@@ -148,12 +158,15 @@ wrong_line 'a ramp in a static case' 'prescribe z nodes=z1 value=0,0,1 ramp=1' '
 wrong_line 'a face that is none' 'traction faces=notaface value=0,0,1' 'notaface:1: these 4 nodes are no face'
 wrong_line 'a face of three nodes' 'traction faces=side value=0,0,1' 'side:1: these 3 nodes are no face'
 wrong_line 'a face twice' 'traction faces=twice value=0,0,1' 'twice:2: the face is listed twice'
-wrong_line 'pressure' 'pressure faces=top value=1' 'pressure is not supported by this version'
-wrong_line 'springs' 'spring file=moves' 'spring is not supported by this version'
+wrong_line 'pressure without value' 'pressure faces=top' 'missing option value'
+wrong_line 'pressure with a direction' 'pressure faces=top value=0,0,1' 'value=0,0,1 is no finite number'
+wrong_line 'pressure on no face' 'pressure faces=notaface value=1' 'notaface:1: these 4 nodes are no face'
+wrong_line 'springs without stiffness' 'spring file=moves' 'moves:1: the line must hold a node and four'
+wrong_line 'springs that push' 'spring file=pushing' 'pushing:1: the stiffness -1 of the spring must be > 0'
 wrong_line 'an unknown output' 'output colour u' "unknown output 'colour'"
 wrong_line 'an output without file' 'output reaction' 'word is missing'
 wrong_line 'a probe out of range' 'output probe 8 u' 'node 8 is not in the mesh'
-wrong_line 'frequencies' 'output frequencies f' 'not supported by this version'
+wrong_line 'frequencies of a static case' 'output frequencies f' 'does not go with solve static'
 wrong_line 'an output into nowhere' 'output reaction nowhere/r' 'cannot write'
 
 wrong_solve 'no solve' '' 'there is no solve'
@@ -168,8 +181,17 @@ wrong_solve 'a time step of 0' 'solve newmark dt=0 end=1' 'dt=0 must be'
 wrong_solve 'endless steps' 'solve newmark dt=1e-12 end=1' '1e9 steps'
 wrong_solve 'newton= for euler' 'solve euler dt=1 end=1 newton=2' 'no place here for option newton'
 wrong_solve 'negative damping' 'solve euler dt=1 end=1 alpha=-1' 'alpha=-1 must be'
-wrong_solve 'natural frequencies' 'solve modes count=3' 'not supported by this version'
-wrong_solve 'the explicit scheme' 'solve central dt=auto end=1' 'not supported by this version'
+wrong_solve 'no modes' 'solve modes count=0' 'count=0 must be an integer >= 1'
+wrong_solve 'a word for a time step' 'solve central dt=fast end=1' 'dt=fast is no finite number'
+wrong_solve 'auto for an implicit time step' 'solve euler dt=auto end=1' 'dt=auto is no finite number'
+wrong_solve 'stiffness damping of the explicit scheme' 'solve central dt=1 end=1 beta=1' 'no place here for option beta'
+wrong 'displacements of modes' 6 'output displacement does not go with solve modes' <<END
+mesh cube.vtk
+$material
+$symmetry
+output displacement u
+solve modes count=3
+END
 
 wrong 'a second solve' 7 'second solve statement; the first is in line 6' <<END
 mesh cube.vtk
@@ -291,6 +313,53 @@ say 'mesh cube.vtk' "$material" "$symmetry" 'force nodes=z1 value=0,0,2.5' "$sta
     'output displacement u' >force.case
 good 'nodal forces' force.case
 lines u 8 'near($4, $1 < 4 ? 0 : 0.01)'
+
+# The other loads: a pressure that pulls, and springs as stiff as the cube to points 0.02 above its top.
+say 'mesh cube.vtk' "$material" "$symmetry" 'pressure faces=top value=-10' "$static" 'output displacement u' >pull.case
+good 'pressure' pull.case
+lines u 8 '$1 < 4 ? near($4, 0) : $4 > 0.0098 && $4 < 0.0102'
+printf '4 250 0 0 1.02\n5 250 1 0 1.02\n6 250 1 1 1.02\n7 250 0 1 1.02\n' >springs
+say 'mesh cube.vtk' 'material linear E=1000 nu=0 density=1000' "$symmetry" 'spring file=springs' "$static" \
+    'output displacement u' 'output reaction r' >springs.case
+good 'springs' springs.case
+lines u 8 'near($4, $1 < 4 ? 0 : 0.01)'
+lines r 7 '$1 > 3 || near($4, -2.5)'
+
+# The other materials and elements at small strain: 0.6 Pa on a Young's modulus of 600 Pa (nearly incompressible).
+for model in 'neo_hookean C10=100' 'mooney_rivlin C10=60 C01=40' 'reduced_polynomial C10=100 C20=20 C30=5' \
+    'mooney_rivlin C10=120 C01=80 g1=0.3 tau1=0.1 g2=0.2 tau2=10'; do
+    say 'mesh cube.vtk' 'element hex8bbar' "material $model D1=1e-5 density=1000" "$symmetry" \
+        'traction faces=top value=0,0,0.6' "$static" 'output displacement u' >small.case
+    good "$model" small.case
+    lines u 8 '$1 < 4 ? near($4, 0) : $4 > 0.000995 && $4 < 0.001005'
+done
+
+# Modes: six rigid ones of a free cube; a cube that can only stretch has sqrt(3 E / rho) / (2 pi).
+say 'mesh cube.vtk' 'material linear E=1000 nu=0 density=1000' 'solve modes count=7' 'output frequencies f' >free.case
+good 'modes of a free cube' free.case -o case/out/all.vtk
+lines f 7 '$1 == NR && (NR < 7 ? $2 < 1e-4 : $2 > 0.1)'
+grep -q '^VECTORS mode_7' out/all.vtk
+result 'all.vtk has the modes' $?
+rm -f out/all.vtk
+printf '0\n1\n2\n3\n4\n5\n6\n7\n' >all
+say 'mesh cube.vtk' 'material linear E=1000 nu=0 density=1000' 'fix xy nodes=all' 'fix z nodes=z0' \
+    'solve modes count=1' 'output frequencies f' >stretch.case
+good 'the stretching mode' stretch.case
+lines f 1 'near($2, 0.275664448)'
+
+# The explicit scheme: free fall, which it hits exactly; its own time step.
+say 'mesh cube.vtk' "$material" 'gravity 0 0 -10' 'solve central dt=0.01 end=0.1' 'output probe 6 p' >fall.case
+good 'the explicit scheme' fall.case
+lines p 11 'near($4, -5 * $1 * $1) && near($2, 0)'
+say 'mesh cube.vtk' "$material" 'gravity 0 0 -10' 'solve central dt=auto end=1 alpha=0' 'output displacement u' >auto.case
+good 'its own time step' auto.case
+lines u 8 'near($4, -5)'
+
+# Relaxation: held at a strain of 0.001 the stress of 0.6 Pa falls to a half.
+say 'mesh cube.vtk' 'material neo_hookean C10=100 D1=1e-5 density=0.001 g1=0.5 tau1=0.1' "$symmetry" \
+    'prescribe z nodes=z1 value=0,0,0.001 ramp=1e-3' 'solve euler dt=1e-3 end=1 tol=1e-8' 'output reaction r' >relax.case
+good 'relaxation' relax.case
+lines r 8 '$1 < 4 ? $4 < -0.0749 && $4 > -0.0752 : $4 > 0.0749 && $4 < 0.0752'
 
 # Dynamics: one line per step, the last step shorter; a ramp; the element with one rotation.
 for solve in euler newmark; do
