@@ -356,6 +356,7 @@
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_body_step sb_body_step_f32
+#define sb_body_stable_step sb_body_stable_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
 #endif
@@ -3426,8 +3427,12 @@ enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
     SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
-    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
+    SB_NEWMARK = 2, /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
                     * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
+    SB_GENERALISED_ALPHA = 3, /* Chung and Hulbert 1993: second order, damps what dt cannot resolve and nothing else;
+                               * for large or fast motions. spectral_radius says how much */
+    SB_CENTRAL_DIFFERENCE = 4 /* explicit: no linear systems, cheap substeps of at most sb_body_stable_step. Second
+                               * order. Lumped mass and damping_mass only */
 } sb_integrator;
 
 /* The material of one region of the mesh. */
@@ -3446,6 +3451,9 @@ typedef struct sb_body_def {
     int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
     sb_mass_kind mass;                /* default SB_MASS_LUMPED */
     sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
+    sb_real spectral_radius;          /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
+                                       * 1 damps nothing, 0 kills them in one step; default 0.8 */
+    int max_substeps;                 /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
     sb_vec3 gravity;                  /* m/s^2; default 0 */
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
@@ -3484,6 +3492,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
 SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
                                              sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
+/* SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
@@ -3524,7 +3533,8 @@ SB_API void sb_body_reset(sb_body *body);
 
 /* ---- readings: no allocation ---- */
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
- * loads it balances the rate of momentum. [node_count], valid until the next solve. */
+ * loads it balances the rate of momentum. At the end of the step; with SB_GENERALISED_ALPHA where that scheme has its
+ * balance, a share 1/(1 + spectral_radius) of the way through it. [node_count], valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions) as nodal forces (N), [node_count]. */
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
@@ -3585,6 +3595,7 @@ SB_API const char *sb_check_string(unsigned warning);
 typedef struct sb_step_info {
     int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;       /* of all of them together */
+    int substeps;             /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
@@ -3605,11 +3616,26 @@ typedef struct sb_step_info {
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *
+ * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
+ * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
+ * energy than came in) are taken back, and the call is done again with shorter ones, twice.
+ *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
- * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
+ * SB_ERROR_INDEFINITE, SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps) positions, velocities, accelerations and reactions are as before the call and the body can
  * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
- *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
+ *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated (and
+ * refused where the material does not admit it); central difference
+ *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'). */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
+
+/* *dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the
+ * lumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.
+ * Mass damping does not change it; supports are left out of account. Works for bodies of any integrator and leaves
+ * their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On failure
+ * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE) *dt is untouched; error may be NULL.
+ * Bound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration. */
+SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error);
 
 /* How a static solve goes about its work. Start from sb_default_static_options(). */
 typedef struct sb_static_options {
@@ -14219,6 +14245,13 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
 #define SB_BODY_STATE_H
 
 
+/* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
+typedef struct sbi_step_guard {
+    sb_real stable_step;         /* at the last look (s) */
+    sb_real energy;              /* what the body had then and was given since (J): more cannot be in its motion */
+    int age;                     /* substeps since */
+} sbi_step_guard;
+
 struct sb_body {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -14248,6 +14281,8 @@ struct sb_body {
     sb_real damping_mass, damping_stiffness;
     sb_real tolerance, newton_tolerance;
     int max_iterations, max_newton;
+    sb_real spectral_radius;
+    int max_substeps;
 
     /* mass */
     sb_real *lumped_mass;        /* [node_count] (kg) */
@@ -14270,6 +14305,7 @@ struct sb_body {
     sb_vec3 *position, *displacement, *velocity, *acceleration;
     int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
     int force_current;           /* 1: internal holds the force at displacement */
+    sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;           /* internal force (N) */
@@ -14320,6 +14356,8 @@ SB_API sb_body_def sb_default_body_def(void)
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.8;
+    def.max_substeps = 10000;
     def.newton_tolerance = (sb_real)1e-6;
     def.cookie = SBI_BODY_COOKIE;
     return def;
@@ -14343,14 +14381,25 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
                         def->max_iterations, def->max_newton);
-    if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
     if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_CURVED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
     if (def->allocator.alloc && !def->allocator.release)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
     return SB_OK;
 }
 
@@ -14686,7 +14735,7 @@ static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mate
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
         needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks)
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
         (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
@@ -14759,6 +14808,8 @@ SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error
     made->newton_tolerance = def->newton_tolerance;
     made->max_iterations = def->max_iterations;
     made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
     result = sbi_body_build(made, def, error);
     if (result != SB_OK) {
         sb_body_destroy(made);
@@ -14848,6 +14899,8 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
     return SB_OK;
@@ -15397,6 +15450,337 @@ SB_API const char *sb_check_string(unsigned warning)
     }
 }
 
+/* ==== src/softbody/step_explicit.h ==== */
+/* step_explicit: central differences, the part of step that solves no systems. Floor 3, internal. */
+#ifndef SB_STEP_EXPLICIT_H
+#define SB_STEP_EXPLICIT_H
+
+
+/* Times that a call is done again with shorter substeps. */
+enum { SBI_EXPLICIT_CAUTION = 2 };
+
+/* Moves the body by dt (s) in as many substeps as stability needs; caution 0 .. SBI_EXPLICIT_CAUTION makes them
+ * shorter and the looks at the stable step more frequent. body->start and the dead loads in body->external are up to
+ * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
+SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
+
+#endif /* SB_STEP_EXPLICIT_H */
+
+/* ==== src/softbody/step_explicit.c ==== */
+/* step_explicit: central differences in the form of velocities at the same times as displacements (Newmark beta 0,
+ * gamma 1/2), which can change the length of its steps.
+ *
+ * What keeps it from exploding: substeps below the stable step, which is bounded from above the highest frequency of
+ * the present shape and looked at again as the shape changes; and a ledger of energy. A stable substep has no more
+ * kinetic energy than the body had before and was given since, up to a factor; an unstable one multiplies it. */
+
+#include <math.h>
+#include <string.h>
+
+enum {
+    SBI_EXPLICIT_SWEEPS = 12,  /* of the iteration for the bound: its gain per sweep is below 1 % then */
+    SBI_EXPLICIT_INTERVAL = 16 /* substeps between looks: a tangent costs as much as some ten forces */
+};
+
+static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
+
+/* Energy that rounding may pretend (J). */
+static double sbi_explicit_noise(const sb_body *b)
+{
+    return 64 * (double)SB_EPSILON * (double)b->assembly.energy_unit;
+}
+
+/* ---- the stable step ---- */
+
+/* y = M^-1 |K| x; returns the largest y_i / x_i, which no eigenvalue of M^-1 K exceeds. */
+static sb_real sbi_explicit_sweep(const sb_body *b, const sb_vec3 *x, sb_vec3 *y)
+{
+    const sb_matrix *matrix = &b->matrix;
+    sb_real largest = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        if (!(b->lumped_mass[i] > 0)) { /* of no element: no equation of motion */
+            y[i] = sum;
+            continue;
+        }
+        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+            const sb_real *m = matrix->blocks[k];
+            sb_vec3 v = x[matrix->columns[k]];
+            sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;
+            sum.y += sb_abs(m[3]) * v.x + sb_abs(m[4]) * v.y + sb_abs(m[5]) * v.z;
+            sum.z += sb_abs(m[6]) * v.x + sb_abs(m[7]) * v.y + sb_abs(m[8]) * v.z;
+        }
+        y[i] = sb_v3_scale(1 / b->lumped_mass[i], sum);
+        if (!sb_v3_is_finite(y[i]))
+            return y[i].x + y[i].y + y[i].z;
+        largest = x[i].x > 0 ? sb_max(largest, y[i].x / x[i].x) : largest;
+        largest = x[i].y > 0 ? sb_max(largest, y[i].y / x[i].y) : largest;
+        largest = x[i].z > 0 ? sb_max(largest, y[i].z / x[i].z) : largest;
+    }
+    return largest;
+}
+
+/* x = y over its largest component. A component of 0 has a row of zeros and stays out. */
+static void sbi_explicit_normalise(const sb_vec3 *y, int count, sb_vec3 *x)
+{
+    sb_real size = 0;
+    for (int i = 0; i < count; i++)
+        size = sb_max(size, sb_max(y[i].x, sb_max(y[i].y, y[i].z)));
+    for (int i = 0; i < count; i++)
+        x[i] = sb_v3_scale(size > 0 ? 1 / size : 0, y[i]);
+}
+
+/* The stable step of the stiffness in the body's matrix (s); not positive or not finite when there is none. Every
+ * sweep gives a bound: the least of them counts. */
+static sb_real sbi_explicit_bound(sb_body *b)
+{
+    sb_real least = SB_REAL_MAX, rounding = 1 + 64 * SB_EPSILON;
+    for (int i = 0; i < b->matrix.row_count; i++)
+        b->work[i] = sb_v3(1, 1, 1);
+    for (int sweep = 0; sweep < SBI_EXPLICIT_SWEEPS; sweep++) {
+        sb_real bound = sbi_explicit_sweep(b, b->work, b->work2);
+        if (!sb_is_finite(bound))
+            return bound;
+        least = sb_min(least, bound);
+        sbi_explicit_normalise(b->work2, b->matrix.row_count, b->work);
+    }
+    return 2 / sb_sqrt(least * rounding);
+}
+
+/* The stable step at the present displacement, whose rotations are up to date. The positive part of the tangent bounds
+ * the tangent. */
+static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *error)
+{
+    sb_real found;
+    int bad = sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
+    if (bad >= 0)
+        return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    found = sbi_explicit_bound(b);
+    if (!(found > 0) || !sb_is_finite(found))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the stiffness is beyond what numbers can hold");
+    *dt = found;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int bad = -1;
+    if (!body || !dt)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_stable_step needs a body and a place for dt");
+    if (body->force_current)
+        return sbi_explicit_stable_step(body, dt, error);
+    sbi_assembly_save_rotations(&body->assembly); /* forces leave traces in the warm starts */
+    bad = sbi_assembly_force(&body->assembly, body->displacement, body->residual);
+    if (bad >= 0)
+        result = sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                  "element %d is inside out, which its material does not allow", bad);
+    else
+        result = sbi_explicit_stable_step(body, dt, error);
+    sbi_assembly_restore_rotations(&body->assembly);
+    return result;
+}
+
+/* ---- looks at energy and stability ---- */
+
+static double sbi_explicit_kinetic(const sb_body *b)
+{
+    double sum = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(b->velocity[i], b->velocity[i]);
+    return sum;
+}
+
+static sb_result sbi_explicit_too_much(sb_step_info *info, double energy, double given)
+{
+    return sbi_fail(&info->error, SB_ERROR_DIVERGED, "the body has %g J, far more than the %g J it was given", energy,
+                    given);
+}
+
+/* Opens a new page of the ledger: the energy there is and the stable step of the present shape. Near the limit elastic
+ * energy swings to 1/(1 - 0.9^2) times what a frequency has, hence the factor. */
+static sb_result sbi_explicit_look(sb_body *b, sb_step_info *info)
+{
+    double begin = sbi_explicit_now(b), energy;
+    sb_real elastic = 0;
+    int bad = sbi_assembly_energy(&b->assembly, b->displacement, &elastic);
+    sb_result result;
+    if (bad >= 0)
+        return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    energy = (double)elastic + sbi_explicit_kinetic(b);
+    if (!(energy - energy == 0) ||
+        (b->guard.stable_step > 0 && energy > 8 * (double)b->guard.energy + sbi_explicit_noise(b)))
+        return sbi_explicit_too_much(info, energy, (double)b->guard.energy);
+    result = sbi_explicit_stable_step(b, &b->guard.stable_step, &info->error);
+    b->guard.energy = (sb_real)energy;
+    b->guard.age = 0;
+    info->seconds_tangent += sbi_explicit_now(b) - begin;
+    return result;
+}
+
+/* ---- motion ---- */
+
+/* internal = forces at the present displacement. What else depends on the shape belongs here too. */
+static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
+{
+    double begin = sbi_explicit_now(b);
+    int bad = -1;
+    if (!b->force_current)
+        bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    info->seconds_force += sbi_explicit_now(b) - begin;
+    if (bad >= 0)
+        return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
+                                "element %d turned inside out, which its material does not allow", bad);
+    return SB_OK;
+}
+
+/* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
+ * = f_ext - f_int. */
+static sb_vec3 sbi_explicit_acceleration(const sb_body *b, int i, sb_vec3 v, sb_real share)
+{
+    sb_vec3 free_of_damping;
+    if (!(b->lumped_mass[i] > 0))
+        return sb_v3(0, 0, 0);
+    free_of_damping = sb_v3_scale(1 / b->lumped_mass[i], sb_v3_sub(b->external[i], b->internal[i]));
+    return sb_v3_scale(1 / (1 + b->damping_mass * share), sb_v3_madd(free_of_damping, -b->damping_mass, v));
+}
+
+/* Accelerations under the present loads. Supported axes run evenly to their targets through the whole call: their
+ * velocity jumps at its start, which may bring energy in, and their acceleration is the mean that this amounts to. */
+static void sbi_explicit_begin(sb_body *b, sb_real dt)
+{
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = b->velocity[i], a = sbi_explicit_acceleration(b, i, v, 0);
+        if (b->fixed[i]) {
+            sb_vec3 rate = sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i]));
+            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+            b->velocity[i] = sbi_body_pick_axes(b->fixed[i], rate, v);
+            a = sbi_body_pick_axes(b->fixed[i], change, a);
+            b->guard.energy += (sb_real)0.5 * b->lumped_mass[i] *
+                               sb_max(0, sb_v3_dot(b->velocity[i], b->velocity[i]) - sb_v3_dot(v, v));
+        }
+        b->acceleration[i] = a;
+    }
+}
+
+/* Displacements a substep of h on, `done` of the call's way for supports; moves in increment. Returns the work (J) of
+ * loads and, at the forces before, half of that of supports. */
+static double sbi_explicit_move(sb_body *b, sb_real h, sb_real done)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
+        sb_vec3 next = sb_v3_madd(b->displacement[i], h, half), go;
+        if (b->fixed[i]) {
+            sb_vec3 goal = b->target[i];
+            if (done < 1)
+                goal = sb_v3_madd(b->start[i], done, sb_v3_sub(goal, b->start[i]));
+            next = sbi_body_pick_axes(b->fixed[i], goal, next);
+        }
+        go = sb_v3_sub(next, b->displacement[i]);
+        work += (double)sb_v3_dot(b->external[i], sbi_body_pick_axes(b->fixed[i], zero, go)) +
+                0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], go, zero));
+        b->increment[i] = go;
+        b->displacement[i] = next;
+    }
+    b->force_current = 0;
+    return work;
+}
+
+/* Velocities and accelerations at the end of the substep. Returns the other half of the work of supports. */
+static double sbi_explicit_accelerate(sb_body *b, sb_real h)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
+        sb_vec3 a = sbi_explicit_acceleration(b, i, half, h / 2);
+        work += 0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], b->increment[i], zero));
+        b->velocity[i] = sbi_body_pick_axes(b->fixed[i], b->velocity[i], sb_v3_madd(half, h / 2, a));
+        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], b->acceleration[i], a);
+    }
+    return work;
+}
+
+/* One substep of h. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
+static sb_result sbi_explicit_substep(sb_body *b, sb_real h, sb_real done, sb_step_info *info)
+{
+    double work = sbi_explicit_move(b, h, done), kinetic, given;
+    sb_result result = sbi_explicit_force(b, info);
+    if (result != SB_OK)
+        return result;
+    work += sbi_explicit_accelerate(b, h);
+    b->guard.energy += (sb_real)(work > 0 ? work : 0);
+    b->guard.age++;
+    info->substeps++;
+    kinetic = sbi_explicit_kinetic(b);
+    given = (double)b->guard.energy;
+    if (kinetic <= 4 * given + sbi_explicit_noise(b))
+        return SB_OK;
+    for (int i = 0; i < b->domain.node_count; i++)
+        if (!sb_v3_is_finite(b->velocity[i]))
+            return sbi_fail_node(&info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
+    return sbi_explicit_too_much(info, kinetic, given);
+}
+
+/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
+static double sbi_explicit_count(sb_real left, sb_real longest)
+{
+    double count = ceil((double)left / (double)longest - 1e-3);
+    return count < 1 ? 1 : count;
+}
+
+/* Forces of the supports at the end of the call. */
+static void sbi_explicit_reactions(sb_body *b)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 inertia = sb_v3_madd(b->acceleration[i], b->damping_mass, b->velocity[i]);
+        sb_vec3 sum = sb_v3_madd(sb_v3_sub(b->internal[i], b->external[i]), b->lumped_mass[i], inertia);
+        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], sum, zero);
+    }
+}
+
+SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
+{
+    static const sb_real margin[SBI_EXPLICIT_CAUTION + 1] = {(sb_real)0.9, (sb_real)0.45, (sb_real)0.225};
+    int interval = SBI_EXPLICIT_INTERVAL >> 2 * caution;
+    sb_real left = dt;
+    sb_result result = sbi_explicit_force(body, info);
+    info->substeps = 0;
+    if (!body->acceleration_known || caution > 0) /* the state came from outside, or is not to be trusted */
+        memset(&body->guard, 0, sizeof body->guard);
+    if (result != SB_OK)
+        return result;
+    sbi_explicit_begin(body, dt);
+    while (left > 0) {
+        double count;
+        sb_real h;
+        if (!(body->guard.stable_step > 0) || body->guard.age >= interval)
+            result = sbi_explicit_look(body, info);
+        if (result != SB_OK)
+            return result;
+        count = sbi_explicit_count(left, margin[caution] * body->guard.stable_step);
+        if (count > (double)(body->max_substeps - info->substeps))
+            return sbi_fail(&info->error, SB_ERROR_NOT_CONVERGED,
+                            "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
+                            body->max_substeps, (double)body->guard.stable_step);
+        h = (sb_real)((double)left / count);
+        left = count > 1 ? left - h : 0;
+        result = sbi_explicit_substep(body, h, 1 - left / dt, info);
+        if (result != SB_OK)
+            return result;
+    }
+    sbi_explicit_reactions(body);
+    sbi_body_update_positions(body);
+    body->acceleration_known = 1;
+    return SB_OK;
+}
+
 /* ==== src/softbody/step.c ==== */
 /* step: one Newton driver for time steps and static solves.
  *
@@ -15414,6 +15798,8 @@ typedef struct sbi_newton {
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
     sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
+    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
     sb_real tolerance;        /* of the residual; a linearised step has none */
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
@@ -15627,7 +16013,7 @@ static void sbi_newton_predict(sbi_newton *newton, int first)
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 coast = sb_v3(0, 0, 0);
         if (first && newton->dynamic)
-            coast = sb_v3_scale(newton->dt, b->velocity[i]);
+            coast = sb_v3_scale(newton->level * newton->dt, b->velocity[i]);
         b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
     }
 }
@@ -16012,6 +16398,36 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
     return SB_OK;
 }
 
+/* Generalised alpha (Chung and Hulbert 1993) in the unknown u at the level 1 - alpha_f of the step: with
+ * d = (u - start) / level the Newmark rules give a' and v' at its end, and
+ *     v = level v' + (1 - level) v_n,  a = inertia_level a' + (1 - inertia_level) a_n. */
+static void sbi_step_scheme_alpha(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sb_real dt = newton->dt, r = b->spectral_radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
+    sb_real gamma = inertia - level + (sb_real)0.5, beta = (1 + inertia - level) * (1 + inertia - level) / 4;
+    newton->level = newton->load_factor = level;
+    newton->inertia_level = inertia;
+    newton->cv = gamma / (beta * dt);
+    newton->ca = inertia / (beta * dt * dt * level);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = b->velocity[i], a = b->acceleration[i];
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        if (b->fixed[i]) {
+            sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
+            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+            sb_vec3 rate_now = sb_v3_madd(sb_v3_scale(1 - level, v), level, rate);
+            sb_vec3 change_now = sb_v3_madd(sb_v3_scale(1 - inertia, a), inertia, change);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -newton->cv * level, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -newton->ca * level, go), a0);
+        }
+        b->velocity0[i] = v0;
+        b->acceleration0[i] = a0;
+    }
+    newton->has_velocity = 1;
+}
+
 /* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
 static void sbi_step_scheme(sbi_newton *newton)
 {
@@ -16078,17 +16494,46 @@ static void sbi_step_undo(sb_body *b)
     sbi_body_update_positions(b);
 }
 
+/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
+static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
+{
+    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
+}
+
+/* Moves the displacement on to the end of the step, supports to their targets. No line search has seen that shape,
+ * so that it is tried where the material forbids some (the next step finds its forces done). */
+static sb_result sbi_step_finish_alpha(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->displacement[i] =
+            sbi_body_pick_axes(b->fixed[i], b->target[i],
+                               sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
+    b->force_current = 0;
+    return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
+}
+
 /* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
 static sb_result sbi_step_commit(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    int alpha = b->integrator == SB_GENERALISED_ALPHA;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = sbi_step_velocity(newton, i), a = sbi_step_acceleration(newton, i);
+        if (alpha) {
+            v = sbi_step_extrapolate(b->velocity[i], v, newton->level);
+            a = sbi_step_extrapolate(b->acceleration[i], a, newton->inertia_level);
+        }
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
                                  i);
         b->velocity[i] = v;
         b->acceleration[i] = a;
+    }
+    if (alpha) {
+        sb_result result = sbi_step_finish_alpha(newton);
+        if (result != SB_OK)
+            return result;
     }
     sbi_body_update_positions(b);
     b->acceleration_known = 1;
@@ -16136,11 +16581,14 @@ static sb_result sbi_step_run(sbi_newton *newton)
     sbi_step_loads(b);
     if (!newton->linearised && b->damping_stiffness > 0)
         result = sbi_newton_keep_damping(newton);
-    if (result == SB_OK && b->integrator == SB_NEWMARK && !b->acceleration_known)
+    if (result == SB_OK && b->integrator != SB_EULER && !b->acceleration_known)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
-    sbi_step_scheme(newton);
+    if (b->integrator == SB_GENERALISED_ALPHA)
+        sbi_step_scheme_alpha(newton);
+    else
+        sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
     if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
@@ -16153,12 +16601,30 @@ static sb_result sbi_step_run(sbi_newton *newton)
     return sbi_step_commit(newton);
 }
 
+/* Substeps of central differences; what goes bad is done again with more caution. */
+static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    sbi_step_guard guard = body->guard;
+    for (int caution = 0;; caution++) {
+        sb_result result;
+        sbi_step_loads(body);
+        result = sbi_explicit_run(body, dt, caution, info);
+        if (result == SB_OK)
+            return result;
+        sbi_step_undo(body);
+        body->guard = guard;
+        if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
+            return result;
+    }
+}
+
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sb_step_info own;
     sbi_newton newton;
     sb_result result;
     double begin;
+    int is_explicit;
     info = info ? info : &own;
     sbi_step_begin_info(info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
@@ -16169,16 +16635,17 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.info = info;
     newton.dynamic = 1;
     newton.dt = dt;
-    newton.load_factor = 1;
+    newton.load_factor = newton.level = newton.inertia_level = 1;
     newton.max_newton = sbi_body_max_newton(body);
-    newton.linearised = newton.max_newton == 1;
+    is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    newton.linearised = newton.max_newton == 1 && !is_explicit;
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
     sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
-    result = sbi_step_run(&newton);
+    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {

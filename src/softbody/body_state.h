@@ -5,6 +5,13 @@
 #include "assembly.h"
 #include "body.h"
 
+/* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
+typedef struct sbi_step_guard {
+    sb_real stable_step;         /* at the last look (s) */
+    sb_real energy;              /* what the body had then and was given since (J): more cannot be in its motion */
+    int age;                     /* substeps since */
+} sbi_step_guard;
+
 struct sb_body {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -34,6 +41,8 @@ struct sb_body {
     sb_real damping_mass, damping_stiffness;
     sb_real tolerance, newton_tolerance;
     int max_iterations, max_newton;
+    sb_real spectral_radius;
+    int max_substeps;
 
     /* mass */
     sb_real *lumped_mass;        /* [node_count] (kg) */
@@ -56,6 +65,7 @@ struct sb_body {
     sb_vec3 *position, *displacement, *velocity, *acceleration;
     int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
     int force_current;           /* 1: internal holds the force at displacement */
+    sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;           /* internal force (N) */

@@ -130,6 +130,7 @@
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_body_step sb_body_step_f32
+#define sb_body_stable_step sb_body_stable_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
 #endif
