@@ -254,16 +254,29 @@ static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 
 }
 
 /* Adds the mass of one element to the matrix blocks, both sides of the diagonal. */
-static void sbi_body_add_mass_blocks(sb_body *body, int element, const sb_real *mass, sb_real density)
+static void sbi_body_add_mass_blocks(const sb_body *body, int element, const sb_real *mass, sb_real density,
+                                     sb_real *blocks)
 {
     int n = body->domain.nodes_per_cell;
     const int *at = body->assembly.scatter + (size_t)element * (size_t)(n * (n + 1) / 2);
     for (int a = 0; a < n; a++)
         for (int b = a; b < n; b++, at++) {
-            body->mass_blocks[*at] += density * mass[a * n + b];
+            blocks[*at] += density * mass[a * n + b];
             if (a != b)
-                body->mass_blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
+                blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
         }
+}
+
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        sbi_body_gather_reference(body, e, x);
+        sbi_element_mass(body->domain.element_type, kind, x, mass, NULL);
+        sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
+    }
 }
 
 SBI_API void sbi_body_update_mass(sb_body *body)
@@ -281,7 +294,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
             sbi_element_mass(body->domain.element_type, body->mass_kind, x, mass, load);
-            sbi_body_add_mass_blocks(body, e, mass, density);
+            sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         sbi_element_mass(body->domain.element_type, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {

@@ -83,6 +83,8 @@ struct sb_body {
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
+/* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);
 /* matrix += factor * M */

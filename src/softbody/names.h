@@ -133,6 +133,8 @@
 #define sb_body_stable_step sb_body_stable_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
+#define sb_default_modes_options sb_default_modes_options_f32
+#define sb_body_modes sb_body_modes_f32
 #endif
 #endif
 

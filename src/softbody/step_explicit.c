@@ -62,9 +62,8 @@ static void sbi_explicit_normalise(const sb_vec3 *y, int count, sb_vec3 *x)
         x[i] = sb_v3_scale(size > 0 ? 1 / size : 0, y[i]);
 }
 
-/* The stable step of the stiffness in the body's matrix (s); not positive or not finite when there is none. Every
- * sweep gives a bound: the least of them counts. */
-static sb_real sbi_explicit_bound(sb_body *b)
+/* Every sweep gives a bound: the least of them counts. */
+SBI_API sb_real sbi_explicit_bound(sb_body *b)
 {
     sb_real least = SB_REAL_MAX, rounding = 1 + 64 * SB_EPSILON;
     for (int i = 0; i < b->matrix.row_count; i++)
