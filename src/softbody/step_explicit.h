@@ -6,7 +6,7 @@
 #include "step.h"
 
 /* Times that a call is done again with shorter substeps. */
-enum { SBI_EXPLICIT_CAUTION = 2 };
+enum { SBI_EXPLICIT_CAUTION = 3 };
 
 /* Moves the body by dt (s) in as many substeps as stability needs; caution 0 .. SBI_EXPLICIT_CAUTION makes them
  * shorter and the looks at the stable step more frequent. body->start and the dead loads in body->external are up to
