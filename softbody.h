@@ -397,8 +397,11 @@
 #define sb_body_constraint_force sb_body_constraint_force_f32
 #define sb_body_tie_faces sb_body_tie_faces_f32
 #define sb_body_step sb_body_step_f32
+#define sb_body_stable_step sb_body_stable_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
+#define sb_default_modes_options sb_default_modes_options_f32
+#define sb_body_modes sb_body_modes_f32
 #endif
 #endif
 
@@ -3966,8 +3969,12 @@ enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
     SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
-    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
+    SB_NEWMARK = 2, /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
                     * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
+    SB_GENERALISED_ALPHA = 3, /* Chung and Hulbert 1993: second order, damps what dt cannot resolve and nothing else;
+                               * for large or fast motions. spectral_radius says how much */
+    SB_CENTRAL_DIFFERENCE = 4 /* explicit: no linear systems, cheap substeps of at most sb_body_stable_step. Second
+                               * order. Lumped mass and damping_mass only */
 } sb_integrator;
 
 /* The material of one region of the mesh. */
@@ -3991,6 +3998,11 @@ typedef struct sb_body_def {
     int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
     sb_mass_kind mass;                /* default SB_MASS_LUMPED */
     sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
+    sb_real spectral_radius;          /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
+                                       * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
+                                       * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
+                                       * without bound, 0.5 and less gain none */
+    int max_substeps;                 /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
     sb_vec3 gravity;                  /* m/s^2; default 0 */
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
@@ -4035,6 +4047,7 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
  * of the stress along the old directions stays and fades. */
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
+/* SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
@@ -4066,7 +4079,8 @@ SB_API void sb_body_reset(sb_body *body);
 
 /* ---- readings: no allocation ---- */
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
- * loads it balances the rate of momentum. [node_count], valid until the next solve. */
+ * loads it balances the rate of momentum. At the end of the step; with SB_GENERALISED_ALPHA where that scheme has its
+ * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count], valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
  * nodal forces (N), [node_count]. */
@@ -4342,6 +4356,7 @@ SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec
 typedef struct sb_step_info {
     int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;       /* of all of them together */
+    int substeps;             /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
@@ -4362,13 +4377,30 @@ typedef struct sb_step_info {
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *
+ * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
+ * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
+ * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
+ *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
- * SB_ERROR_INDEFINITE; SB_ERROR_UNSUPPORTED where Newmark meets SB_MASS_REDUCED and constraints that cannot be
- * lumped) positions, velocities, accelerations, reactions and constraint forces are as before the call and the body can
- * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas:
- * implicit Euler and Newmark in the increment du,
- *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
+ * SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps; SB_ERROR_UNSUPPORTED
+ * where Newmark meets SB_MASS_REDUCED, or central difference, and constraints that cannot be lumped) positions,
+ * velocities, accelerations, reactions and constraint forces are as before the call and the body can go on, to the last
+ * bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and
+ * Newmark in the increment du,
+ *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated. Where
+ * the material does not admit that end, the step is done again with spectral radius 0, whose balance is at the end.
+ * Central difference:
+ *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'). */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
+
+/* *dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the
+ * lumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.
+ * Mass damping does not change it; supports are left out of account. Works for bodies of any integrator and leaves
+ * their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On failure
+ * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE) *dt is untouched; error may be NULL.
+ * Bound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration. */
+SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error);
 
 /* How a static solve goes about its work. Start from sb_default_static_options(). */
 typedef struct sb_static_options {
@@ -4402,6 +4434,55 @@ SB_API sb_static_options sb_default_static_options(void);
 SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info);
 
 #endif /* SB_STEP_H */
+
+/* ==== src/softbody/modes.h ==== */
+/* modes: natural frequencies and mode shapes of a body. Floor 3. */
+#ifndef SB_MODES_H
+#define SB_MODES_H
+
+
+/* How modes are looked for. Start from sb_default_modes_options(). */
+typedef struct sb_modes_options {
+    sb_mass_kind mass;        /* mass matrix, whatever the body moves with; default SB_MASS_CONSISTENT */
+    int at_present;           /* 0 (default): small motions about the undeformed shape without stress; 1: about the
+                               * present shape with its exact tangent, stresses included */
+    sb_real tolerance;        /* |K x - lambda M x| / lambda in the norm of M^-1, for x of unit mass, (0, 1); default
+                               * 1e-8, which makes the error of a frequency far smaller. What is below rounding in K x
+                               * counts as that */
+    int max_iterations;       /* times the space that is searched may grow, >= 1; default 100 */
+    unsigned cookie;          /* set by sb_default_modes_options */
+} sb_modes_options;
+
+SB_API sb_modes_options sb_default_modes_options(void);
+
+/* What a search did; written on success and on SB_ERROR_NOT_CONVERGED. */
+typedef struct sb_modes_info {
+    int iterations;           /* times the space grew */
+    int solves;               /* linear systems */
+    int pcg_iterations;       /* of all of them together */
+    sb_real residual;         /* the largest of any mode, as the tolerance measures it */
+    double seconds;           /* with the body's clock, otherwise 0 */
+} sb_modes_info;
+
+/* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are).
+ * count        1 .. degrees of freedom that no support holds
+ * options      NULL: defaults
+ * frequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come
+ *              out as about 0 (rounding of K x), never as NaN
+ * shapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right
+ *              angles in M; 0 at supported axes
+ * info, error  may be NULL
+ * Takes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is
+ * left as it is, to the last bit; loads play no part.
+ * Errors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE
+ * (the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are
+ * then untouched.
+ * Method: Rayleigh-Ritz in a space that grows by (K + shift M)^-1 r of the residuals r of the lowest modes not yet
+ * found, from random vectors (block Davidson; Parlett 1998, 11 and 13); systems by PCG, loosely. */
+SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options *options, sb_real *frequencies,
+                               sb_vec3 *shapes, sb_modes_info *info, sb_error *error);
+
+#endif /* SB_MODES_H */
 
 #endif /* SOFTBODY_H */
 
@@ -17942,6 +18023,14 @@ typedef struct sbi_load {
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
+/* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
+typedef struct sbi_step_guard {
+    sb_real stable_step;         /* at the last look (s) */
+    int age;                     /* substeps since */
+    int ledger_open;             /* 1: energy means something */
+    double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
+} sbi_step_guard;
+
 struct sb_body {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -17979,6 +18068,8 @@ struct sb_body {
     sb_real damping_mass, damping_stiffness;
     sb_real tolerance, newton_tolerance;
     int max_iterations, max_newton;
+    sb_real spectral_radius;
+    int max_substeps;
 
     /* mass */
     sb_real *lumped_mass;        /* [node_count] (kg) */
@@ -18010,6 +18101,7 @@ struct sb_body {
     sb_vec3 *position, *displacement, *velocity, *acceleration;
     int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
     int force_current;           /* 1: internal holds the force at displacement */
+    sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;           /* internal force (N) */
@@ -18061,6 +18153,8 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
+/* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);
 /* matrix += factor * M */
@@ -18132,6 +18226,8 @@ SB_API sb_body_def sb_default_body_def(void)
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
     def.newton_tolerance = (sb_real)1e-6;
     def.cookie = SBI_BODY_COOKIE;
     return def;
@@ -18155,14 +18251,25 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
                         def->max_iterations, def->max_newton);
-    if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
     if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
     if (def->allocator.alloc && !def->allocator.release)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
     return SB_OK;
 }
 
@@ -18427,16 +18534,29 @@ static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 
 }
 
 /* Adds the mass of one element to the matrix blocks, both sides of the diagonal. */
-static void sbi_body_add_mass_blocks(sb_body *body, int element, const sb_real *mass, sb_real density)
+static void sbi_body_add_mass_blocks(const sb_body *body, int element, const sb_real *mass, sb_real density,
+                                     sb_real *blocks)
 {
     int n = body->domain.nodes_per_cell;
     const int *at = body->assembly.scatter + (size_t)element * (size_t)(n * (n + 1) / 2);
     for (int a = 0; a < n; a++)
         for (int b = a; b < n; b++, at++) {
-            body->mass_blocks[*at] += density * mass[a * n + b];
+            blocks[*at] += density * mass[a * n + b];
             if (a != b)
-                body->mass_blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
+                blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
         }
+}
+
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        sbi_body_gather_reference(body, e, x);
+        sbi_element_mass(sbi_domain_element(&body->domain), kind, x, mass, NULL);
+        sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
+    }
 }
 
 SBI_API void sbi_body_update_mass(sb_body *body)
@@ -18454,7 +18574,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
             sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
-            sbi_body_add_mass_blocks(body, e, mass, density);
+            sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
@@ -18570,7 +18690,7 @@ static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mate
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
         needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks)
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
         (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
@@ -18648,6 +18768,8 @@ SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error
     made->newton_tolerance = def->newton_tolerance;
     made->max_iterations = def->max_iterations;
     made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
     result = sbi_body_build(made, def, error);
     if (result != SB_OK) {
         sb_body_destroy(made);
@@ -18968,6 +19090,8 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
     return SB_OK;
@@ -21348,6 +21472,385 @@ SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec
     sbi_elimination_expand(e, acceleration, 0);
 }
 
+/* ==== src/softbody/step_explicit.h ==== */
+/* step_explicit: central differences, the part of step that solves no systems. Floor 3, internal. */
+#ifndef SB_STEP_EXPLICIT_H
+#define SB_STEP_EXPLICIT_H
+
+
+/* Times that a call is done again with shorter substeps. */
+enum { SBI_EXPLICIT_CAUTION = 3 };
+
+/* Moves the body by dt (s) in as many substeps as stability needs; caution 0 .. SBI_EXPLICIT_CAUTION makes them
+ * shorter and the looks at the stable step more frequent. body->start and the dead loads in body->external are up to
+ * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
+SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
+
+/* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
+ * is none. Overwrites the body's work vectors. */
+SBI_API sb_real sbi_explicit_bound(sb_body *body);
+
+#endif /* SB_STEP_EXPLICIT_H */
+
+/* ==== src/softbody/step_explicit.c ==== */
+/* step_explicit: central differences in the form of velocities at the same times as displacements (Newmark beta 0,
+ * gamma 1/2), which can change the length of its steps.
+ *
+ * What keeps it from exploding: substeps below the stable step, which comes from an upper bound of the highest
+ * frequency at the present shape and is looked at again as the shape changes; and a ledger of energy. A body has no
+ * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
+ * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
+ * the most cautious one arrives at opens a new ledger. */
+
+#include <math.h>
+#include <string.h>
+
+enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain per sweep is below 1 % then */
+
+/* How a call goes about its way. */
+typedef struct sbi_explicit_plan {
+    sb_real margin;           /* substeps are at most this share of the stable step */
+    int interval;             /* substeps between looks, each of which costs as much as some ten forces */
+    double factor;            /* energy over that of the ledger that is taken for granted: near the limit, elastic
+                               * energy swings to 1/(1 - margin^2) times what its frequency has */
+} sbi_explicit_plan;
+
+static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
+    {(sb_real)0.9, 16, 1.5}, {(sb_real)0.45, 4, 1.5}, {(sb_real)0.225, 1, 1.25}, {(sb_real)0.08, 1, 1.25}};
+
+typedef struct sbi_explicit {
+    sb_body *body;
+    sb_step_info *info;
+    const sbi_explicit_plan *plan;
+    int last_resort;          /* 1: the energy at the start of the call counts, whatever the ledger says */
+    double start_energy;      /* then (J) */
+} sbi_explicit;
+
+static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
+
+/* Energy that rounding may pretend (J). */
+static double sbi_explicit_noise(const sb_body *b)
+{
+    return 64 * (double)SB_EPSILON * (double)b->assembly.energy_unit;
+}
+
+/* ---- the stable step ---- */
+
+/* y = M^-1 |K| x; returns the largest y_i / x_i, which no eigenvalue of M^-1 K exceeds. */
+static sb_real sbi_explicit_sweep(const sb_body *b, const sb_vec3 *x, sb_vec3 *y)
+{
+    const sb_matrix *matrix = &b->matrix;
+    sb_real largest = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        if (!(b->lumped_mass[i] > 0)) { /* of no element: no equation of motion */
+            y[i] = sum;
+            continue;
+        }
+        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+            const sb_real *m = matrix->blocks[k];
+            sb_vec3 v = x[matrix->columns[k]];
+            sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;
+            sum.y += sb_abs(m[3]) * v.x + sb_abs(m[4]) * v.y + sb_abs(m[5]) * v.z;
+            sum.z += sb_abs(m[6]) * v.x + sb_abs(m[7]) * v.y + sb_abs(m[8]) * v.z;
+        }
+        y[i] = sb_v3_scale(1 / b->lumped_mass[i], sum);
+        if (!sb_v3_is_finite(y[i]))
+            return y[i].x + y[i].y + y[i].z;
+        largest = x[i].x > 0 ? sb_max(largest, y[i].x / x[i].x) : largest;
+        largest = x[i].y > 0 ? sb_max(largest, y[i].y / x[i].y) : largest;
+        largest = x[i].z > 0 ? sb_max(largest, y[i].z / x[i].z) : largest;
+    }
+    return largest;
+}
+
+/* x = y over its largest component. A component of 0 has a row of zeros and stays out. */
+static void sbi_explicit_normalise(const sb_vec3 *y, int count, sb_vec3 *x)
+{
+    sb_real size = 0;
+    for (int i = 0; i < count; i++)
+        size = sb_max(size, sb_max(y[i].x, sb_max(y[i].y, y[i].z)));
+    for (int i = 0; i < count; i++)
+        x[i] = sb_v3_scale(size > 0 ? 1 / size : 0, y[i]);
+}
+
+/* Every sweep gives a bound: the least of them counts. */
+SBI_API sb_real sbi_explicit_bound(sb_body *b)
+{
+    sb_real least = SB_REAL_MAX, rounding = 1 + 64 * SB_EPSILON;
+    for (int i = 0; i < b->matrix.row_count; i++)
+        b->work[i] = sb_v3(1, 1, 1);
+    for (int sweep = 0; sweep < SBI_EXPLICIT_SWEEPS; sweep++) {
+        sb_real bound = sbi_explicit_sweep(b, b->work, b->work2);
+        if (!sb_is_finite(bound))
+            return bound;
+        least = sb_min(least, bound);
+        sbi_explicit_normalise(b->work2, b->matrix.row_count, b->work);
+    }
+    return 2 / sb_sqrt(least * rounding);
+}
+
+/* The stable step at the present displacement, whose rotations are up to date. The positive part of the tangent bounds
+ * the tangent. */
+static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *error)
+{
+    sb_real found;
+    int bad = sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
+    if (bad >= 0)
+        return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    found = sbi_explicit_bound(b);
+    if (!(found > 0) || !sb_is_finite(found))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the stiffness is beyond what numbers can hold");
+    *dt = found;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int bad = -1;
+    if (!body || !dt)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_stable_step needs a body and a place for dt");
+    if (body->force_current)
+        return sbi_explicit_stable_step(body, dt, error);
+    sbi_assembly_save_rotations(&body->assembly); /* forces leave traces in the warm starts */
+    bad = sbi_assembly_force(&body->assembly, body->displacement, body->residual);
+    if (bad >= 0)
+        result = sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                  "element %d is inside out, which its material does not allow", bad);
+    else
+        result = sbi_explicit_stable_step(body, dt, error);
+    sbi_assembly_restore_rotations(&body->assembly);
+    return result;
+}
+
+/* ---- looks at energy and stability ---- */
+
+static double sbi_explicit_kinetic(const sb_body *b)
+{
+    double sum = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(b->velocity[i], b->velocity[i]);
+    return sum;
+}
+
+/* Whether an energy agrees with the ledger; false for NaN. */
+static sb_result sbi_explicit_audit(const sbi_explicit *x, double energy)
+{
+    const sb_body *b = x->body;
+    double given = b->guard.energy > x->start_energy ? b->guard.energy : x->start_energy;
+    if (energy <= x->plan->factor * given + sbi_explicit_noise(b))
+        return SB_OK;
+    for (int i = 0; i < b->domain.node_count; i++)
+        if (!sb_v3_is_finite(b->velocity[i]))
+            return sbi_fail_node(&x->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
+    return sbi_fail(&x->info->error, SB_ERROR_DIVERGED, "the body has %g J, but was given no more than %g J", energy,
+                    given);
+}
+
+/* Compares all energy with the ledger, takes what was lost off it, and finds the stable step of the present shape. */
+static sb_result sbi_explicit_look(sbi_explicit *x)
+{
+    sb_body *b = x->body;
+    sb_step_info *info = x->info;
+    double begin = sbi_explicit_now(b), energy;
+    sb_real elastic = 0;
+    int bad = sbi_assembly_energy(&b->assembly, b->displacement, &elastic);
+    sb_result result;
+    if (bad >= 0)
+        return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    energy = (double)elastic + sbi_explicit_kinetic(b);
+    if (!b->guard.ledger_open || (x->last_resort && info->substeps == 0)) {
+        x->start_energy = energy;
+        b->guard.energy = energy;
+        b->guard.ledger_open = 1;
+    }
+    result = sbi_explicit_audit(x, energy);
+    if (result != SB_OK)
+        return result;
+    b->guard.energy = energy < b->guard.energy ? energy : b->guard.energy;
+    b->guard.age = 0;
+    result = sbi_explicit_stable_step(b, &b->guard.stable_step, &info->error);
+    info->seconds_tangent += sbi_explicit_now(b) - begin;
+    return result;
+}
+
+/* ---- motion ---- */
+
+/* internal = forces at the present displacement. What else depends on the shape belongs here too. */
+static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
+{
+    double begin = sbi_explicit_now(b);
+    int bad = -1;
+    if (!b->force_current)
+        bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    info->seconds_force += sbi_explicit_now(b) - begin;
+    if (bad >= 0)
+        return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
+                                "element %d turned inside out, which its material does not allow", bad);
+    return SB_OK;
+}
+
+/* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
+ * = f_ext - f_int. */
+static sb_vec3 sbi_explicit_acceleration(const sb_body *b, int i, sb_vec3 v, sb_real share)
+{
+    sb_vec3 free_of_damping;
+    if (!(b->lumped_mass[i] > 0))
+        return sb_v3(0, 0, 0);
+    free_of_damping = sb_v3_scale(1 / b->lumped_mass[i], sb_v3_sub(b->external[i], b->internal[i]));
+    return sb_v3_scale(1 / (1 + b->damping_mass * share), sb_v3_madd(free_of_damping, -b->damping_mass, v));
+}
+
+/* Accelerations under the present loads. Supported axes run evenly to their targets through the whole call: their
+ * velocity jumps at its start, which may bring energy in, and their acceleration is the mean that this amounts to. */
+static void sbi_explicit_begin(sb_body *b, sb_real dt)
+{
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = b->velocity[i], a = sbi_explicit_acceleration(b, i, v, 0);
+        if (b->fixed[i]) {
+            sb_vec3 rate = sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i]));
+            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+            b->velocity[i] = sbi_body_pick_axes(b->fixed[i], rate, v);
+            a = sbi_body_pick_axes(b->fixed[i], change, a);
+            b->guard.energy += 0.5 * (double)b->lumped_mass[i] *
+                               (double)sb_max(0, sb_v3_dot(b->velocity[i], b->velocity[i]) - sb_v3_dot(v, v));
+        }
+        b->acceleration[i] = a;
+    }
+}
+
+/* Displacements a substep of h on, `done` of the call's way for supports; moves in increment. Returns the work (J) of
+ * loads and, at the forces before, half of that of supports. */
+static double sbi_explicit_move(sb_body *b, sb_real h, sb_real done)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
+        sb_vec3 next = sb_v3_madd(b->displacement[i], h, half), go;
+        if (b->fixed[i]) {
+            sb_vec3 goal = b->target[i];
+            if (done < 1)
+                goal = sb_v3_madd(b->start[i], done, sb_v3_sub(goal, b->start[i]));
+            next = sbi_body_pick_axes(b->fixed[i], goal, next);
+        }
+        go = sb_v3_sub(next, b->displacement[i]);
+        work += (double)sb_v3_dot(b->external[i], sbi_body_pick_axes(b->fixed[i], zero, go)) +
+                0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], go, zero));
+        b->increment[i] = go;
+        b->displacement[i] = next;
+    }
+    b->force_current = 0;
+    return work;
+}
+
+/* Velocities and accelerations at the end of the substep. Returns the other half of the work of supports. */
+static double sbi_explicit_accelerate(sb_body *b, sb_real h)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
+        sb_vec3 a = sbi_explicit_acceleration(b, i, half, h / 2);
+        work += 0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], b->increment[i], zero));
+        b->velocity[i] = sbi_body_pick_axes(b->fixed[i], b->velocity[i], sb_v3_madd(half, h / 2, a));
+        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], b->acceleration[i], a);
+    }
+    return work;
+}
+
+/* One substep of h. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
+static sb_result sbi_explicit_substep(const sbi_explicit *x, sb_real h, sb_real done)
+{
+    sb_body *b = x->body;
+    double work = sbi_explicit_move(b, h, done);
+    sb_result result = sbi_explicit_force(b, x->info);
+    if (result != SB_OK)
+        return result;
+    work += sbi_explicit_accelerate(b, h);
+    b->guard.energy += work > 0 ? work : 0;
+    b->guard.age++;
+    x->info->substeps++;
+    return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
+}
+
+/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
+static double sbi_explicit_count(sb_real left, sb_real longest)
+{
+    double count = ceil((double)left / (double)longest - 1e-3);
+    return count < 1 ? 1 : count;
+}
+
+/* Forces of the supports at the end of the call. */
+static void sbi_explicit_reactions(sb_body *b)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 inertia = sb_v3_madd(b->acceleration[i], b->damping_mass, b->velocity[i]);
+        sb_vec3 sum = sb_v3_madd(sb_v3_sub(b->internal[i], b->external[i]), b->lumped_mass[i], inertia);
+        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], sum, zero);
+    }
+}
+
+/* All substeps of a call of dt. A shape that needs very short ones may be left soon: only the substeps that were taken
+ * count against the cap. */
+static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
+{
+    sb_body *b = x->body;
+    sb_real left = dt;
+    while (left > 0) {
+        sb_result result = SB_OK;
+        double count;
+        sb_real h;
+        if (!(b->guard.stable_step > 0) || b->guard.age >= x->plan->interval)
+            result = sbi_explicit_look(x);
+        if (result != SB_OK)
+            return result;
+        if (x->info->substeps == b->max_substeps)
+            return sbi_fail(&x->info->error, SB_ERROR_NOT_CONVERGED,
+                            "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
+                            b->max_substeps, (double)b->guard.stable_step);
+        count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
+        h = (sb_real)((double)left / count);
+        left = count > 1 ? left - h : 0;
+        result = sbi_explicit_substep(x, h, 1 - left / dt);
+        if (result != SB_OK)
+            return result;
+    }
+    return x->last_resort ? sbi_explicit_look(x) : SB_OK;
+}
+
+SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
+{
+    sbi_explicit x;
+    sb_result result;
+    x.body = body;
+    x.info = info;
+    x.plan = sbi_explicit_plans + caution;
+    x.last_resort = caution == SBI_EXPLICIT_CAUTION;
+    x.start_energy = 0;
+    info->substeps = 0;
+    if (!body->acceleration_known) /* the state came from outside */
+        memset(&body->guard, 0, sizeof body->guard);
+    if (caution > 0)
+        body->guard.stable_step = 0;
+    result = sbi_explicit_force(body, info);
+    if (result != SB_OK)
+        return result;
+    sbi_explicit_begin(body, dt);
+    result = sbi_explicit_go(&x, dt);
+    if (result != SB_OK)
+        return result;
+    sbi_explicit_reactions(body);
+    sbi_body_update_positions(body);
+    body->acceleration_known = 1;
+    return SB_OK;
+}
+
 /* ==== src/softbody/step.c ==== */
 /* step: one Newton driver for time steps and static solves.
  *
@@ -21365,6 +21868,9 @@ typedef struct sbi_newton {
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
     sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
+    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
+    sb_real radius;           /* spectral radius of generalised alpha */
     sb_real tolerance;        /* of the residual; a linearised step has none */
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
@@ -21601,7 +22107,7 @@ static void sbi_newton_predict(sbi_newton *newton, int first)
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 coast = sb_v3(0, 0, 0);
         if (first && newton->dynamic)
-            coast = sb_v3_scale(newton->dt, b->velocity[i]);
+            coast = sb_v3_scale(newton->level * newton->dt, b->velocity[i]);
         b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
     }
 }
@@ -22065,6 +22571,36 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
     return SB_OK;
 }
 
+/* Generalised alpha (Chung and Hulbert 1993) in the unknown u at the level 1 - alpha_f of the step: with
+ * d = (u - start) / level the Newmark rules give a' and v' at its end, and
+ *     v = level v' + (1 - level) v_n,  a = inertia_level a' + (1 - inertia_level) a_n. */
+static void sbi_step_scheme_alpha(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sb_real dt = newton->dt, r = newton->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
+    sb_real gamma = inertia - level + (sb_real)0.5, beta = (1 + inertia - level) * (1 + inertia - level) / 4;
+    newton->level = newton->load_factor = level;
+    newton->inertia_level = inertia;
+    newton->cv = gamma / (beta * dt);
+    newton->ca = inertia / (beta * dt * dt * level);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = b->velocity[i], a = b->acceleration[i];
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        if (b->fixed[i]) {
+            sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
+            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+            sb_vec3 rate_now = sb_v3_madd(sb_v3_scale(1 - level, v), level, rate);
+            sb_vec3 change_now = sb_v3_madd(sb_v3_scale(1 - inertia, a), inertia, change);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -newton->cv * level, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -newton->ca * level, go), a0);
+        }
+        b->velocity0[i] = v0;
+        b->acceleration0[i] = a0;
+    }
+    newton->has_velocity = 1;
+}
+
 /* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
 static void sbi_step_scheme(sbi_newton *newton)
 {
@@ -22137,17 +22673,46 @@ static void sbi_step_undo(sb_body *b)
     sbi_body_update_positions(b);
 }
 
+/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
+static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
+{
+    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
+}
+
+/* Moves the displacement on to the end of the step, supports to their targets. No line search has seen that shape,
+ * so that it is tried where the material forbids some (the next step finds its forces done). */
+static sb_result sbi_step_finish_alpha(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->displacement[i] =
+            sbi_body_pick_axes(b->fixed[i], b->target[i],
+                               sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
+    b->force_current = 0;
+    return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
+}
+
 /* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
 static sb_result sbi_step_commit(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    int alpha = b->integrator == SB_GENERALISED_ALPHA;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = sbi_step_velocity(newton, i), a = sbi_step_acceleration(newton, i);
+        if (alpha) {
+            v = sbi_step_extrapolate(b->velocity[i], v, newton->level);
+            a = sbi_step_extrapolate(b->acceleration[i], a, newton->inertia_level);
+        }
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
                                  i);
         b->velocity[i] = v;
         b->acceleration[i] = a;
+    }
+    if (alpha) {
+        sb_result result = sbi_step_finish_alpha(newton);
+        if (result != SB_OK)
+            return result;
     }
     sbi_body_update_positions(b);
     b->acceleration_known = 1;
@@ -22209,12 +22774,15 @@ static sb_result sbi_step_run(sbi_newton *newton)
     sbi_step_loads(b);
     if (!newton->linearised && b->damping_stiffness > 0)
         result = sbi_newton_keep_damping(newton);
-    if (result == SB_OK && b->integrator == SB_NEWMARK && !b->acceleration_known)
+    if (result == SB_OK && b->integrator != SB_EULER && !b->acceleration_known)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
     sbi_step_enter(b, newton->dt);
-    sbi_step_scheme(newton);
+    if (b->integrator == SB_GENERALISED_ALPHA)
+        sbi_step_scheme_alpha(newton);
+    else
+        sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
     if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
@@ -22227,12 +22795,44 @@ static sb_result sbi_step_run(sbi_newton *newton)
     return sbi_step_commit(newton);
 }
 
+/* Substeps of central differences; what goes bad is done again with more caution. */
+static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    sbi_step_guard guard = body->guard;
+    for (int caution = 0;; caution++) {
+        sb_result result;
+        sbi_step_loads(body);
+        result = sbi_explicit_run(body, dt, caution, info);
+        if (result == SB_OK)
+            return result;
+        sbi_step_undo(body);
+        body->guard = guard;
+        if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
+            return result;
+    }
+}
+
+/* An implicit step. Generalised alpha extrapolates: if the material does not admit the end, it tries once more with the
+ * balance at the end, where the line search watches. */
+static sb_result sbi_step_run_implicit(const sbi_newton *start)
+{
+    sbi_newton newton = *start;
+    sb_result result = sbi_step_run(&newton);
+    if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
+        return result;
+    sbi_step_undo(newton.body);
+    newton = *start;
+    newton.radius = 0;
+    return sbi_step_run(&newton);
+}
+
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sb_step_info own;
     sbi_newton newton;
     sb_result result;
     double begin;
+    int is_explicit;
     info = info ? info : &own;
     sbi_step_begin_info(info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
@@ -22243,16 +22843,18 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.info = info;
     newton.dynamic = 1;
     newton.dt = dt;
-    newton.load_factor = 1;
+    newton.load_factor = newton.level = newton.inertia_level = 1;
+    newton.radius = body->spectral_radius;
     newton.max_newton = sbi_body_max_newton(body);
-    newton.linearised = newton.max_newton == 1;
+    is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    newton.linearised = newton.max_newton == 1 && !is_explicit;
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
     sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
-    result = sbi_step_run(&newton);
+    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {
@@ -22414,6 +23016,652 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         sbi_step_forget_error(info); /* of attempts with longer increments */
     info->seconds_total = sbi_step_now(body) - begin;
     return sbi_step_report(info, result);
+}
+
+/* ==== src/softbody/modes.c ==== */
+/* modes: block Davidson on A x = mu M x, A = K + shift M, mu = lambda + shift.
+ *
+ * The basis V is orthonormal in M; H = V^T A V is kept in double. Vectors are 0 on supported axes, where A has rows of
+ * its own. All solves are rough: they only have to point the right way, since Ritz values and residuals are made from
+ * A and M themselves. Random vectors at the start, as many as modes are wanted, and a second handful before the end
+ * see to it that no copy of a multiple frequency is missed. */
+
+#include <math.h>
+#include <string.h>
+
+
+#define SBI_MODES_COOKIE 0x3d0deu
+enum {
+    SBI_MODES_GUARD = 4,   /* Ritz vectors beyond the wanted ones that are improved along with them */
+    SBI_MODES_BLOCK = 12,  /* most vectors by which the space grows at a time */
+    SBI_MODES_PROBES = 4   /* random vectors of the last look */
+};
+
+typedef struct sbi_modes {
+    sb_body *body;
+    const sb_modes_options *options;
+    sb_modes_info *info;
+    sb_error *error;
+    sb_preconditioner *precond;
+    int nodes, count;
+    int freedom;              /* degrees of freedom */
+    int capacity, size;       /* of the basis */
+    int block;                /* residuals per round */
+    double shift;             /* 1/s^2 */
+    double rounding;          /* of a residual (1/s^2) */
+    uint64_t random;
+    sb_real *mass;            /* [block_count] (kg) */
+    sb_vec3 *basis;           /* [capacity][nodes] */
+    sb_vec3 *fresh;           /* [block][nodes] directions to grow by */
+    sb_vec3 *x, *ax, *mx;     /* [nodes] */
+    double *projected;        /* [capacity][capacity] H */
+    double *vectors;          /* [capacity][capacity] row i: eigenvector i of H */
+    double *values;           /* [capacity] ascending */
+    double *scratch;          /* [3 capacity] */
+    void *memory;
+} sbi_modes;
+
+SB_API sb_modes_options sb_default_modes_options(void)
+{
+    sb_modes_options options;
+    memset(&options, 0, sizeof options);
+    options.mass = SB_MASS_CONSISTENT;
+    options.tolerance = (sb_real)1e-8;
+    options.max_iterations = 100;
+    options.cookie = SBI_MODES_COOKIE;
+    return options;
+}
+
+/* ---- small symmetric eigenproblem: Householder, then QL with implicit shifts (Wilkinson and Reinsch 1971) ---- */
+
+/* Reduces a[n][n] to the diagonal d and the neighbours e[0 .. n-2], reflections on the way left below the diagonal;
+ * scale[k] is 2/v.v of reflection k. */
+static void sbi_modes_tridiagonalise(double *a, int n, double *d, double *e, double *scale)
+{
+    for (int k = 0; k < n - 1; k++) {
+        double norm = 0, along = 0, *w = d; /* d is free below */
+        for (int i = k + 1; i < n; i++)
+            norm += a[i * n + k] * a[i * n + k];
+        norm = sqrt(norm);
+        scale[k] = 0;
+        e[k] = a[(k + 1) * n + k];
+        if (k == n - 2 || !(norm > 0))
+            continue;
+        e[k] = e[k] > 0 ? -norm : norm;
+        a[(k + 1) * n + k] -= e[k];
+        scale[k] = 1 / (-e[k] * a[(k + 1) * n + k]);
+        for (int i = k + 1; i < n; i++) {
+            double sum = 0;
+            for (int j = k + 1; j < n; j++)
+                sum += (j <= i ? a[i * n + j] : a[j * n + i]) * a[j * n + k];
+            w[i] = scale[k] * sum;
+            along += w[i] * a[i * n + k];
+        }
+        for (int i = k + 1; i < n; i++)
+            w[i] -= 0.5 * scale[k] * along * a[i * n + k];
+        for (int i = k + 1; i < n; i++)
+            for (int j = k + 1; j <= i; j++)
+                a[i * n + j] -= a[i * n + k] * w[j] + w[i] * a[j * n + k];
+    }
+    for (int i = 0; i < n; i++)
+        d[i] = a[i * n + i];
+}
+
+/* Row j of z: the reflections applied to unit vector j. */
+static void sbi_modes_accumulate(const double *a, int n, const double *scale, double *z)
+{
+    memset(z, 0, (size_t)n * (size_t)n * sizeof *z);
+    for (int j = 0; j < n; j++) {
+        double *row = z + (size_t)j * (size_t)n;
+        row[j] = 1;
+        for (int k = n - 3; k >= 0; k--) {
+            double sum = 0;
+            for (int i = k + 1; i < n; i++)
+                sum += a[i * n + k] * row[i];
+            for (int i = k + 1; i < n; i++)
+                row[i] -= scale[k] * sum * a[i * n + k];
+        }
+    }
+}
+
+/* One sweep on the unreduced part l .. m of the tridiagonal matrix; turns the rows of z along. */
+static void sbi_modes_ql_sweep(double *d, double *e, int l, int m, double *z, int n)
+{
+    double g = (d[l + 1] - d[l]) / (2 * e[l]), r = sqrt(g * g + 1), s = 1, c = 1, p = 0;
+    g = d[m] - d[l] + e[l] / (g + (g < 0 ? -r : r));
+    for (int i = m - 1; i >= l; i--) {
+        double f = s * e[i], b = c * e[i], *low = z + (size_t)i * (size_t)n, *high = low + n;
+        r = sqrt(f * f + g * g);
+        e[i + 1] = r;
+        if (!(r > 0)) { /* the matrix falls apart here: the next sweep finds that */
+            d[i + 1] -= p;
+            e[m] = 0;
+            return;
+        }
+        s = f / r;
+        c = g / r;
+        g = d[i + 1] - p;
+        r = (d[i] - g) * s + 2 * c * b;
+        p = s * r;
+        d[i + 1] = g + p;
+        g = c * r - b;
+        for (int k = 0; k < n; k++) {
+            f = high[k];
+            high[k] = s * low[k] + c * f;
+            low[k] = c * low[k] - s * f;
+        }
+    }
+    d[l] -= p;
+    e[l] = g;
+    e[m] = 0;
+}
+
+/* Eigenvalues d ascending and eigenvectors, the rows of z, of the symmetric a[n][n], which is overwritten; its lower
+ * triangle is read. scratch: [2 n]. Returns 0 when an entry is not finite. */
+static int sbi_modes_eigen(double *a, int n, double *d, double *z, double *scratch)
+{
+    double *e = scratch, *scale = scratch + n;
+    sbi_modes_tridiagonalise(a, n, d, e, scale);
+    sbi_modes_accumulate(a, n, scale, z);
+    e[n - 1] = 0;
+    for (int l = 0, sweeps = 0; l < n;) {
+        int m = l;
+        while (m < n - 1 && !(fabs(e[m]) <= 2.2e-16 * (fabs(d[m]) + fabs(d[m + 1]))))
+            m++;
+        if (m == l) {
+            l++;
+            sweeps = 0;
+            continue;
+        }
+        if (++sweeps > 60) /* two are usual; NaN never ends */
+            return 0;
+        sbi_modes_ql_sweep(d, e, l, m, z, n);
+    }
+    for (int i = 0; i < n; i++) { /* few are out of order: insertion */
+        int least = i;
+        for (int j = i + 1; j < n; j++)
+            if (d[j] < d[least])
+                least = j;
+        if (least != i) {
+            double value = d[i];
+            d[i] = d[least];
+            d[least] = value;
+            for (int k = 0; k < n; k++) {
+                value = z[(size_t)i * (size_t)n + (size_t)k];
+                z[(size_t)i * (size_t)n + (size_t)k] = z[(size_t)least * (size_t)n + (size_t)k];
+                z[(size_t)least * (size_t)n + (size_t)k] = value;
+            }
+        }
+    }
+    return 1;
+}
+
+/* ---- vectors ---- */
+
+static sb_vec3 *sbi_modes_basis(const sbi_modes *m, int i) { return m->basis + (size_t)i * (size_t)m->nodes; }
+
+static double sbi_modes_dot(const sbi_modes *m, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int i = 0; i < m->nodes; i++)
+        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
+    return sum;
+}
+
+/* a += s b */
+static void sbi_modes_add(const sbi_modes *m, sb_vec3 *a, double s, const sb_vec3 *b)
+{
+    for (int i = 0; i < m->nodes; i++)
+        a[i] = sb_v3_madd(a[i], (sb_real)s, b[i]);
+}
+
+static void sbi_modes_mask(const sbi_modes *m, sb_vec3 *a)
+{
+    for (int i = 0; i < m->nodes; i++)
+        a[i] = sbi_body_pick_axes(m->body->fixed[i], sb_v3(0, 0, 0), a[i]);
+}
+
+/* out = M x on free axes */
+static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sb_matrix *matrix = &m->body->matrix;
+    for (int i = 0; i < m->nodes; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+            sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
+        out[i] = sbi_body_pick_axes(m->body->fixed[i], sb_v3(0, 0, 0), sum);
+    }
+}
+
+static void sbi_modes_stiffness_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_matrix_multiply(&m->body->matrix, &x[0].x, &out[0].x, &m->body->jobs);
+}
+
+/* Number in (-1, 1) (xorshift64*). */
+static sb_real sbi_modes_random(sbi_modes *m)
+{
+    m->random ^= m->random >> 12;
+    m->random ^= m->random << 25;
+    m->random ^= m->random >> 27;
+    return (sb_real)((double)((m->random * 2685821657736338717ULL) >> 12) / 2251799813685248.0 - 1);
+}
+
+static void sbi_modes_fill_random(sbi_modes *m, sb_vec3 *a)
+{
+    for (int i = 0; i < m->nodes; i++) {
+        a[i].x = sbi_modes_random(m);
+        a[i].y = sbi_modes_random(m);
+        a[i].z = sbi_modes_random(m);
+    }
+    sbi_modes_mask(m, a);
+}
+
+/* out = A^-1 rhs, roughly; rhs is 0 on supported axes. */
+static sb_result sbi_modes_solve(sbi_modes *m, const sb_vec3 *rhs, sb_vec3 *out, double tolerance)
+{
+    sb_body *b = m->body;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sb_result result;
+    options.tolerance = tolerance;
+    options.max_iterations = 500;
+    options.jobs = &b->jobs;
+    memset(out, 0, (size_t)m->nodes * sizeof *out);
+    result = sb_pcg_solve(&b->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
+    m->info->solves++;
+    m->info->pcg_iterations += pcg.iterations;
+    if (result == SB_ERROR_INDEFINITE && pcg.negative_curvature)
+        return sbi_fail(m->error, result, "the stiffness is not positive definite: the shape is not stable");
+    if (result == SB_ERROR_DIVERGED)
+        return sbi_fail(m->error, result, "a linear solve met numbers that are not finite");
+    sbi_modes_mask(m, out);
+    return SB_OK;
+}
+
+/* ---- the space ---- */
+
+/* Makes t orthonormal to the basis in M (Gram-Schmidt, twice), puts it in and extends H. A t that adds nothing but
+ * rounding is left out. */
+static void sbi_modes_append(sbi_modes *m, sb_vec3 *t)
+{
+    double *h = m->projected, before, norm;
+    sb_vec3 *place;
+    if (m->size == m->capacity)
+        return;
+    sbi_modes_mass_times(m, t, m->mx);
+    before = norm = sbi_modes_dot(m, t, m->mx);
+    for (int pass = 0; pass < 2; pass++) {
+        for (int j = 0; j < m->size; j++)
+            m->scratch[j] = sbi_modes_dot(m, sbi_modes_basis(m, j), m->mx);
+        for (int j = 0; j < m->size; j++)
+            sbi_modes_add(m, t, -m->scratch[j], sbi_modes_basis(m, j));
+        sbi_modes_mass_times(m, t, m->mx);
+        norm = sbi_modes_dot(m, t, m->mx);
+        if (!(norm > 1e4 * (double)SB_EPSILON * (double)SB_EPSILON * before))
+            return;
+        norm = 1 / sqrt(norm);
+        for (int i = 0; i < m->nodes; i++) {
+            t[i] = sb_v3_scale((sb_real)norm, t[i]);
+            m->mx[i] = sb_v3_scale((sb_real)norm, m->mx[i]);
+        }
+        before = 1;
+    }
+    place = sbi_modes_basis(m, m->size);
+    memcpy(place, t, (size_t)m->nodes * sizeof *t);
+    sbi_modes_stiffness_times(m, place, m->ax);
+    for (int j = 0; j <= m->size; j++)
+        h[(size_t)m->size * (size_t)m->capacity + (size_t)j] = h[(size_t)j * (size_t)m->capacity + (size_t)m->size] =
+            sbi_modes_dot(m, sbi_modes_basis(m, j), m->ax);
+    m->size++;
+}
+
+/* Adds `count` random vectors with their fast motions taken out. */
+static sb_result sbi_modes_append_random(sbi_modes *m, int count)
+{
+    sb_result result = SB_OK;
+    for (int k = 0; k < count && result == SB_OK; k++) {
+        sbi_modes_fill_random(m, m->x);
+        sbi_modes_mass_times(m, m->x, m->ax);
+        result = sbi_modes_solve(m, m->ax, m->fresh, 0.1);
+        if (result == SB_OK)
+            sbi_modes_append(m, m->fresh);
+    }
+    return result;
+}
+
+/* The rigid motions of all parts together, which supports may leave: six good vectors to begin with. */
+static void sbi_modes_append_rigid(sbi_modes *m)
+{
+    for (int k = 0; k < 6; k++) {
+        for (int i = 0; i < m->nodes; i++) {
+            sb_vec3 x = sb_v3_sub(m->body->reference[i], m->body->reference[0]);
+            if (m->options->at_present)
+                x = sb_v3_sub(m->body->position[i], m->body->position[0]);
+            sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
+            m->x[i] = k < 3 ? axis : sb_v3_cross(axis, x);
+        }
+        sbi_modes_mask(m, m->x);
+        sbi_modes_append(m, m->x);
+    }
+}
+
+/* Ritz values and vectors of the basis. */
+static sb_result sbi_modes_project(sbi_modes *m)
+{
+    int n = m->size;
+    double *a = m->vectors + (size_t)m->capacity * (size_t)m->capacity;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            a[i * n + j] = m->projected[(size_t)i * (size_t)m->capacity + (size_t)j];
+    if (!sbi_modes_eigen(a, n, m->values, m->vectors, m->scratch))
+        return sbi_fail(m->error, SB_ERROR_DIVERGED, "the projected stiffness is not finite");
+    return SB_OK;
+}
+
+/* x = Ritz vector i */
+static void sbi_modes_ritz(sbi_modes *m, int i, sb_vec3 *x)
+{
+    memset(x, 0, (size_t)m->nodes * sizeof *x);
+    for (int j = 0; j < m->size; j++)
+        sbi_modes_add(m, x, m->vectors[(size_t)i * (size_t)m->size + (size_t)j], sbi_modes_basis(m, j));
+}
+
+/* ax = A x - mu M x of Ritz vector i; returns its norm in (lumped M)^-1 over lambda, 0 when it is rounding. */
+static double sbi_modes_residual(sbi_modes *m, int i)
+{
+    double square = 0, lambda = m->values[i] - m->shift, norm;
+    sbi_modes_ritz(m, i, m->x);
+    sbi_modes_stiffness_times(m, m->x, m->ax);
+    sbi_modes_mass_times(m, m->x, m->mx);
+    sbi_modes_add(m, m->ax, -m->values[i], m->mx);
+    sbi_modes_mask(m, m->ax);
+    for (int k = 0; k < m->nodes; k++)
+        if (m->body->lumped_mass[k] > 0)
+            square += (double)sb_v3_dot(m->ax[k], m->ax[k]) / (double)m->body->lumped_mass[k];
+    norm = sqrt(square);
+    if (norm <= m->rounding)
+        return 0;
+    return norm / (lambda > m->shift ? lambda : m->shift > 0 ? m->shift : fabs(lambda));
+}
+
+/* Keeps the lowest Ritz vectors as the basis. */
+static void sbi_modes_restart(sbi_modes *m, int keep)
+{
+    sb_real *row = (sb_real *)(void *)m->scratch;
+    for (int i = 0; i < m->nodes; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            for (int k = 0; k < keep; k++) {
+                double sum = 0;
+                for (int j = 0; j < m->size; j++)
+                    sum += m->vectors[(size_t)k * (size_t)m->size + (size_t)j] *
+                           (double)(&sbi_modes_basis(m, j)[i].x)[axis];
+                row[k] = (sb_real)sum;
+            }
+            for (int k = 0; k < keep; k++)
+                (&sbi_modes_basis(m, k)[i].x)[axis] = row[k];
+        }
+    for (int i = 0; i < keep; i++)
+        for (int j = 0; j < keep; j++)
+            m->projected[(size_t)i * (size_t)m->capacity + (size_t)j] = i == j ? m->values[i] : 0;
+    m->size = keep;
+}
+
+/* Collects directions that improve the lowest vectors not yet good enough; returns how many of the wanted ones are
+ * not, and in *grown how many directions there are. */
+static sb_result sbi_modes_improve(sbi_modes *m, int *missing, int *grown)
+{
+    int tried = sbi_min_int(m->count + SBI_MODES_GUARD, m->size);
+    sb_result result = SB_OK;
+    double worst = 0;
+    *missing = *grown = 0;
+    for (int i = 0; i < tried && *grown < m->block && result == SB_OK; i++) {
+        double residual = sbi_modes_residual(m, i);
+        if (i < m->count)
+            worst = residual > worst ? residual : worst;
+        if (residual <= (double)m->options->tolerance)
+            continue;
+        if (i < m->count && !(*missing)++)
+            sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d has a residual of %g after %d iterations", i + 1,
+                     residual, m->info->iterations);
+        if (i < m->count || *missing) {
+            result = sbi_modes_solve(m, m->ax, m->fresh + (size_t)*grown * (size_t)m->nodes, 0.01);
+            ++*grown;
+        }
+    }
+    m->info->residual = (sb_real)worst;
+    return result;
+}
+
+/* Rounds of projection and growth until every wanted mode is good enough, also after a last look for missed ones. */
+static sb_result sbi_modes_iterate(sbi_modes *m)
+{
+    int checked = 0;
+    for (;;) {
+        int missing, grown, keep;
+        sb_result result = sbi_modes_project(m);
+        if (result == SB_OK && m->size < m->count)
+            result = sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d does not show in %d vectors", m->size + 1,
+                              m->size);
+        if (result == SB_OK)
+            result = sbi_modes_improve(m, &missing, &grown);
+        if (result != SB_OK)
+            return result;
+        if (missing == 0 && (checked || m->size >= m->freedom))
+            return SB_OK;
+        if (m->size >= m->freedom) /* the space is everything: what is left is rounding */
+            return SB_OK;
+        if (m->info->iterations == m->options->max_iterations)
+            return SB_ERROR_NOT_CONVERGED;
+        m->info->iterations++;
+        keep = sbi_min_int(m->count + SBI_MODES_GUARD + SBI_MODES_BLOCK, m->size);
+        if (m->size + grown + SBI_MODES_PROBES > m->capacity && m->capacity < m->freedom)
+            sbi_modes_restart(m, keep);
+        for (int k = 0; k < grown; k++)
+            sbi_modes_append(m, m->fresh + (size_t)k * (size_t)m->nodes);
+        if (missing == 0) {
+            checked = 1;
+            result = sbi_modes_append_random(m, SBI_MODES_PROBES);
+            if (result != SB_OK)
+                return result;
+        }
+    }
+}
+
+/* ---- set-up ---- */
+
+static int sbi_modes_count_freedom(const sb_body *b)
+{
+    int free_axes = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        free_axes += 3 - (b->fixed[i] & 1) - (b->fixed[i] >> 1 & 1) - (b->fixed[i] >> 2 & 1);
+    return free_axes;
+}
+
+static sb_result sbi_modes_check(const sb_body *body, int count, const sb_modes_options *options,
+                                 const sb_real *frequencies, sb_error *error)
+{
+    if (!body || !frequencies)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_modes needs a body and a place for frequencies");
+    if (options->cookie != SBI_MODES_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by sb_default_modes_options");
+    if (options->mass != SB_MASS_LUMPED && options->mass != SB_MASS_CONSISTENT && options->mass != SB_MASS_REDUCED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "options.mass %d is unknown", (int)options->mass);
+    if (!(options->tolerance > 0) || !(options->tolerance < 1) || options->max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "options.tolerance %g must be in (0, 1), max_iterations %d >= 1",
+                        (double)options->tolerance, options->max_iterations);
+    if (count < 1 || count > sbi_modes_count_freedom(body))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d modes of a body with %d free degrees of freedom", count,
+                        sbi_modes_count_freedom(body));
+    return SB_OK;
+}
+
+static void sbi_modes_layout(sbi_modes *m, sbi_arena *arena)
+{
+    size_t vector = (size_t)m->nodes * sizeof(sb_vec3), c = (size_t)m->capacity;
+    m->mass = (sb_real *)sbi_arena_take(arena, (size_t)m->body->matrix.block_count, sizeof(sb_real));
+    m->basis = (sb_vec3 *)sbi_arena_take(arena, c, vector);
+    m->fresh = (sb_vec3 *)sbi_arena_take(arena, (size_t)m->block, vector);
+    m->x = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
+    m->ax = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
+    m->mx = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
+    m->projected = (double *)sbi_arena_take(arena, c, c * sizeof(double));
+    m->vectors = (double *)sbi_arena_take(arena, 2 * c, c * sizeof(double)); /* and what the eigensolver overwrites */
+    m->values = (double *)sbi_arena_take(arena, c, sizeof(double));
+    m->scratch = (double *)sbi_arena_take(arena, c, 3 * sizeof(double));
+}
+
+static sb_result sbi_modes_take_memory(sbi_modes *m)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *base;
+    sbi_modes_layout(m, &arena);
+    if (!arena.overflow && arena.used <= (size_t)-1 - 64)
+        m->memory = sbi_alloc(&m->body->allocator, arena.used + 64, 1);
+    if (!m->memory)
+        return sbi_fail(m->error, SB_ERROR_MEMORY, "no memory for %d vectors of %d nodes", m->capacity, m->nodes);
+    base = (unsigned char *)m->memory;
+    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
+    arena.used = 0;
+    sbi_modes_layout(m, &arena);
+    return SB_OK;
+}
+
+/* matrix = K of the shape that is asked for. The warm starts of rotations are put back by the caller. */
+static sb_result sbi_modes_assemble(sbi_modes *m)
+{
+    sb_body *b = m->body;
+    sbi_assembly *assembly = &b->assembly;
+    size_t points = (size_t)b->domain.cell_count * (size_t)b->domain.points_per_cell;
+    const sb_vec3 *u = b->displacement;
+    int bad = -1;
+    if (!m->options->at_present) {
+        memset(m->x, 0, (size_t)m->nodes * sizeof *m->x);
+        u = m->x;
+        for (size_t i = 0; i < points && !assembly->batched; i++)
+            assembly->rotations[i] = sb_quat_identity();
+    } else if (!b->force_current) {
+        bad = sbi_assembly_force(assembly, u, m->mx);
+    }
+    if (bad < 0)
+        bad = sbi_assembly_tangent(assembly, u, SB_TANGENT_EXACT, 1, &b->matrix);
+    if (bad >= 0)
+        return sbi_fail_element(m->error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    return SB_OK;
+}
+
+/* Speed of shear waves over the size of the body, squared (1/s^2): slender bodies have lower frequencies, none much
+ * lower than a share of it. */
+static double sbi_modes_unit(const sb_body *b)
+{
+    double stiffness = 0, mass = 0, size = 0;
+    for (int e = 0; e < b->domain.cell_count; e++) {
+        const sb_material *material = b->materials + b->cell_material[e];
+        for (int p = 0; p < b->domain.points_per_cell; p++) {
+            double w = (double)b->domain.weights[(size_t)e * (size_t)b->domain.points_per_cell + (size_t)p];
+            stiffness += w * (double)material->mu;
+            mass += w * (double)material->density;
+        }
+    }
+    for (int c = 0; c < b->component_count; c++) {
+        double s = (double)sb_v3_norm(sb_v3_sub(b->component_high[c], b->component_low[c]));
+        size = s > size ? s : size;
+    }
+    return stiffness / (mass * size * size);
+}
+
+/* A = K + shift M with supports, and its preconditioner. Supported bodies need no shift. */
+static sb_result sbi_modes_prepare(sbi_modes *m)
+{
+    sb_body *b = m->body;
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_matrix *matrix = &b->matrix;
+    double step;
+    sb_result result = sbi_modes_assemble(m);
+    if (result != SB_OK)
+        return result;
+    sbi_body_mass_blocks(b, m->options->mass, m->mass);
+    step = (double)sbi_explicit_bound(b);
+    m->rounding = 4 * (double)SB_EPSILON * 4 / (step * step);
+    if (sbi_body_unsupported_node(b) >= 0) {
+        m->shift = 1e-4 * sbi_modes_unit(b);
+        m->shift = m->shift > 16 * m->rounding ? m->shift : 16 * m->rounding;
+    }
+    for (int k = 0; k < matrix->block_count; k++)
+        for (int axis = 0; axis < 3; axis++)
+            matrix->blocks[k][4 * axis] += (sb_real)m->shift * m->mass[k];
+    sb_matrix_constrain(matrix, b->fixed, NULL, NULL);
+    settings.positions = m->options->at_present ? b->position : b->reference;
+    result = sb_preconditioner_create(&settings, matrix, &b->allocator, &m->precond, m->error);
+    if (result == SB_OK)
+        result = sb_preconditioner_update(m->precond, matrix, NULL, m->error);
+    return result;
+}
+
+static void sbi_modes_write(sbi_modes *m, sb_real *frequencies, sb_vec3 *shapes)
+{
+    for (int i = 0; i < m->count; i++) {
+        double lambda = m->values[i] - m->shift;
+        frequencies[i] = (sb_real)(sqrt(lambda > 0 ? lambda : 0) / 6.283185307179586);
+        if (shapes)
+            sbi_modes_ritz(m, i, shapes + (size_t)i * (size_t)m->nodes);
+    }
+}
+
+static sb_result sbi_modes_run(sbi_modes *m, sb_real *frequencies, sb_vec3 *shapes)
+{
+    sb_result result = sbi_modes_take_memory(m);
+    if (result == SB_OK)
+        result = sbi_modes_prepare(m);
+    if (result == SB_OK && m->shift > 0)
+        sbi_modes_append_rigid(m);
+    if (result == SB_OK)
+        result = sbi_modes_append_random(m, sbi_min_int(m->count + SBI_MODES_GUARD, m->freedom));
+    if (result == SB_OK)
+        result = sbi_modes_iterate(m);
+    if (result == SB_OK)
+        sbi_modes_write(m, frequencies, shapes);
+    return result;
+}
+
+SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options *options, sb_real *frequencies,
+                               sb_vec3 *shapes, sb_modes_info *info, sb_error *error)
+{
+    sb_modes_options defaults = sb_default_modes_options();
+    sb_modes_info report;
+    sb_error own;
+    sbi_modes m;
+    double begin;
+    sb_result result;
+    options = options ? options : &defaults;
+    result = sbi_modes_check(body, count, options, frequencies, error);
+    if (result != SB_OK)
+        return result;
+    begin = body->clock ? body->clock() : 0;
+    memset(&report, 0, sizeof report);
+    memset(&m, 0, sizeof m);
+    m.body = body;
+    m.options = options;
+    m.info = &report;
+    m.error = &own;
+    m.nodes = body->domain.node_count;
+    m.count = count;
+    m.freedom = sbi_modes_count_freedom(body);
+    m.block = SBI_MODES_BLOCK;
+    m.capacity = count > m.freedom / 3 ? m.freedom : sbi_min_int(m.freedom, count + count / 2 + 8 + 3 * m.block);
+    m.random = 88172645463325252ULL;
+    sbi_assembly_save_rotations(&body->assembly);
+    result = sbi_modes_run(&m, frequencies, shapes);
+    sbi_assembly_restore_rotations(&body->assembly);
+    sb_preconditioner_free(m.precond);
+    sbi_free(&body->allocator, m.memory);
+    report.seconds = body->clock ? body->clock() - begin : 0;
+    if (info && (result == SB_OK || result == SB_ERROR_NOT_CONVERGED))
+        *info = report;
+    if (error && result != SB_OK)
+        *error = own;
+    return result;
 }
 
 #endif /* SB_IMPLEMENTATION */

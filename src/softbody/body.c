@@ -17,6 +17,8 @@ SB_API sb_body_def sb_default_body_def(void)
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
     def.newton_tolerance = (sb_real)1e-6;
     def.cookie = SBI_BODY_COOKIE;
     return def;
@@ -40,14 +42,25 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
                         def->max_iterations, def->max_newton);
-    if (def->integrator != SB_EULER && def->integrator != SB_NEWMARK)
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
     if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
     if (def->allocator.alloc && !def->allocator.release)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
     return SB_OK;
 }
 
@@ -312,16 +325,29 @@ static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 
 }
 
 /* Adds the mass of one element to the matrix blocks, both sides of the diagonal. */
-static void sbi_body_add_mass_blocks(sb_body *body, int element, const sb_real *mass, sb_real density)
+static void sbi_body_add_mass_blocks(const sb_body *body, int element, const sb_real *mass, sb_real density,
+                                     sb_real *blocks)
 {
     int n = body->domain.nodes_per_cell;
     const int *at = body->assembly.scatter + (size_t)element * (size_t)(n * (n + 1) / 2);
     for (int a = 0; a < n; a++)
         for (int b = a; b < n; b++, at++) {
-            body->mass_blocks[*at] += density * mass[a * n + b];
+            blocks[*at] += density * mass[a * n + b];
             if (a != b)
-                body->mass_blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
+                blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
         }
+}
+
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        sbi_body_gather_reference(body, e, x);
+        sbi_element_mass(sbi_domain_element(&body->domain), kind, x, mass, NULL);
+        sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
+    }
 }
 
 SBI_API void sbi_body_update_mass(sb_body *body)
@@ -339,7 +365,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
             sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
-            sbi_body_add_mass_blocks(body, e, mass, density);
+            sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
@@ -455,7 +481,7 @@ static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mate
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
         needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks)
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
         (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
@@ -533,6 +559,8 @@ SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error
     made->newton_tolerance = def->newton_tolerance;
     made->max_iterations = def->max_iterations;
     made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
     result = sbi_body_build(made, def, error);
     if (result != SB_OK) {
         sb_body_destroy(made);
@@ -853,6 +881,8 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
     return SB_OK;

@@ -15,8 +15,12 @@ enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
     SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
-    SB_NEWMARK = 2 /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
+    SB_NEWMARK = 2, /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
                     * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
+    SB_GENERALISED_ALPHA = 3, /* Chung and Hulbert 1993: second order, damps what dt cannot resolve and nothing else;
+                               * for large or fast motions. spectral_radius says how much */
+    SB_CENTRAL_DIFFERENCE = 4 /* explicit: no linear systems, cheap substeps of at most sb_body_stable_step. Second
+                               * order. Lumped mass and damping_mass only */
 } sb_integrator;
 
 /* The material of one region of the mesh. */
@@ -40,6 +44,11 @@ typedef struct sb_body_def {
     int single_rotation;              /* 1: tet10 with one rotation per element (corotated only); default 0 */
     sb_mass_kind mass;                /* default SB_MASS_LUMPED */
     sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
+    sb_real spectral_radius;          /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
+                                       * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
+                                       * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
+                                       * without bound, 0.5 and less gain none */
+    int max_substeps;                 /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
     sb_vec3 gravity;                  /* m/s^2; default 0 */
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
@@ -84,6 +93,7 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
  * of the stress along the old directions stays and fades. */
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
+/* SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
@@ -115,7 +125,8 @@ SB_API void sb_body_reset(sb_body *body);
 
 /* ---- readings: no allocation ---- */
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
- * loads it balances the rate of momentum. [node_count], valid until the next solve. */
+ * loads it balances the rate of momentum. At the end of the step; with SB_GENERALISED_ALPHA where that scheme has its
+ * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count], valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
  * nodal forces (N), [node_count]. */

@@ -32,6 +32,14 @@ typedef struct sbi_load {
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
+/* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
+typedef struct sbi_step_guard {
+    sb_real stable_step;         /* at the last look (s) */
+    int age;                     /* substeps since */
+    int ledger_open;             /* 1: energy means something */
+    double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
+} sbi_step_guard;
+
 struct sb_body {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -69,6 +77,8 @@ struct sb_body {
     sb_real damping_mass, damping_stiffness;
     sb_real tolerance, newton_tolerance;
     int max_iterations, max_newton;
+    sb_real spectral_radius;
+    int max_substeps;
 
     /* mass */
     sb_real *lumped_mass;        /* [node_count] (kg) */
@@ -100,6 +110,7 @@ struct sb_body {
     sb_vec3 *position, *displacement, *velocity, *acceleration;
     int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
     int force_current;           /* 1: internal holds the force at displacement */
+    sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;           /* internal force (N) */
@@ -151,6 +162,8 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
+/* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);
 /* matrix += factor * M */

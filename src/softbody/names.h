@@ -171,8 +171,11 @@
 #define sb_body_constraint_force sb_body_constraint_force_f32
 #define sb_body_tie_faces sb_body_tie_faces_f32
 #define sb_body_step sb_body_step_f32
+#define sb_body_stable_step sb_body_stable_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
+#define sb_default_modes_options sb_default_modes_options_f32
+#define sb_body_modes sb_body_modes_f32
 #endif
 #endif
 

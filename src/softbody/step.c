@@ -10,6 +10,7 @@
 #include "body_state.h"
 #include "load.h"
 #include "constraint.h"
+#include "step_explicit.h"
 
 typedef struct sbi_newton {
     sb_body *body;
@@ -18,6 +19,9 @@ typedef struct sbi_newton {
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
     sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
+    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
+    sb_real radius;           /* spectral radius of generalised alpha */
     sb_real tolerance;        /* of the residual; a linearised step has none */
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
@@ -254,7 +258,7 @@ static void sbi_newton_predict(sbi_newton *newton, int first)
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 coast = sb_v3(0, 0, 0);
         if (first && newton->dynamic)
-            coast = sb_v3_scale(newton->dt, b->velocity[i]);
+            coast = sb_v3_scale(newton->level * newton->dt, b->velocity[i]);
         b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
     }
 }
@@ -718,6 +722,36 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
     return SB_OK;
 }
 
+/* Generalised alpha (Chung and Hulbert 1993) in the unknown u at the level 1 - alpha_f of the step: with
+ * d = (u - start) / level the Newmark rules give a' and v' at its end, and
+ *     v = level v' + (1 - level) v_n,  a = inertia_level a' + (1 - inertia_level) a_n. */
+static void sbi_step_scheme_alpha(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    sb_real dt = newton->dt, r = newton->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
+    sb_real gamma = inertia - level + (sb_real)0.5, beta = (1 + inertia - level) * (1 + inertia - level) / 4;
+    newton->level = newton->load_factor = level;
+    newton->inertia_level = inertia;
+    newton->cv = gamma / (beta * dt);
+    newton->ca = inertia / (beta * dt * dt * level);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = b->velocity[i], a = b->acceleration[i];
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        if (b->fixed[i]) {
+            sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
+            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+            sb_vec3 rate_now = sb_v3_madd(sb_v3_scale(1 - level, v), level, rate);
+            sb_vec3 change_now = sb_v3_madd(sb_v3_scale(1 - inertia, a), inertia, change);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -newton->cv * level, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -newton->ca * level, go), a0);
+        }
+        b->velocity0[i] = v0;
+        b->acceleration0[i] = a0;
+    }
+    newton->has_velocity = 1;
+}
+
 /* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
 static void sbi_step_scheme(sbi_newton *newton)
 {
@@ -790,17 +824,46 @@ static void sbi_step_undo(sb_body *b)
     sbi_body_update_positions(b);
 }
 
+/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
+static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
+{
+    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
+}
+
+/* Moves the displacement on to the end of the step, supports to their targets. No line search has seen that shape,
+ * so that it is tried where the material forbids some (the next step finds its forces done). */
+static sb_result sbi_step_finish_alpha(sbi_newton *newton)
+{
+    sb_body *b = newton->body;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->displacement[i] =
+            sbi_body_pick_axes(b->fixed[i], b->target[i],
+                               sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
+    b->force_current = 0;
+    return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
+}
+
 /* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
 static sb_result sbi_step_commit(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    int alpha = b->integrator == SB_GENERALISED_ALPHA;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = sbi_step_velocity(newton, i), a = sbi_step_acceleration(newton, i);
+        if (alpha) {
+            v = sbi_step_extrapolate(b->velocity[i], v, newton->level);
+            a = sbi_step_extrapolate(b->acceleration[i], a, newton->inertia_level);
+        }
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
                                  i);
         b->velocity[i] = v;
         b->acceleration[i] = a;
+    }
+    if (alpha) {
+        sb_result result = sbi_step_finish_alpha(newton);
+        if (result != SB_OK)
+            return result;
     }
     sbi_body_update_positions(b);
     b->acceleration_known = 1;
@@ -862,12 +925,15 @@ static sb_result sbi_step_run(sbi_newton *newton)
     sbi_step_loads(b);
     if (!newton->linearised && b->damping_stiffness > 0)
         result = sbi_newton_keep_damping(newton);
-    if (result == SB_OK && b->integrator == SB_NEWMARK && !b->acceleration_known)
+    if (result == SB_OK && b->integrator != SB_EULER && !b->acceleration_known)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
     sbi_step_enter(b, newton->dt);
-    sbi_step_scheme(newton);
+    if (b->integrator == SB_GENERALISED_ALPHA)
+        sbi_step_scheme_alpha(newton);
+    else
+        sbi_step_scheme(newton);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
     if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
@@ -880,12 +946,44 @@ static sb_result sbi_step_run(sbi_newton *newton)
     return sbi_step_commit(newton);
 }
 
+/* Substeps of central differences; what goes bad is done again with more caution. */
+static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    sbi_step_guard guard = body->guard;
+    for (int caution = 0;; caution++) {
+        sb_result result;
+        sbi_step_loads(body);
+        result = sbi_explicit_run(body, dt, caution, info);
+        if (result == SB_OK)
+            return result;
+        sbi_step_undo(body);
+        body->guard = guard;
+        if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
+            return result;
+    }
+}
+
+/* An implicit step. Generalised alpha extrapolates: if the material does not admit the end, it tries once more with the
+ * balance at the end, where the line search watches. */
+static sb_result sbi_step_run_implicit(const sbi_newton *start)
+{
+    sbi_newton newton = *start;
+    sb_result result = sbi_step_run(&newton);
+    if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
+        return result;
+    sbi_step_undo(newton.body);
+    newton = *start;
+    newton.radius = 0;
+    return sbi_step_run(&newton);
+}
+
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sb_step_info own;
     sbi_newton newton;
     sb_result result;
     double begin;
+    int is_explicit;
     info = info ? info : &own;
     sbi_step_begin_info(info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
@@ -896,16 +994,18 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.info = info;
     newton.dynamic = 1;
     newton.dt = dt;
-    newton.load_factor = 1;
+    newton.load_factor = newton.level = newton.inertia_level = 1;
+    newton.radius = body->spectral_radius;
     newton.max_newton = sbi_body_max_newton(body);
-    newton.linearised = newton.max_newton == 1;
+    is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    newton.linearised = newton.max_newton == 1 && !is_explicit;
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
     sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
-    result = sbi_step_run(&newton);
+    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {

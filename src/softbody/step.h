@@ -8,6 +8,7 @@
 typedef struct sb_step_info {
     int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;       /* of all of them together */
+    int substeps;             /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
@@ -28,13 +29,30 @@ typedef struct sb_step_info {
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *
+ * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
+ * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
+ * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
+ *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
- * SB_ERROR_INDEFINITE; SB_ERROR_UNSUPPORTED where Newmark meets SB_MASS_REDUCED and constraints that cannot be
- * lumped) positions, velocities, accelerations, reactions and constraint forces are as before the call and the body can
- * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas:
- * implicit Euler and Newmark in the increment du,
- *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K. */
+ * SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps; SB_ERROR_UNSUPPORTED
+ * where Newmark meets SB_MASS_REDUCED, or central difference, and constraints that cannot be lumped) positions,
+ * velocities, accelerations, reactions and constraint forces are as before the call and the body can go on, to the last
+ * bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and
+ * Newmark in the increment du,
+ *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated. Where
+ * the material does not admit that end, the step is done again with spectral radius 0, whose balance is at the end.
+ * Central difference:
+ *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'). */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
+
+/* *dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the
+ * lumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.
+ * Mass damping does not change it; supports are left out of account. Works for bodies of any integrator and leaves
+ * their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On failure
+ * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE) *dt is untouched; error may be NULL.
+ * Bound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration. */
+SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error);
 
 /* How a static solve goes about its work. Start from sb_default_static_options(). */
 typedef struct sb_static_options {

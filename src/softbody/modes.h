@@ -1,0 +1,48 @@
+/* modes: natural frequencies and mode shapes of a body. Floor 3. */
+#ifndef SB_MODES_H
+#define SB_MODES_H
+
+#include "body.h"
+
+/* How modes are looked for. Start from sb_default_modes_options(). */
+typedef struct sb_modes_options {
+    sb_mass_kind mass;        /* mass matrix, whatever the body moves with; default SB_MASS_CONSISTENT */
+    int at_present;           /* 0 (default): small motions about the undeformed shape without stress; 1: about the
+                               * present shape with its exact tangent, stresses included */
+    sb_real tolerance;        /* |K x - lambda M x| / lambda in the norm of M^-1, for x of unit mass, (0, 1); default
+                               * 1e-8, which makes the error of a frequency far smaller. What is below rounding in K x
+                               * counts as that */
+    int max_iterations;       /* times the space that is searched may grow, >= 1; default 100 */
+    unsigned cookie;          /* set by sb_default_modes_options */
+} sb_modes_options;
+
+SB_API sb_modes_options sb_default_modes_options(void);
+
+/* What a search did; written on success and on SB_ERROR_NOT_CONVERGED. */
+typedef struct sb_modes_info {
+    int iterations;           /* times the space grew */
+    int solves;               /* linear systems */
+    int pcg_iterations;       /* of all of them together */
+    sb_real residual;         /* the largest of any mode, as the tolerance measures it */
+    double seconds;           /* with the body's clock, otherwise 0 */
+} sb_modes_info;
+
+/* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are).
+ * count        1 .. degrees of freedom that no support holds
+ * options      NULL: defaults
+ * frequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come
+ *              out as about 0 (rounding of K x), never as NaN
+ * shapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right
+ *              angles in M; 0 at supported axes
+ * info, error  may be NULL
+ * Takes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is
+ * left as it is, to the last bit; loads play no part.
+ * Errors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE
+ * (the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are
+ * then untouched.
+ * Method: Rayleigh-Ritz in a space that grows by (K + shift M)^-1 r of the residuals r of the lowest modes not yet
+ * found, from random vectors (block Davidson; Parlett 1998, 11 and 13); systems by PCG, loosely. */
+SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options *options, sb_real *frequencies,
+                               sb_vec3 *shapes, sb_modes_info *info, sb_error *error);
+
+#endif /* SB_MODES_H */

@@ -1,0 +1,20 @@
+/* step_explicit: central differences, the part of step that solves no systems. Floor 3, internal. */
+#ifndef SB_STEP_EXPLICIT_H
+#define SB_STEP_EXPLICIT_H
+
+#include "body_state.h"
+#include "step.h"
+
+/* Times that a call is done again with shorter substeps. */
+enum { SBI_EXPLICIT_CAUTION = 3 };
+
+/* Moves the body by dt (s) in as many substeps as stability needs; caution 0 .. SBI_EXPLICIT_CAUTION makes them
+ * shorter and the looks at the stable step more frequent. body->start and the dead loads in body->external are up to
+ * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
+SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
+
+/* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
+ * is none. Overwrites the body's work vectors. */
+SBI_API sb_real sbi_explicit_bound(sb_body *body);
+
+#endif /* SB_STEP_EXPLICIT_H */
