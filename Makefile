@@ -98,7 +98,7 @@ $(eval $(call suite,mingw,$(MINGW) -O2,-std=c99 $(C_WARNINGS),-static,.exe))
 $(eval $(call suite,wasm,$(WASM) -O2,-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm))
 
 # Takes most of the suite's time; the builds that differ in language or system only leave it out.
-SLOW = -step/10,000
+SLOW = -step/10,000 -step/1,000
 QUICK = $(or $(FILTER),$(SLOW))
 
 SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o softbody.h README.md
