@@ -28,6 +28,10 @@ typedef struct sb_step_info {
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *
+ * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
+ * otherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out
+ * nothing, lest the memory hold it there.
+ *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE) positions, velocities, accelerations and reactions are as before the call and the body can
  * go on, to the last bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and Newmark in the increment du,
