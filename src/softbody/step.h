@@ -33,6 +33,10 @@ typedef struct sb_step_info {
  * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
  * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
+ * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
+ * otherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out
+ * nothing, lest the memory hold it there.
+ *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps; SB_ERROR_UNSUPPORTED
  * where Newmark meets SB_MASS_REDUCED, or central difference, and constraints that cannot be lumped) positions,
