@@ -288,18 +288,32 @@
 #define sb_material_neo_hookean sb_material_neo_hookean_f32
 #define sb_material_stable_neo_hookean sb_material_stable_neo_hookean_f32
 #define sb_material_neo_hookean_isochoric sb_material_neo_hookean_isochoric_f32
+#define sb_material_mooney_rivlin sb_material_mooney_rivlin_f32
+#define sb_material_reduced_polynomial sb_material_reduced_polynomial_f32
+#define sb_material_with_fibres sb_material_with_fibres_f32
+#define sb_material_with_prony sb_material_with_prony_f32
+#define sb_material_preset sb_material_preset_f32
 #define sb_material_young sb_material_young_f32
 #define sb_material_poisson sb_material_poisson_f32
 #define sb_material_bulk sb_material_bulk_f32
 #define sb_material_check sb_material_check_f32
 #define sb_material_allows_inversion sb_material_allows_inversion_f32
 #define sb_material_is_linear sb_material_is_linear_f32
+#define sb_material_is_hyperelastic sb_material_is_hyperelastic_f32
 #define sb_material_energy sb_material_energy_f32
 #define sb_material_stress sb_material_stress_f32
 #define sb_material_tangent sb_material_tangent_f32
+#define sb_fibre_energy sb_fibre_energy_f32
+#define sb_fibre_stress sb_fibre_stress_f32
+#define sb_fibre_tangent sb_fibre_tangent_f32
+#define sb_material_relaxation sb_material_relaxation_f32
+#define sb_material_history_stress sb_material_history_stress_f32
 #define sb_cauchy_stress sb_cauchy_stress_f32
 #define sb_material_cauchy_stress sb_material_cauchy_stress_f32
 #define sb_von_mises sb_von_mises_f32
+#define sb_default_fit_options sb_default_fit_options_f32
+#define sb_material_fit sb_material_fit_f32
+#define sb_material_fit_prony sb_material_fit_prony_f32
 #define sb_matrix_create sb_matrix_create_f32
 #define sb_matrix_free sb_matrix_free_f32
 #define sb_matrix_clear sb_matrix_clear_f32
@@ -2388,8 +2402,9 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 1.
  *
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
- * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. No function
- * allocates or keeps state; all are thread-safe.
+ * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
+ * hyperelastic model in a direction that the caller gives with each F; Prony terms let it relax in time. No
+ * function allocates or keeps state; all are thread-safe.
  *
  * Two ways in: sb_material_energy/stress/tangent choose the model at run time and check their input; the
  * sbi_..._inline workers take the model as a literal first argument, so that a loop over integration
@@ -2423,20 +2438,20 @@ enum { SB_MAX_PRONY_TERMS = 8 };
 
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
- * and c10 = mu/2, d1 = 2/bulk. Only SB_NEO_HOOKEAN_ISOCHORIC evaluates c10 and d1; the others evaluate
- * lambda and mu. */
+ * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC, SB_MOONEY_RIVLIN,
+ * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density; /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;  /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;      /* shear modulus [Pa], > 0 */
-    sb_real c10;     /* [Pa], > 0 */
-    sb_real d1;      /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;     /* [Pa]; Mooney-Rivlin, else 0 */
-    sb_real c20, c30; /* [Pa]; reduced polynomial, else 0 */
+    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;              /* shear modulus [Pa], > 0 */
+    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
     sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
     sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count; /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -2460,6 +2475,45 @@ SB_API sb_material sb_material_neo_hookean(sb_real young, sb_real poisson, sb_re
 SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson, sb_real density);
 /* c10 [Pa] > 0, d1 [1/Pa] > 0: Abaqus' and CalculiX' constants, mu = 2 c10 and bulk = 2/d1. */
 SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density);
+/* The same convention with mu = 2 (c10 + c01) > 0; c10 or c01 [Pa] may be 0 or negative, at the price of a
+ * material that softens or turns unstable under large strain. */
+SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
+/* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
+ * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
+                                                  sb_real density);
+/* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
+ *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
+ * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
+ * stay those of the matrix. */
+SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2);
+/* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
+ * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
+ * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
+ * elastic again. */
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
+                                          int count);
+
+/* ---- presets: liver, as published ----
+ * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
+typedef enum sb_preset {
+    /* Reduced polynomial C10 79.2 Pa, C20 257 Pa, D1 4.38e-4 1/Pa; g 0.832, tau 0.15 s (Jordan et al. 2009). */
+    SB_LIVER_JORDAN = 1,
+    /* Reduced polynomial C10 397.7 Pa, C20 208.6 Pa, D1 8.38e-4 1/Pa; g 0.503, 0.185, 0.142, tau 2.1, 47.1,
+     * 380 s (Raghunathan et al. 2010). */
+    SB_LIVER_RAGHUNATHAN = 2,
+    /* Mooney-Rivlin C10 322.96 Pa, C01 161.47 Pa; g 0.2866, 0.2022, tau 1.537, 6.09 s (Kim and Srinivasan 2005).
+     * D1 is published as "below 1e-5 1/Pa"; here it is 1e-5, the softest of these (Poisson's ratio 0.4976). */
+    SB_LIVER_KIM = 3,
+    /* Simplified: isochoric neo-Hookean C10 365 Pa, D1 8.38e-4 1/Pa (Young's modulus 1987 Pa, Poisson's ratio
+     * 0.36). Goes with a body's damping_stiffness of 0.21 s in place of Prony terms. */
+    SB_LIVER_NEO_HOOKEAN = 4,
+    /* Linear, Young's modulus 1987 Pa, Poisson's ratio 0.36; goes with a damping_stiffness of 0.21 s. */
+    SB_LIVER_LINEAR = 5
+} sb_preset;
+/* A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that
+ * sb_material_check refuses. */
+SB_API sb_material sb_material_preset(sb_preset preset, sb_real density);
 
 /* Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa]. */
 SB_API sb_real sb_material_young(const sb_material *material);
@@ -2467,9 +2521,10 @@ SB_API sb_real sb_material_poisson(const sb_material *material);
 SB_API sb_real sb_material_bulk(const sb_material *material);
 
 /* Checks model, finiteness and ranges of a material (mu > 0, bulk > 0, density > 0, Poisson's ratio in
- * (-1, 0.5); isochoric: c10, d1 > 0 and in agreement with lambda, mu). Returns SB_OK, or SB_ERROR_ARGUMENT
- * (NULL, unknown model), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
- * be NULL). */
+ * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
+ * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
+ * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
+ * be NULL). It does not tell whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
 /* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
@@ -2478,6 +2533,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
 SB_API int sb_material_is_linear(sb_material_model model);
+/* 1 for the models that take fibres and Prony terms: all but the linear and corotated ones. */
+SB_API int sb_material_is_hyperelastic(sb_material_model model);
 
 /* ---- evaluation at one point -------------------------------------------------------------------------
  * F: deformation gradient. rotation: SB_COROTATED's warm start, a unit quaternion read and overwritten with
@@ -2497,6 +2554,37 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * not divide by it. */
 SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
                                sb_tangent_kind kind, sb_real A[81]);
+
+/* ---- fibres ----
+ * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
+ * rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
+ * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
+ * tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it. */
+SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W);
+SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P);
+SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81]);
+
+/* ---- relaxation in time ---- */
+
+/* g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0. */
+SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time);
+
+/* What a point of a material with Prony terms remembers. All zero: at rest for ever. Plain data. */
+typedef struct sb_material_history {
+    /* Instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F [Pa], in the
+     * order 00 11 22 01 12 02. */
+    sb_real stress[6];
+    sb_real memory[SB_MAX_PRONY_TERMS][6]; /* h_i [Pa], the same */
+} sb_material_history;
+
+/* Moves one point by dt [s] >= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres
+ * included: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes
+ * evenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.
+ * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
+ * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
+ * hyperelastic, or a pointer but fibre is NULL. */
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -2524,6 +2612,21 @@ SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a)
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt);
 /* gamma_i, and exp(-x_i) in *decay. */
 SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay);
+
+/* One point's memory h[prony_count][6] of its relaxing second Piola-Kirchhoff stress S0 (Pa, order 00 11 22 01 12 02)
+ * over a step of dt, exact when S0 changes evenly in it: with gamma_i and x_i from above
+ *     advance:   h_i <- exp(-x_i) h_i + g_i gamma_i (s0_new - s0_old)
+ *     prestress: H = sum_i (exp(-x_i) h_i - g_i gamma_i s0_old), before advance,
+ * so that S = S_volume + a(dt) S0_new + H at the end of the step, and S = S_volume + g_inf S0_new + sum h_i after
+ * advance. A point at rest has h = 0, S0 = 0. (Thesis 3, 4.90; Simo and Hughes 1998, ch. 10.) */
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6]);
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6]);
+/* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
+ * untouched when F is not admissible, or J = 0. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
+                              sb_real s0[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -2569,6 +2672,18 @@ SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
         for (int q = p; q < 9; q++)
             A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
     }
+}
+
+/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
+SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
+{
+    if (sb_abs(x) < (sb_real)0.125) {
+        sb_real sum = 1;
+        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
+            sum = 1 - x / (sb_real)n * sum;
+        return sum;
+    }
+    return (1 - sb_exp(-x)) / x;
 }
 
 /* ---- linear ---- */
@@ -2771,14 +2886,50 @@ SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb
     }
 }
 
-/* ---- neo-Hookean with a volume barrier: ln J and isochoric form ---- */
+/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
 
-/* Both forms have P = alpha F - epsilon B and
- *     A_ijkl = alpha d_ik d_jl + beta (F_ij B_kl + B_ij F_kl) + gamma B_ij B_kl + epsilon B_il B_kj. */
+/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
+ *     P = alpha F + second N - epsilon B and
+ *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
+ *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
+ * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
 typedef struct sbi_barrier {
     sb_mat3 b;
-    sb_real J, alpha, beta, gamma, epsilon;
+    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
 } sbi_barrier;
+
+/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
+SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    *curvature = 2 * m->c20 + 6 * m->c30 * i;
+    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
+}
+
+/* The isochoric family's coefficients; cofactor = cof F. */
+SBI_FORCE_INLINE void sbi_barrier_isochoric(const int model, const sb_material *m, const sb_mat3 *F,
+                                            const sb_mat3 *cofactor, sbi_barrier *out)
+{
+    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
+    sb_real square = root * root, slope = m->c10, curvature = 0;
+    if (model == SB_REDUCED_POLYNOMIAL)
+        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    out->alpha = 2 * slope / square;
+    out->beta = -(sb_real)2 / 3 * out->alpha;
+    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
+    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+        out->zeta = 4 * curvature / (square * square);
+        out->beta -= out->zeta * I1 / 3;
+        out->gamma += out->zeta * I1 * I1 / 9;
+    }
+    if (model == SB_MOONEY_RIVLIN) {
+        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
+        out->second = 2 * m->c01 / (square * square);
+        out->zeta = 2 * out->second;
+        out->gamma += (sb_real)8 / 9 * out->second * I2;
+        out->epsilon += 2 * out->second * I2 / 3;
+    }
+}
 
 SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
 {
@@ -2788,19 +2939,23 @@ SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const
         return 0;
     out->J = J;
     out->b = sb_m3_scale(1 / J, cofactor);
+    out->zeta = out->second = 0;
     if (model == SB_NEO_HOOKEAN) {
         out->alpha = m->mu;
         out->beta = 0;
         out->gamma = m->lambda;
         out->epsilon = m->mu - m->lambda * sb_log(J);
     } else {
-        sb_real root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
-        out->alpha = 2 * m->c10 / (root * root);
-        out->beta = -(sb_real)2 / 3 * out->alpha;
-        out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
-        out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+        sbi_barrier_isochoric(model, m, F, &cofactor, out);
     }
     return 1;
+}
+
+/* N = F (I1 I - C) */
+SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
 }
 
 SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
@@ -2808,7 +2963,10 @@ SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, c
     sbi_barrier c;
     if (!sbi_barrier_at(model, m, F, &c))
         return 0;
-    *P = sb_m3_sub(sb_m3_scale(c.alpha, *F), sb_m3_scale(c.epsilon, c.b));
+    *P = sb_m3_scale(c.alpha, *F);
+    if (model == SB_MOONEY_RIVLIN)
+        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
+    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
     return 1;
 }
 
@@ -2821,10 +2979,40 @@ SBI_FORCE_INLINE int sbi_barrier_energy(const int model, const sb_material *m, c
         sb_real log_J = sb_log(J);
         *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
     } else {
-        sb_real root = sb_cbrt(J);
-        *W = m->c10 * (I1 / (root * root) - 3) + (J - 1) * (J - 1) / m->d1;
+        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
+        if (model == SB_REDUCED_POLYNOMIAL)
+            slope += i * (m->c20 + m->c30 * i);
+        *W = slope * i + (J - 1) * (J - 1) / m->d1;
+        if (model == SB_MOONEY_RIVLIN) {
+            sb_mat3 cofactor = sb_m3_cofactor(*F);
+            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
+        }
     }
     return 1;
+}
+
+/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
+ * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
+SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
+    sb_mat3 mixed =
+        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
+                li = sbi_material_row(&mixed, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
+            block = sb_m3_add(block, sb_m3_outer(li, bk));
+            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
+            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
+            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
+            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
+        }
+    }
 }
 
 SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
@@ -2832,6 +3020,10 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, 
     sbi_barrier c;
     if (!sbi_barrier_at(model, m, F, &c))
         return 0;
+    if (model == SB_MOONEY_RIVLIN) {
+        sbi_mooney_tangent(&c, F, A);
+        return 1;
+    }
     for (int i = 0; i < 3; i++) {
         sb_vec3 bi = sbi_material_row(&c.b, i);
         sb_vec3 fi = sbi_material_row(F, i);
@@ -2840,8 +3032,12 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, 
             if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
                 right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
             sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
-            if (model != SB_NEO_HOOKEAN)
-                block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c.beta, bk)));
+            if (model != SB_NEO_HOOKEAN) {
+                sb_vec3 left = sb_v3_scale(c.beta, bk);
+                if (model == SB_REDUCED_POLYNOMIAL)
+                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
+                block = sb_m3_add(block, sb_m3_outer(fi, left));
+            }
             sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
         }
     }
@@ -2947,14 +3143,22 @@ SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_pri
 /* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
 SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
 {
+    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
+    sb_real normal[3]; /* N_i = normal_i s_i */
+    for (int i = 0; i < 3; i++)
+        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
         sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
-        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse;
+        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
+                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
         out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (s[j] * s[j] + s[k] * s[k]) + c->gamma) * product;
-        out->same[i] = c->alpha;
-        out->cross[i] = c->epsilon * product;
+            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+             c->gamma) *
+                product +
+            c->zeta * s[j] * s[k];
+        out->same[i] = c->alpha + c->second * squares[i];
+        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
 }
 
@@ -3036,6 +3240,71 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
     sbi_tangent_lift(&principal, u, v, A);
 }
 
+/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
+ * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
+ * add to their output, and return 0 with it untouched when the share is not finite. */
+
+/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
+                                  sb_real *first, sb_real *second)
+{
+    sb_real e, growth;
+    *a = sb_m3_apply(*F, a0);
+    e = sb_v3_dot(*a, *a) - 1;
+    *first = *second = 0;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
+    *first = growth * e;
+    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+SBI_FORCE_INLINE int sbi_fibre_energy_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
+    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' a a0^T */
+SBI_FORCE_INLINE int sbi_fibre_stress_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
+    return 1;
+}
+
+/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
+ * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
+SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (!(second > 0))
+        return 1;
+    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
+    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    return 1;
+}
+
 /* ---- the workers; `model` is a literal where speed counts ---- */
 
 SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_material *m, const sb_mat3 *F,
@@ -3051,7 +3320,9 @@ SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_materi
     }
     case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return sbi_barrier_energy(model, m, F, W);
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
     case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
     default: return 0;
     }
@@ -3070,7 +3341,9 @@ SBI_FORCE_INLINE int sbi_material_stress_inline(const int model, const sb_materi
     }
     case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
     case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC: return sbi_barrier_stress(model, m, F, P);
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
     case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
     default: return 0;
     }
@@ -3086,6 +3359,8 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
     case SB_SVK: sbi_svk_tangent(m, F, A); break;
     case SB_NEO_HOOKEAN:
     case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL:
         if (!sbi_barrier_tangent(model, m, F, A))
             return 0;
         break;
@@ -3098,6 +3373,88 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
 }
 
 #endif /* SB_MATERIAL_H */
+
+/* ==== src/softbody/material_fit.h ==== */
+/* material_fit: constants of a material from test data: stress and stretch, relaxation. Floor 2.
+ *
+ * The hyperelastic models are linear in their constants, so that fits under incompressible kinematics are linear least
+ * squares, by rotations row by row: nothing is allocated and the answer does not depend on a start. With the free
+ * sides' stretch found for a compressible material, it is a few such solves (Gauss-Newton). All sums are double. */
+#ifndef SB_MATERIAL_FIT_H
+#define SB_MATERIAL_FIT_H
+
+
+/* How a specimen was loaded, what its strain and stress mean. Stretch: length over rest length, > 0. */
+typedef enum sb_test_kind {
+    SB_TEST_UNIAXIAL = 1,    /* bar, sides free: stretch and stress along it */
+    SB_TEST_EQUIBIAXIAL = 2, /* sheet, pulled alike in its plane: stretch and stress in the plane */
+    SB_TEST_PLANAR = 3,      /* wide strip, its width held (pure shear): stretch and stress along it */
+    SB_TEST_SIMPLE_SHEAR = 4 /* block, sheared: amount of shear (tangent of the angle), shear stress */
+} sb_test_kind;
+
+typedef enum sb_stress_measure {
+    SB_STRESS_NOMINAL = 0, /* force per rest area */
+    SB_STRESS_CAUCHY = 1   /* force per current area; the same in simple shear */
+} sb_stress_measure;
+
+/* One reading of a test. */
+typedef struct sb_test_point {
+    sb_test_kind kind;
+    sb_stress_measure measure;
+    sb_real strain; /* stretch (1 at rest) or amount of shear (0 at rest) */
+    sb_real stress; /* [Pa] */
+} sb_test_point;
+
+typedef struct sb_fit_options {
+    int order;       /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
+    int relative;    /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
+                         0: errors in Pa, so that large stresses rule */
+    int nonnegative; /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
+    int compressible; /* 1: free sides move as the material's compressibility says; 0: at constant volume (default).
+                         Linear, corotated and St.Venant-Kirchhoff models are always fitted as with 1 */
+    sb_real poisson; /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
+    sb_real d1;      /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
+    sb_real density; /* [kg/m^3] > 0 of the result. Default 1000 */
+} sb_fit_options;
+
+SB_API sb_fit_options sb_default_fit_options(void);
+
+typedef struct sb_fit_info {
+    int points;     /* readings that counted */
+    int constants;  /* constants fitted; Prony: terms kept */
+    int iterations; /* least-squares solves */
+    sb_real rms;    /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
+    sb_real r_squared; /* share of the readings' variance that is explained; 0 when they do not vary */
+    /* The least part of a constant's influence that is its own, of 1: below 0.01 the constants answer for
+     * each other, so that noise moves them far. */
+    sb_real weakest;
+    int stable;  /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
+    sb_test_kind unstable_kind; /* when not: the first test, and the strain nearest to rest, that is not */
+    sb_real unstable_strain;
+} sb_fit_info;
+
+/* Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
+ * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
+ * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
+ * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
+ * not tell from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
+ * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: a few microseconds a reading.
+ * Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7. */
+SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
+                                 const sb_fit_options *options, sb_material *material, sb_fit_info *info,
+                                 sb_error *error);
+
+/* Fits Prony terms to the relaxation g(time[k]) of a sudden strain: stress over its value at time 0; time [s] > 0.
+ * tau[terms] [s]: the relaxation times to use, each > 0; NULL: spread evenly in log time from the first to the last
+ * reading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left
+ * out, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in
+ * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
+ * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not tell from the others, or
+ * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
+                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error);
+
+#endif /* SB_MATERIAL_FIT_H */
 
 /* ==== src/softbody/sparse.h ==== */
 /* sparse: square 3x3 block matrices with a symmetric pattern, their products and constraints. Floor 1. */
@@ -11007,49 +11364,171 @@ SB_API sb_material sb_material_stable_neo_hookean(sb_real young, sb_real poisson
     return sbi_material_from_young(SB_STABLE_NEO_HOOKEAN, young, poisson, density);
 }
 
-SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
+static sb_material sbi_material_isochoric(sb_material_model model, sb_real c10, sb_real c01, sb_real d1,
+                                          sb_real density)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
-    m.model = SB_NEO_HOOKEAN_ISOCHORIC;
+    m.model = model;
     m.density = density;
-    m.mu = 2 * c10;
+    m.mu = 2 * (c10 + c01);
     m.lambda = 2 / d1 - 2 * m.mu / 3;
     m.c10 = c10;
+    m.c01 = c01;
     m.d1 = d1;
+    return m;
+}
+
+SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb_real density)
+{
+    return sbi_material_isochoric(SB_NEO_HOOKEAN_ISOCHORIC, c10, 0, d1, density);
+}
+
+SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density)
+{
+    return sbi_material_isochoric(SB_MOONEY_RIVLIN, c10, c01, d1, density);
+}
+
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
+                                                  sb_real density)
+{
+    sb_material m = sbi_material_isochoric(SB_REDUCED_POLYNOMIAL, c10, 0, d1, density);
+    m.c20 = c20;
+    m.c30 = c30;
+    return m;
+}
+
+SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2)
+{
+    material.fibre_stiffness = k1;
+    material.fibre_exponent = k2;
+    return material;
+}
+
+/* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
+                                          int count)
+{
+    material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
+    for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
+        int given = i < material.prony_count;
+        material.prony_g[i] = given ? g[i] : 0;
+        material.prony_tau[i] = given ? tau[i] : 0;
+    }
+    return material;
+}
+
+/* ---- presets ---- */
+
+SB_API sb_material sb_material_preset(sb_preset preset, sb_real density)
+{
+    const sb_real jordan[2] = {(sb_real)0.832, (sb_real)0.15};
+    const sb_real raghunathan[2][3] = {{(sb_real)0.503, (sb_real)0.185, (sb_real)0.142},
+                                       {(sb_real)2.1, (sb_real)47.1, (sb_real)380}};
+    const sb_real kim[2][2] = {{(sb_real)0.2866, (sb_real)0.2022}, {(sb_real)1.537, (sb_real)6.09}};
+    const sb_real d1 = (sb_real)8.38e-4;
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    switch (preset) {
+    case SB_LIVER_JORDAN:
+        m = sb_material_reduced_polynomial((sb_real)79.2, 257, 0, (sb_real)4.38e-4, density);
+        return sb_material_with_prony(m, &jordan[0], &jordan[1], 1);
+    case SB_LIVER_RAGHUNATHAN:
+        m = sb_material_reduced_polynomial((sb_real)397.7, (sb_real)208.6, 0, d1, density);
+        return sb_material_with_prony(m, raghunathan[0], raghunathan[1], 3);
+    case SB_LIVER_KIM:
+        m = sb_material_mooney_rivlin((sb_real)322.96, (sb_real)161.47, (sb_real)1e-5, density);
+        return sb_material_with_prony(m, kim[0], kim[1], 2);
+    case SB_LIVER_NEO_HOOKEAN: return sb_material_neo_hookean_isochoric(365, d1, density);
+    case SB_LIVER_LINEAR: return sb_material_linear(1987, (sb_real)0.36, density);
+    }
     return m;
 }
 
 /* ---- check ---- */
 
+static int sbi_material_is_isochoric(sb_material_model model)
+{
+    return model == SB_NEO_HOOKEAN_ISOCHORIC || model == SB_MOONEY_RIVLIN || model == SB_REDUCED_POLYNOMIAL;
+}
+
 static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error)
 {
-    const char *const names[5] = {"density (kg/m^3)", "lambda (Pa)", "mu (Pa)", "c10 (Pa)", "d1 (1/Pa)"};
-    const sb_real values[5] = {m->density, m->lambda, m->mu, m->c10, m->d1};
-    int count = m->model == SB_NEO_HOOKEAN_ISOCHORIC ? 5 : 3;
-    for (int i = 0; i < count; i++)
-        if (!sb_is_finite(values[i]))
+    const char *const names[8] = {"density (kg/m^3)", "lambda (Pa)", "mu (Pa)",  "c10 (Pa)",
+                                  "d1 (1/Pa)",        "c01 (Pa)",    "c20 (Pa)", "c30 (Pa)"};
+    const sb_real values[8] = {m->density, m->lambda, m->mu, m->c10, m->d1, m->c01, m->c20, m->c30};
+    for (int i = 0; i < 8; i++) {
+        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) ||
+                   (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
+        if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
                             "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))",
                             names[i], (double)values[i]);
+    }
     return SB_OK;
 }
 
-/* c10, d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
+/* 2 (c10 + c01) > 0 and d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
 static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *error)
 {
-    sb_real tolerance = (sb_real)1e-3, mu = 2 * m->c10, bulk;
-    if (!(m->c10 > 0))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material c10 is %g Pa, must be > 0", (double)m->c10);
+    const sb_real tolerance = (sb_real)1e-3;
+    int mooney = m->model == SB_MOONEY_RIVLIN;
+    const char *name = mooney ? "c10 + c01" : "c10";
+    sb_real sum = mooney ? m->c10 + m->c01 : m->c10, mu = 2 * sum, bulk;
+    if (!(sum > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material %s is %g Pa, must be > 0", name, (double)sum);
     if (!(m->d1 > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 c10 is %g Pa", (double)m->mu,
-                        (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa",
+                        (double)m->mu, mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
+    return SB_OK;
+}
+
+static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error)
+{
+    if (!sb_is_finite(m->fibre_stiffness) || !sb_is_finite(m->fibre_exponent))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "material fibres have k1 %g Pa and k2 %g, not finite",
+                        (double)m->fibre_stiffness, (double)m->fibre_exponent);
+    if (m->fibre_stiffness < 0 || m->fibre_exponent < 0)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
+                        (double)m->fibre_stiffness, (double)m->fibre_exponent);
+    if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but model %d is not hyperelastic",
+                        (int)m->model);
+    return SB_OK;
+}
+
+static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
+{
+    sb_real sum = 0;
+    if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d",
+                        m->prony_count, (int)SB_MAX_PRONY_TERMS);
+    if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material has Prony terms, but model %d is not hyperelastic", (int)m->model);
+    for (int i = 0; i < m->prony_count; i++) {
+        sb_real g = m->prony_g[i], tau = m->prony_tau[i];
+        if (!sb_is_finite(g) || !sb_is_finite(tau))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE,
+                            "material Prony term %d has g %g and tau %g s, not finite", i, (double)g,
+                            (double)tau);
+        if (!(g > 0 && g < 1))
+            return sbi_fail(error, SB_ERROR_MATERIAL,
+                            "material Prony term %d has g %g, must be inside (0, 1)", i, (double)g);
+        if (!(tau > 0))
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
+                            (double)tau);
+        sum += g;
+    }
+    if (!(sum < 1))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony terms have a sum of g of %g, must be < 1",
+                        (double)sum);
     return SB_OK;
 }
 
@@ -11075,16 +11554,20 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
     sb_result result;
     if (!material)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material is NULL");
-    if ((int)material->model < SB_LINEAR || (int)material->model > SB_STABLE_NEO_HOOKEAN)
+    if ((int)material->model < SB_LINEAR || (int)material->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
     result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
         result = sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0",
                           (double)material->density);
-    if (result == SB_OK && material->model == SB_NEO_HOOKEAN_ISOCHORIC)
+    if (result == SB_OK && sbi_material_is_isochoric(material->model))
         result = sbi_material_check_isochoric(material, error);
     if (result == SB_OK)
         result = sbi_material_check_moduli(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_fibres(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_prony(material, error);
     return result;
 }
 
@@ -11105,6 +11588,11 @@ SB_API int sb_material_allows_inversion(sb_material_model model)
 }
 
 SB_API int sb_material_is_linear(sb_material_model model) { return model == SB_LINEAR; }
+
+SB_API int sb_material_is_hyperelastic(sb_material_model model)
+{
+    return (int)model >= SB_SVK && (int)model <= SB_REDUCED_POLYNOMIAL;
+}
 
 /* ---- evaluation ---- */
 
@@ -11158,6 +11646,57 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
         *rotation = q;
     return 1;
 }
+
+/* ---- fibres ---- */
+
+/* 1 when the arguments of a fibre call are in order; *unit = the direction at length 1. */
+static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
+{
+    sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) ||
+        !(largest > 0))
+        return 0;
+    /* By the largest component first, lest squares overflow. */
+    direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
+    *unit = sb_v3_scale(1 / sb_v3_norm(direction), direction);
+    return 1;
+}
+
+SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W)
+{
+    sb_vec3 unit;
+    sb_real energy = 0;
+    if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P)
+{
+    sb_vec3 unit;
+    sb_mat3 stress = sb_m3_zero();
+    if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        return 0;
+    *P = sb_m3_add(*P, stress);
+    return 1;
+}
+
+SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81])
+{
+    sb_vec3 unit;
+    sb_real tangent[81] = {0};
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        return 0;
+    for (int i = 0; i < 81; i++)
+        A[i] += tangent[i];
+    return 1;
+}
+
+/* ---- stress measures ---- */
 
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
 {
@@ -11228,9 +11767,7 @@ SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt
 {
     sb_real x = dt / material->prony_tau[term];
     *decay = sb_exp(-x);
-    if (x < (sb_real)1e-4) /* where the quotient would cancel */
-        return 1 - x / 2 + x * x / 6;
-    return (1 - *decay) / x;
+    return sbi_material_mean_decay(x);
 }
 
 SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
@@ -11239,6 +11776,942 @@ SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt)
     for (int i = 0; i < material->prony_count; i++)
         factor -= material->prony_g[i] * (1 - sbi_prony_term(material, i, dt, &decay));
     return factor;
+}
+
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6])
+{
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            h[i][k] = decay * h[i][k] + taken * (s0_new[k] - s0_old[k]);
+    }
+}
+
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6])
+{
+    for (int k = 0; k < 6; k++)
+        H[k] = 0;
+    for (int i = 0; i < material->prony_count; i++) {
+        sb_real decay, taken = material->prony_g[i] * sbi_prony_term(material, i, dt, &decay);
+        for (int k = 0; k < 6; k++)
+            H[k] += decay * h[i][k] - taken * s0_old[k];
+    }
+}
+
+/* Rows and columns of the six components. */
+static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
+
+/* S0 = F^-1 P, symmetric but for rounding. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
+                              sb_real s0[6])
+{
+    sb_mat3 p;
+    sb_real J = sb_m3_det(*F), stress[6];
+    if (!(sb_abs(J) > 0) || !sb_material_stress(relaxing, F, NULL, &p) ||
+        (fibre && !sb_fibre_stress(relaxing, F, *fibre, &p)))
+        return 0;
+    p = sb_m3_mul(sb_m3_inverse(*F), p);
+    for (int k = 0; k < 6; k++) {
+        int i = sbi_voigt_row[k], j = sbi_voigt_column[k];
+        stress[k] = (sb_real)0.5 * (p.m[i][j] + p.m[j][i]);
+    }
+    if (!sbi_material_all_finite(stress, 6))
+        return 0;
+    for (int k = 0; k < 6; k++)
+        s0[k] = stress[k];
+    return 1;
+}
+
+/* ---- relaxation of one point ---- */
+
+SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
+{
+    sb_real left = 1;
+    for (int i = 0; i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS) && time > 0; i++)
+        left -= material->prony_g[i] * (1 - sb_exp(-time / material->prony_tau[i]));
+    return left;
+}
+
+/* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */
+static int sbi_material_history_total(const sb_material *material, const sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+{
+    sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+    sb_real prestress[6];
+    sb_mat3 remembered, stress;
+    if (!sb_material_stress(&left, F, NULL, &stress) ||
+        (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+        return 0;
+    sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
+    for (int k = 0; k < 6; k++) {
+        int i = sbi_voigt_row[k], j = sbi_voigt_column[k];
+        remembered.m[i][j] = remembered.m[j][i] = prestress[k];
+    }
+    *P = sb_m3_add(stress, sb_m3_mul(*F, remembered));
+    return sbi_material_all_finite(P->m[0], 9);
+}
+
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+{
+    sb_material relaxing;
+    sb_real s0[6];
+    sb_mat3 stress;
+    if (!material || !history || !F || !P || !(dt >= 0) || material->prony_count < 0 ||
+        material->prony_count > SB_MAX_PRONY_TERMS ||
+        (material->prony_count > 0 && !sb_material_is_hyperelastic(material->model)))
+        return 0;
+    if (material->prony_count == 0) {
+        if (!sb_material_stress(material, F, NULL, &stress) ||
+            (fibre && !sb_fibre_stress(material, F, *fibre, &stress)))
+            return 0;
+        *P = stress;
+        return 1;
+    }
+    relaxing = sbi_material_relaxing(material);
+    if (!sbi_prony_instant(&relaxing, F, fibre, s0) ||
+        !sbi_material_history_total(material, history, F, dt, fibre, &stress))
+        return 0;
+    sbi_prony_advance(material, dt, history->stress, s0, history->memory);
+    for (int k = 0; k < 6; k++)
+        history->stress[k] = s0[k];
+    *P = stress;
+    return 1;
+}
+
+/* ==== src/softbody/material_fit.c ==== */
+/* material_fit: least squares for the constants of hyperelastic models and Prony series. */
+
+#include <string.h>
+
+/* ---- least squares of a few unknowns ---- */
+
+enum { SBI_FIT_UNKNOWNS = SB_MAX_PRONY_TERMS };
+
+/* |A c - b|^2 in triangular form: R c = Q^T b in r[k][0..n-1] and r[k][n], and what no c can remove in rest. */
+typedef struct sbi_fit_system {
+    int n;
+    double r[SBI_FIT_UNKNOWNS][SBI_FIT_UNKNOWNS + 1];
+    double rest, total; /* total = |b|^2 */
+} sbi_fit_system;
+
+/* Constants that share all but this part of their influence with others are not told apart: measured data never reach
+ * it, rounding does. */
+static const double sbi_fit_least_own = 1e-6;
+
+static void sbi_fit_begin(sbi_fit_system *system, int n)
+{
+    memset(system, 0, sizeof *system);
+    system->n = n;
+}
+
+/* Takes in one equation row.c = value by Givens rotations: no squares of the condition, no memory for rows. */
+static void sbi_fit_add(sbi_fit_system *system, const double *row, double value)
+{
+    int n = system->n;
+    double v[SBI_FIT_UNKNOWNS + 1];
+    for (int k = 0; k < n; k++)
+        v[k] = row[k];
+    v[n] = value;
+    system->total += value * value;
+    for (int k = 0; k < n; k++) {
+        double *r = system->r[k], length = sqrt(r[k] * r[k] + v[k] * v[k]), c, s;
+        if (!(length > 0))
+            continue;
+        c = r[k] / length;
+        s = v[k] / length;
+        for (int j = k; j <= n; j++) {
+            double old = r[j];
+            r[j] = c * old + s * v[j];
+            v[j] = c * v[j] - s * old;
+        }
+    }
+    system->rest += v[n] * v[n];
+}
+
+/* The part of column k's length that the columns before it cannot make up; 0 for a column of zeros. */
+static double sbi_fit_own(const sbi_fit_system *system, int k)
+{
+    double sum = 0;
+    for (int i = 0; i <= k; i++)
+        sum += system->r[i][k] * system->r[i][k];
+    return sum > 0 ? fabs(system->r[k][k]) / sqrt(sum) : 0;
+}
+
+/* The unknown with the least part of its own, or the first that is not told apart; and that part. */
+static int sbi_fit_weakest(const sbi_fit_system *system, double *own)
+{
+    int weakest = 0;
+    *own = 1;
+    for (int k = 0; k < system->n; k++) {
+        double part = sbi_fit_own(system, k);
+        if (part < *own && *own >= sbi_fit_least_own) {
+            *own = part;
+            weakest = k;
+        }
+    }
+    return weakest;
+}
+
+static void sbi_fit_back_substitute(const sbi_fit_system *system, double *c)
+{
+    for (int k = system->n - 1; k >= 0; k--) {
+        double sum = system->r[k][system->n];
+        for (int j = k + 1; j < system->n; j++)
+            sum -= system->r[k][j] * c[j];
+        c[k] = sum / system->r[k][k];
+    }
+}
+
+/* Solves with the unknowns of `mask` alone, the others 0. Returns |A c - b|^2, or a negative number when they are not
+ * told apart or one would not be positive. */
+static double sbi_fit_solve_subset(const sbi_fit_system *system, int mask, double *c)
+{
+    sbi_fit_system part;
+    double solution[SBI_FIT_UNKNOWNS], own;
+    int n = 0, at[SBI_FIT_UNKNOWNS];
+    for (int k = 0; k < system->n; k++)
+        if (mask >> k & 1)
+            at[n++] = k;
+    sbi_fit_begin(&part, n);
+    for (int i = 0; i < system->n; i++) {
+        double row[SBI_FIT_UNKNOWNS];
+        for (int k = 0; k < n; k++)
+            row[k] = system->r[i][at[k]];
+        sbi_fit_add(&part, row, system->r[i][system->n]);
+    }
+    sbi_fit_weakest(&part, &own);
+    if (own < sbi_fit_least_own)
+        return -1;
+    sbi_fit_back_substitute(&part, solution);
+    memset(c, 0, (size_t)system->n * sizeof *c);
+    for (int k = 0; k < n; k++) {
+        if (!(solution[k] > 0))
+            return -1;
+        c[at[k]] = solution[k];
+    }
+    return system->rest + part.rest;
+}
+
+static int sbi_fit_count_bits(int mask)
+{
+    int count = 0;
+    for (; mask; mask &= mask - 1)
+        count++;
+    return count;
+}
+
+/* Nonnegative least squares by looking at every set of unknowns, small sets first (there are 256 at most): a larger
+ * set must remove an error that is more than rounding. */
+static void sbi_fit_solve_nonnegative(const sbi_fit_system *system, double *c)
+{
+    double best = system->total, rounding = 1e-26 * system->total;
+    memset(c, 0, (size_t)system->n * sizeof *c);
+    for (int size = 1; size <= system->n; size++)
+        for (int mask = 1; mask < 1 << system->n; mask++) {
+            double candidate[SBI_FIT_UNKNOWNS], error;
+            if (sbi_fit_count_bits(mask) != size)
+                continue;
+            error = sbi_fit_solve_subset(system, mask, candidate);
+            if (error < 0 || !(error < best - rounding))
+                continue;
+            best = error;
+            memcpy(c, candidate, (size_t)system->n * sizeof *c);
+        }
+}
+
+/* ---- what a model predicts of a test ---- */
+
+typedef struct sbi_fit {
+    sb_material_model model;
+    sb_fit_options options;
+    const sb_test_point *data;
+    int count;
+    int n;        /* constants: c10 = mu/2, then c01, or c20 and c30 */
+    double bulk;  /* fixed bulk modulus, else 0 */
+    double ratio; /* else bulk over mu */
+    int compressible;
+    double c[3];
+} sbi_fit;
+
+/* The material with constants c and a bulk modulus; 0 leaves out the volume's share. */
+static sb_material sbi_fit_material(const sbi_fit *fit, const double *c, double bulk)
+{
+    sb_material m;
+    double c01 = fit->model == SB_MOONEY_RIVLIN ? c[1] : 0, mu = 2 * (c[0] + c01);
+    memset(&m, 0, sizeof m);
+    m.model = fit->model;
+    m.density = fit->options.density;
+    m.mu = (sb_real)mu;
+    m.lambda = (sb_real)(bulk - 2 * mu / 3);
+    m.c10 = (sb_real)c[0];
+    m.c01 = (sb_real)c01;
+    m.d1 = bulk > 0 ? (sb_real)(2 / bulk) : SB_REAL_MAX;
+    if (fit->model == SB_REDUCED_POLYNOMIAL) {
+        m.c20 = fit->n > 1 ? (sb_real)c[1] : 0;
+        m.c30 = fit->n > 2 ? (sb_real)c[2] : 0;
+    }
+    return m;
+}
+
+static double sbi_fit_mu(const sbi_fit *fit, const double *c)
+{
+    return 2 * (c[0] + (fit->model == SB_MOONEY_RIVLIN ? c[1] : 0));
+}
+
+static double sbi_fit_bulk(const sbi_fit *fit, const double *c)
+{
+    return fit->bulk > 0 ? fit->bulk : fit->ratio * sbi_fit_mu(fit, c);
+}
+
+/* Nominal stress at constant volume is k1 dW/dI1 + k2 dW/dI2; *i = I1 - 3, in forms that do not cancel. */
+static void sbi_fit_invariants(sb_test_kind kind, double x, double *k1, double *k2, double *i)
+{
+    double u = kind == SB_TEST_SIMPLE_SHEAR ? 1 : 1 / x, gap = x - 1;
+    switch (kind) {
+    case SB_TEST_UNIAXIAL: /* dW/d stretch with sides x^(-1/2) */
+        *k1 = 2 * (x - u * u);
+        *k2 = *k1 * u;
+        *i = gap * gap * (x + 2) * u;
+        break;
+    case SB_TEST_EQUIBIAXIAL: /* half of it: two stresses do work */
+        *k1 = 2 * (x - u * u * u * u * u);
+        *k2 = *k1 * x * x;
+        *i = gap * gap * (x + 1) * (x + 1) * (2 * x * x + 1) * u * u * u * u;
+        break;
+    case SB_TEST_PLANAR:
+        *k1 = *k2 = 2 * (x - u * u * u);
+        *i = (x - u) * (x - u);
+        break;
+    case SB_TEST_SIMPLE_SHEAR:
+        *k1 = *k2 = 2 * x;
+        *i = x * x;
+        break;
+    }
+}
+
+/* Stress per unit of each constant at constant volume. */
+static void sbi_fit_basis(const sbi_fit *fit, const sb_test_point *point, double *row)
+{
+    double x = (double)point->strain, k1 = 0, k2 = 0, i = 0;
+    double area = point->measure == SB_STRESS_CAUCHY && point->kind != SB_TEST_SIMPLE_SHEAR ? 1 / x : 1;
+    sbi_fit_invariants(point->kind, x, &k1, &k2, &i);
+    row[0] = k1 / area;
+    if (fit->model == SB_MOONEY_RIVLIN)
+        row[1] = k2 / area;
+    else
+        for (int k = 1; k < fit->n; k++)
+            row[k] = (k + 1) * (k == 1 ? i : i * i) * k1 / area;
+}
+
+/* F of a test, its free stretch being b; without one in simple shear. */
+static sb_mat3 sbi_fit_deformation(sb_test_kind kind, double x, double b)
+{
+    sb_mat3 f = sb_m3_identity();
+    if (kind == SB_TEST_SIMPLE_SHEAR) {
+        f.m[0][1] = (sb_real)x;
+        return f;
+    }
+    f.m[0][0] = (sb_real)x;
+    if (kind != SB_TEST_PLANAR)
+        f.m[1][1] = (sb_real)(kind == SB_TEST_EQUIBIAXIAL ? x : b);
+    f.m[2][2] = (sb_real)b;
+    return f;
+}
+
+/* dP_ii/db for the free stretch b. */
+static double sbi_fit_by_side(sb_test_kind kind, const sb_real *A, int i)
+{
+    double rate = (double)A[36 * i + 8];
+    return kind == SB_TEST_UNIAXIAL ? rate + (double)A[36 * i + 4] : rate;
+}
+
+/* *b = the free stretch at which the free side bears no stress, by Newton steps between bounds. */
+static int sbi_fit_free_side(const sb_material *m, sb_test_kind kind, double x, double *b)
+{
+    double low = 0, high = 0; /* high = 0: not known yet */
+    double at = kind == SB_TEST_UNIAXIAL ? 1 / sqrt(x) : kind == SB_TEST_EQUIBIAXIAL ? 1 / (x * x) : 1 / x;
+    for (int iteration = 0; iteration < 100; iteration++) {
+        sb_mat3 f = sbi_fit_deformation(kind, x, at), p;
+        sb_real A[81];
+        double next, slope;
+        if (!sb_material_stress(m, &f, NULL, &p) || !sb_material_tangent(m, &f, NULL, SB_TANGENT_EXACT, A))
+            return 0;
+        if (at < (double)SB_EPSILON) /* squeezed to nothing, where some models have no stress either */
+            return 0;
+        if (p.m[2][2] < 0)
+            low = at;
+        else
+            high = at;
+        slope = sbi_fit_by_side(kind, A, 2);
+        next = at - (double)p.m[2][2] / slope;
+        if (!(slope > 0) || !(next > low) || (high > 0 && !(next < high)))
+            next = fabs(next - at) <= 4 * (double)SB_EPSILON * at ? at : high > 0 ? (low + high) / 2 : 2 * at;
+        if (fabs(next - at) <= 4 * (double)SB_EPSILON * at) {
+            *b = next;
+            return 1;
+        }
+        at = next;
+    }
+    return 0;
+}
+
+/* Stress of a compressible material in a test, and its derivatives by the constants when row is given. */
+static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point,
+                                        double *stress, double *row)
+{
+    const sb_test_kind kind = point->kind;
+    sb_material m = sbi_fit_material(fit, c, sbi_fit_bulk(fit, c));
+    double x = (double)point->strain, b = 1, area = 1;
+    int sheared = kind == SB_TEST_SIMPLE_SHEAR, column = sheared ? 1 : 0;
+    int current = !sheared && point->measure == SB_STRESS_CAUCHY && fit->model != SB_LINEAR;
+    sb_mat3 f, p;
+    sb_real A[81];
+    if (!sheared && !sbi_fit_free_side(&m, kind, x, &b))
+        return 0;
+    f = sbi_fit_deformation(kind, x, b);
+    if (!sb_material_stress(&m, &f, NULL, &p) || !sb_material_tangent(&m, &f, NULL, SB_TANGENT_EXACT, A))
+        return 0;
+    if (current)
+        area = kind == SB_TEST_UNIAXIAL ? b * b : kind == SB_TEST_EQUIBIAXIAL ? x * b : b;
+    *stress = (double)p.m[0][column] / area;
+    for (int k = 0; row && k < fit->n; k++) {
+        double unit[3] = {0, 0, 0}, side = 0;
+        sb_material share;
+        unit[k] = 1;
+        share = sbi_fit_material(fit, unit, fit->bulk > 0 ? 0 : sbi_fit_bulk(fit, unit));
+        if (!sb_material_stress(&share, &f, NULL, &p))
+            return 0;
+        if (!sheared) /* the side stays free of stress */
+            side = -(double)p.m[2][2] / sbi_fit_by_side(kind, A, 2);
+        row[k] = ((double)p.m[0][column] + (sheared ? 0 : sbi_fit_by_side(kind, A, 0) * side)) / area;
+        if (current)
+            row[k] -= *stress * side * (kind == SB_TEST_UNIAXIAL ? 2 : 1) / b;
+    }
+    return 1;
+}
+
+static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
+                           double *row)
+{
+    double basis[3] = {0, 0, 0};
+    if (fit->compressible)
+        return sbi_fit_predict_compressible(fit, c, point, stress, row);
+    sbi_fit_basis(fit, point, basis);
+    *stress = 0;
+    for (int k = 0; k < fit->n; k++) {
+        *stress += basis[k] * c[k];
+        if (row)
+            row[k] = basis[k];
+    }
+    return 1;
+}
+
+/* ---- the fit ---- */
+
+/* 0: the reading does not count. */
+static double sbi_fit_weight(const sbi_fit *fit, const sb_test_point *point)
+{
+    double stress = fabs((double)point->stress);
+    return !fit->options.relative ? 1 : stress > 0 ? 1 / stress : 0;
+}
+
+static const char *sbi_fit_name(const sbi_fit *fit, int k)
+{
+    if (k == 0)
+        return fit->model >= SB_MOONEY_RIVLIN || fit->model == SB_NEO_HOOKEAN_ISOCHORIC ? "c10" : "mu";
+    return fit->model == SB_MOONEY_RIVLIN ? "c01" : k == 1 ? "c20" : "c30";
+}
+
+static const char *sbi_fit_test_name(sb_test_kind kind)
+{
+    switch (kind) {
+    case SB_TEST_UNIAXIAL: return "uniaxial";
+    case SB_TEST_EQUIBIAXIAL: return "equibiaxial";
+    case SB_TEST_PLANAR: return "planar";
+    case SB_TEST_SIMPLE_SHEAR: return "simple shear";
+    }
+    return "unknown";
+}
+
+/* Sum of squared weighted errors, or -1 where the material does not get to a reading; *worst is that reading. */
+static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
+{
+    double sum = 0;
+    for (int k = 0; k < fit->count; k++) {
+        double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
+        if (weight > 0 &&
+            (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
+            *worst = k;
+            return -1;
+        }
+        if (!(weight > 0))
+            continue;
+        error = weight * (stress - (double)fit->data[k].stress);
+        sum += error * error;
+    }
+    return sum;
+}
+
+/* The linearised equations about c, for the constants themselves, not their change. */
+static int sbi_fit_linearise(const sbi_fit *fit, const double *c, sbi_fit_system *system)
+{
+    sbi_fit_begin(system, fit->n);
+    for (int k = 0; k < fit->count; k++) {
+        const sb_test_point *point = fit->data + k;
+        double weight = sbi_fit_weight(fit, point), row[3] = {0, 0, 0}, stress, value = (double)point->stress;
+        if (!(weight > 0))
+            continue;
+        if (!sbi_fit_predict(fit, c, point, &stress, row))
+            return 0;
+        value -= stress;
+        for (int i = 0; i < fit->n; i++) {
+            value += row[i] * c[i];
+            row[i] *= weight;
+        }
+        sbi_fit_add(system, row, weight * value);
+    }
+    return 1;
+}
+
+static sb_result sbi_fit_solve(const sbi_fit *fit, const sbi_fit_system *system, double *c, sb_fit_info *info,
+                               sb_error *error)
+{
+    double own;
+    int weakest = sbi_fit_weakest(system, &own);
+    info->iterations++;
+    info->weakest = (sb_real)own;
+    if (own < sbi_fit_least_own)
+        return sbi_fail(error, SB_ERROR_INDEFINITE,
+                        "the data do not determine %s: %g of its influence on the stresses is its own",
+                        sbi_fit_name(fit, weakest), own);
+    if (fit->options.nonnegative)
+        sbi_fit_solve_nonnegative(system, c);
+    else
+        sbi_fit_back_substitute(system, c);
+    return SB_OK;
+}
+
+static sb_result sbi_fit_check_mu(const sbi_fit *fit, const double *c, sb_error *error)
+{
+    double mu = sbi_fit_mu(fit, c);
+    if (!(mu > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "the data ask for mu = %g Pa, must be > 0", mu);
+    return SB_OK;
+}
+
+/* Shortens the step from fit->c to target until the errors do not grow; the step's share, or 0. */
+static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c,
+                             double *new_cost)
+{
+    int worst;
+    for (double t = 1; t > 1e-4; t /= 2) {
+        for (int k = 0; k < fit->n; k++)
+            c[k] = fit->c[k] + t * (target[k] - fit->c[k]);
+        *new_cost = sbi_fit_cost(fit, c, &worst);
+        if (*new_cost >= 0 && *new_cost <= cost)
+            return t;
+    }
+    return 0;
+}
+
+/* Largest change of a constant, relative to the largest constant. */
+static double sbi_fit_change(const sbi_fit *fit, const double *target)
+{
+    double change = 0, size = 0;
+    for (int k = 0; k < fit->n; k++) {
+        change = fmax(change, fabs(target[k] - fit->c[k]));
+        size = fmax(size, fabs(target[k]));
+    }
+    return change / size;
+}
+
+/* Gauss-Newton from the constants of constant volume. */
+static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *error)
+{
+    const int most = 100;
+    int worst = 0;
+    double cost = sbi_fit_cost(fit, fit->c, &worst);
+    if (cost < 0)
+        return sbi_fail(error, SB_ERROR_DIVERGED,
+                        "no free side bears no stress in the %s test at strain %g (reading %d)",
+                        sbi_fit_test_name(fit->data[worst].kind), (double)fit->data[worst].strain, worst);
+    for (int iteration = 0; iteration < most; iteration++) {
+        sbi_fit_system system;
+        double target[3], c[3], new_cost = cost, change;
+        sb_result result;
+        if (!sbi_fit_linearise(fit, fit->c, &system))
+            return sbi_fail(error, SB_ERROR_DIVERGED, "the stresses' derivatives overflow");
+        result = sbi_fit_solve(fit, &system, target, info, error);
+        if (result != SB_OK)
+            return result;
+        change = sbi_fit_change(fit, target);
+        if (!(sbi_fit_search(fit, target, cost, c, &new_cost) > 0)) {
+            /* Rounding hides any gain of the last steps. */
+            if (change <= 16 * sqrt((double)SB_EPSILON))
+                return SB_OK;
+            break;
+        }
+        memcpy(fit->c, c, sizeof c);
+        cost = new_cost;
+        if (change <= 16 * (double)SB_EPSILON)
+            return SB_OK;
+    }
+    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations",
+                    info->iterations);
+}
+
+/* ---- how good it is ---- */
+
+/* Root mean square and explained variance of the readings that count. */
+static void sbi_fit_judge(const sbi_fit *fit, sb_fit_info *info)
+{
+    const double first = (double)fit->data[0].stress; /* what is summed from: exact when all are equal */
+    double mean = first, squares = 0, weighted = 0, variance = 0, stress = 0;
+    for (int k = 0; k < fit->count; k++)
+        if (sbi_fit_weight(fit, fit->data + k) > 0)
+            mean += ((double)fit->data[k].stress - first) / info->points;
+    for (int k = 0; k < fit->count; k++) {
+        double weight = sbi_fit_weight(fit, fit->data + k), given = (double)fit->data[k].stress, error;
+        if (!(weight > 0) || !sbi_fit_predict(fit, fit->c, fit->data + k, &stress, NULL))
+            continue;
+        error = stress - given;
+        squares += error * error;
+        weighted += weight * error * weight * error;
+        variance += (given - mean) * (given - mean);
+    }
+    info->rms = (sb_real)sqrt(weighted / info->points);
+    info->r_squared = variance > 0 ? (sb_real)(1 - squares / variance) : 0;
+}
+
+/* d2W/(d log s_i d log s_j) of the principal stretches s. */
+static int sbi_fit_log_tangent(const sb_material *m, const sb_mat3 *f, double h[3][3])
+{
+    sb_mat3 p;
+    sb_real A[81];
+    if (!sb_material_stress(m, f, NULL, &p) || !sb_material_tangent(m, f, NULL, SB_TANGENT_EXACT, A))
+        return 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double stretch = (double)f->m[i][i];
+            h[i][j] = stretch * (double)f->m[j][j] * (double)A[36 * i + 4 * j];
+            if (i == j)
+                h[i][j] += stretch * (double)p.m[i][i];
+        }
+    return 1;
+}
+
+/* 1 when h is positive definite, on strains of constant volume only when `deviatoric`. */
+static int sbi_fit_is_positive(double h[3][3], int deviatoric)
+{
+    double a = h[0][0], b = h[0][1], d = h[1][1];
+    if (deviatoric) { /* along (1,0,-1) and (0,1,-1) */
+        a += h[2][2] - 2 * h[0][2];
+        b += h[2][2] - h[0][2] - h[1][2];
+        d += h[2][2] - 2 * h[1][2];
+    }
+    if (!(a > 0) || !(a * d - b * b > 0))
+        return 0;
+    return deviatoric || h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
+                                 h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
+                                 h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]) >
+                             0;
+}
+
+/* Drucker stability in a test at one strain: of the shear share when the volume cannot change. */
+static int sbi_fit_is_stable_at(const sbi_fit *fit, sb_test_kind kind, double x)
+{
+    sb_material m = sbi_fit_material(fit, fit->c, fit->compressible ? sbi_fit_bulk(fit, fit->c) : 0);
+    double b, h[3][3];
+    sb_mat3 f;
+    if (kind == SB_TEST_SIMPLE_SHEAR) { /* its principal stretches are those of a planar test */
+        x = x / 2 + sqrt(1 + x * x / 4);
+        b = 1 / x;
+        kind = SB_TEST_PLANAR;
+    } else if (!fit->compressible) {
+        b = kind == SB_TEST_UNIAXIAL ? 1 / sqrt(x) : kind == SB_TEST_EQUIBIAXIAL ? 1 / (x * x) : 1 / x;
+    } else if (!sbi_fit_free_side(&m, kind, x, &b)) {
+        return 0;
+    }
+    f = sbi_fit_deformation(kind, x, b);
+    return sbi_fit_log_tangent(&m, &f, h) && sbi_fit_is_positive(h, !fit->compressible);
+}
+
+/* Walks from rest to the strain `end`; 1 when stable all the way, else *strain is the first that is not. */
+static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end,
+                                double *strain)
+{
+    const int steps = 64;
+    for (int k = 0; k <= steps; k++) {
+        *strain = rest + (end - rest) * k / steps;
+        if (!sbi_fit_is_stable_at(fit, kind, *strain))
+            return 0;
+        if (!(fabs(end - rest) > 0))
+            break;
+    }
+    return 1;
+}
+
+static void sbi_fit_find_stability(const sbi_fit *fit, sb_fit_info *info)
+{
+    info->stable = 1;
+    for (int kind = SB_TEST_UNIAXIAL; kind <= SB_TEST_SIMPLE_SHEAR && fit->model != SB_LINEAR; kind++) {
+        double rest = kind == SB_TEST_SIMPLE_SHEAR ? 0 : 1, least = rest, most = rest, low, high;
+        int low_stable, high_stable;
+        for (int k = 0; k < fit->count; k++)
+            if ((int)fit->data[k].kind == kind) {
+                least = fmin(least, (double)fit->data[k].strain);
+                most = fmax(most, (double)fit->data[k].strain);
+            }
+        low_stable = sbi_fit_is_stable_to(fit, (sb_test_kind)kind, rest, least, &low);
+        high_stable = sbi_fit_is_stable_to(fit, (sb_test_kind)kind, rest, most, &high);
+        if (low_stable && high_stable)
+            continue;
+        info->stable = 0;
+        info->unstable_kind = (sb_test_kind)kind;
+        info->unstable_strain =
+            (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
+        return;
+    }
+}
+
+/* ---- arguments ---- */
+
+SB_API sb_fit_options sb_default_fit_options(void)
+{
+    sb_fit_options options;
+    memset(&options, 0, sizeof options);
+    options.order = 2;
+    options.relative = 1;
+    options.poisson = (sb_real)0.49;
+    options.density = 1000;
+    return options;
+}
+
+static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
+{
+    const sb_fit_options *o = &fit->options;
+    if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
+    if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE,
+                        "fit options have poisson %g, d1 %g, density %g, not finite", (double)o->poisson,
+                        (double)o->d1, (double)o->density);
+    if (fit->model == SB_REDUCED_POLYNOMIAL && (o->order < 1 || o->order > 3))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option order is %d, must be 1 to 3", o->order);
+    if (o->d1 < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option d1 is %g 1/Pa, must be >= 0", (double)o->d1);
+    if (!(o->d1 > 0) && !(o->poisson > -1 && o->poisson < (sb_real)0.5))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option poisson is %g, must be inside (-1, 0.5)",
+                        (double)o->poisson);
+    if (!(o->density > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0",
+                        (double)o->density);
+    return SB_OK;
+}
+
+static sb_result sbi_fit_check_point(const sb_test_point *point, int k, sb_error *error)
+{
+    if ((int)point->kind < SB_TEST_UNIAXIAL || (int)point->kind > SB_TEST_SIMPLE_SHEAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k,
+                        (int)point->kind);
+    if (point->measure != SB_STRESS_NOMINAL && point->measure != SB_STRESS_CAUCHY)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a stress of unknown measure %d", k,
+                        (int)point->measure);
+    if (!sb_is_finite(point->strain) || !sb_is_finite(point->stress))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite",
+                        k, (double)point->strain, (double)point->stress);
+    if (point->kind != SB_TEST_SIMPLE_SHEAR && !(point->strain > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k,
+                        (double)point->strain);
+    return SB_OK;
+}
+
+/* Checks all arguments and counts the readings that count. */
+static sb_result sbi_fit_check(const sbi_fit *fit, sb_fit_info *info, sb_error *error)
+{
+    sb_result result = sbi_fit_check_options(fit, error);
+    for (int k = 0; result == SB_OK && k < fit->count; k++) {
+        result = sbi_fit_check_point(fit->data + k, k, error);
+        info->points += result == SB_OK && sbi_fit_weight(fit, fit->data + k) > 0;
+    }
+    if (result == SB_OK && info->points < fit->n)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants",
+                          info->points, fit->n);
+    return result;
+}
+
+static int sbi_fit_constant_count(sb_material_model model, int order)
+{
+    return model == SB_MOONEY_RIVLIN ? 2 : model == SB_REDUCED_POLYNOMIAL ? order : 1;
+}
+
+static sbi_fit sbi_fit_make(sb_material_model model, const sb_test_point *data, int count,
+                            const sb_fit_options *options)
+{
+    sbi_fit fit;
+    double poisson;
+    memset(&fit, 0, sizeof fit);
+    fit.model = model;
+    fit.options = options ? *options : sb_default_fit_options();
+    fit.data = data;
+    fit.count = count;
+    fit.n = sbi_fit_constant_count(model, fit.options.order);
+    poisson = (double)fit.options.poisson;
+    fit.ratio = 2 * (1 + poisson) / (3 * (1 - 2 * poisson));
+    fit.bulk = fit.options.d1 > 0 ? 2 / (double)fit.options.d1 : 0;
+    return fit;
+}
+
+SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
+                                 const sb_fit_options *options, sb_material *material, sb_fit_info *info,
+                                 sb_error *error)
+{
+    sbi_fit fit = sbi_fit_make(model, data, count, options);
+    sbi_fit_system system;
+    sb_fit_info found;
+    sb_material fitted;
+    sb_result result;
+    memset(&found, 0, sizeof found);
+    if (!data || !material || count < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "data or material is NULL, or count %d is negative", count);
+    result = sbi_fit_check(&fit, &found, error);
+    if (result != SB_OK)
+        return result;
+    found.constants = fit.n;
+    sbi_fit_linearise(&fit, fit.c, &system); /* at constant volume: linear, so that no start matters */
+    result = sbi_fit_solve(&fit, &system, fit.c, &found, error);
+    if (result == SB_OK)
+        result = sbi_fit_check_mu(&fit, fit.c, error);
+    fit.compressible = fit.options.compressible || (int)model <= SB_SVK;
+    if (result == SB_OK && fit.compressible)
+        result = sbi_fit_iterate(&fit, &found, error);
+    if (result != SB_OK)
+        return result;
+    fitted = sbi_fit_material(&fit, fit.c, sbi_fit_bulk(&fit, fit.c));
+    result = sb_material_check(&fitted, error);
+    if (result != SB_OK)
+        return result;
+    sbi_fit_judge(&fit, &found);
+    sbi_fit_find_stability(&fit, &found);
+    *material = fitted;
+    if (info)
+        *info = found;
+    return SB_OK;
+}
+
+/* ---- Prony series ---- */
+
+/* Times to fit with: the given ones, or evenly spread in log time over the readings. */
+static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given, int terms, double *tau)
+{
+    double first = (double)time[0], last = first;
+    for (int k = 1; k < count; k++) {
+        first = fmin(first, (double)time[k]);
+        last = fmax(last, (double)time[k]);
+    }
+    for (int i = 0; i < terms; i++) {
+        double along = terms > 1 ? (double)i / (terms - 1) : 0.5;
+        tau[i] = given ? (double)given[i] : first * sbi_dense_exp(along * sbi_dense_log(last / first));
+    }
+}
+
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
+                                     int terms, sb_error *error)
+{
+    if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
+                        (int)SB_MAX_PRONY_TERMS);
+    if (count < terms)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings are too few for %d Prony terms", count, terms);
+    for (int k = 0; k < count; k++) {
+        if (!sb_is_finite(time[k]) || !sb_is_finite(g[k]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has time %g s and g %g, not finite", k,
+                            (double)time[k], (double)g[k]);
+        if (!(time[k] > 0))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k,
+                            (double)time[k]);
+    }
+    for (int i = 0; tau && i < terms; i++)
+        if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
+            return sbi_fail(error, sb_is_finite(tau[i]) ? SB_ERROR_ARGUMENT : SB_ERROR_NOT_FINITE,
+                            "tau %d is %g s, must be > 0 and finite", i, (double)tau[i]);
+    return SB_OK;
+}
+
+/* 1 - g(t) = sum of g_i (1 - exp(-t/tau_i)) at every reading. */
+static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau,
+                                 int terms, sbi_fit_system *system)
+{
+    sbi_fit_begin(system, terms);
+    for (int k = 0; k < count; k++) {
+        double row[SBI_FIT_UNKNOWNS];
+        for (int i = 0; i < terms; i++)
+            row[i] = 1 - sbi_dense_exp(-(double)time[k] / tau[i]);
+        sbi_fit_add(system, row, 1 - (double)g[k]);
+    }
+}
+
+static void sbi_fit_judge_prony(const sb_material *m, const sb_real *time, const sb_real *g, int count,
+                                sb_fit_info *info)
+{
+    double mean = (double)g[0], squares = 0, variance = 0; /* from g[0]: exact when all are equal */
+    for (int k = 1; k < count; k++)
+        mean += ((double)g[k] - (double)g[0]) / count;
+    for (int k = 0; k < count; k++) {
+        double error = (double)sb_material_relaxation(m, time[k]) - (double)g[k], away = (double)g[k] - mean;
+        squares += error * error;
+        variance += away * away;
+    }
+    info->points = count;
+    info->constants = m->prony_count;
+    info->iterations = 1;
+    info->rms = (sb_real)sqrt(squares / count);
+    info->r_squared = variance > 0 ? (sb_real)(1 - squares / variance) : 0;
+    info->stable = 1; /* every g_i > 0: what relaxes only ever loses energy */
+}
+
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
+                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error)
+{
+    double times[SBI_FIT_UNKNOWNS], c[SBI_FIT_UNKNOWNS], own;
+    sb_real kept_g[SB_MAX_PRONY_TERMS], kept_tau[SB_MAX_PRONY_TERMS];
+    sbi_fit_system system;
+    sb_fit_info found;
+    sb_material fitted;
+    sb_result result;
+    int kept = 0, weakest;
+    memset(&found, 0, sizeof found);
+    if (!time || !g || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "time, g or material is NULL");
+    result = sbi_fit_check_prony(time, g, count, tau, terms, error);
+    if (result != SB_OK)
+        return result;
+    sbi_fit_spread(time, count, tau, terms, times);
+    sbi_fit_prony_system(time, g, count, times, terms, &system);
+    weakest = sbi_fit_weakest(&system, &own);
+    if (tau && own < sbi_fit_least_own)
+        return sbi_fail(error, SB_ERROR_INDEFINITE,
+                        "the data do not determine g of tau %d, %g s: %g of its influence is its own",
+                        weakest, times[weakest], own);
+    sbi_fit_solve_nonnegative(&system, c);
+    for (int i = 0; i < terms; i++)
+        if (c[i] > 0) {
+            kept_g[kept] = (sb_real)c[i];
+            kept_tau[kept++] = (sb_real)times[i];
+        }
+    fitted = sb_material_with_prony(*material, kept_g, kept_tau, kept);
+    result = sb_material_check(&fitted, error);
+    if (result != SB_OK)
+        return result;
+    found.weakest = (sb_real)own;
+    sbi_fit_judge_prony(&fitted, time, g, count, &found);
+    *material = fitted;
+    if (info)
+        *info = found;
+    return SB_OK;
 }
 
 /* ==== src/softbody/sparse.c ==== */
