@@ -32,7 +32,8 @@ static sb_material material_of(int model)
     sb_material equivalent = sb_material_svk(YOUNG, POISSON, DENSITY);
     sb_real c = equivalent.c10, d1 = equivalent.d1;
     switch (model) {
-    case SB_MOONEY_RIVLIN: return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
+    case SB_MOONEY_RIVLIN:
+        return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
     case SB_REDUCED_POLYNOMIAL: return sb_material_reduced_polynomial(c, c / 2, c / 8, d1, DENSITY);
     case MODEL_COUNT + 1: return sb_material_mooney_rivlin((sb_real)1.5 * c, -c / 2, d1, DENSITY);
     case MODEL_COUNT + 2: return sb_material_reduced_polynomial(c, -c / 2, c / 8, d1, DENSITY);
@@ -623,9 +624,8 @@ static void test_constants(void)
         CHECK_OK(sb_material_check(&m, NULL));
         CHECK_INT(sb_material_is_linear(m.model), model == SB_LINEAR);
         CHECK_INT(sb_material_is_hyperelastic(m.model), model != SB_LINEAR && !is_corotated(model));
-        CHECK_INT(sb_material_allows_inversion(m.model), model != SB_NEO_HOOKEAN &&
-                                                             model != SB_NEO_HOOKEAN_ISOCHORIC &&
-                                                             model < SB_MOONEY_RIVLIN);
+        CHECK_INT(sb_material_allows_inversion(m.model),
+                  model != SB_NEO_HOOKEAN && model != SB_NEO_HOOKEAN_ISOCHORIC && model < SB_MOONEY_RIVLIN);
     }
 }
 
@@ -833,8 +833,8 @@ static void test_fibre_derivatives(void)
             continue;
         stress_error = fmax(stress_error, difference(flat(&p), flat(&expected_p), 9) /
                                               fmax(largest_of(flat(&p), 9), (double)m.fibre_stiffness));
-        tangent_error = fmax(tangent_error,
-                             difference(A, expected, 81) / fmax(largest_of(A, 81), (double)m.fibre_stiffness));
+        tangent_error = fmax(tangent_error, difference(A, expected, 81) /
+                                                fmax(largest_of(A, 81), (double)m.fibre_stiffness));
         if (energy > 0)
             lowest = fmin(lowest, lowest_eigenvalue(A) / largest_of(A, 81));
         for (int q = 0; q < 81; q++)
@@ -859,7 +859,8 @@ static void test_fibre_closed_form(void)
         sb_real energy = 5, A[81] = {0};
         CHECK_OK(sb_material_check(&m, NULL));
         CHECK(sb_fibre_energy(&m, &f, along, &energy));
-        CHECK_NEAR((double)energy - 5, k2 > 0 ? k1 / (2 * k2) * expm1(q) : k1 / 2 * e * e, tolerance(1e-11, 200));
+        CHECK_NEAR((double)energy - 5, k2 > 0 ? k1 / (2 * k2) * expm1(q) : k1 / 2 * e * e,
+                   tolerance(1e-11, 200));
         CHECK(sb_fibre_stress(&m, &f, along, &p));
         CHECK_NEAR((double)p.m[1][1] - 2, 2.4 * k1 * e * exp(q), tolerance(1e-10, 1e4));
         CHECK(p.m[0][0] == 1 && p.m[2][2] == 3 && p.m[0][1] == 0);
@@ -938,7 +939,8 @@ static void test_relaxation_function(void)
     sb_material m = relaxing(material_of(SB_SVK)), elastic = material_of(SB_SVK);
     const double times[6] = {0, 1e-6, 0.05, 1, 30, 1e4};
     for (int c = 0; c < 6; c++) {
-        CHECK_NEAR(sb_material_relaxation(&m, (sb_real)times[c]), relaxation_of(times[c]), tolerance(1e-14, 10));
+        CHECK_NEAR(sb_material_relaxation(&m, (sb_real)times[c]), relaxation_of(times[c]),
+                   tolerance(1e-14, 10));
         CHECK_NEAR(sb_material_relaxation(&elastic, (sb_real)times[c]), 1, 0);
     }
     CHECK_NEAR(sb_material_relaxation(&m, -1), 1, 0);
@@ -997,7 +999,8 @@ static void test_ramp(void)
         }
         e = rate * time;
         relaxed = 2 * mu * rate * ramp_of(time);
-        CHECK_NEAR((double)p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1, tolerance(1e-12, 2000));
+        CHECK_NEAR((double)p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1,
+                   tolerance(1e-12, 2000));
         CHECK_NEAR((double)p.m[1][1] / (bulk * e - relaxed / 3), 1, tolerance(1e-12, 2000));
     }
 }
@@ -1045,7 +1048,8 @@ static void test_relaxing_fibres(void)
     CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, &direction, &both));
     memset(&history, 0, sizeof history);
     CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, NULL, &matrix));
-    CHECK_NEAR((double)(both.m[1][1] - matrix.m[1][1]) / (0.4 * (double)fibres.m[1][1]), 1, tolerance(1e-12, 100));
+    CHECK_NEAR((double)(both.m[1][1] - matrix.m[1][1]) / (0.4 * (double)fibres.m[1][1]), 1,
+               tolerance(1e-12, 100));
     memset(&history, 0, sizeof history);
     CHECK(sb_material_history_stress(&elastic, &history, &f, 1, &direction, &both));
     CHECK_NEAR(difference(flat(&p), flat(&both), 9), 0, 0);
@@ -1240,14 +1244,14 @@ CHECK_SUITE(material, {"stress is the energy's gradient", test_stress_is_energy_
             {"uniaxial and biaxial states", test_uniaxial_and_biaxial}, {"simple shear", test_simple_shear},
             {"uniaxial Young's modulus", test_uniaxial_young}, {"warm start", test_warm_start},
             {"Cauchy and von Mises stress", test_cauchy_and_von_mises},
-            {"no stiffness scale", test_stiffness_scale}, {"constants", test_constants}, {"presets", test_presets},
-            {"refused parameters", test_refused_parameters},
-            {"refused isochoric parameters", test_refused_isochoric},
-            {"refused fibres", test_refused_fibres}, {"refused Prony terms", test_refused_prony},
-            {"fibre derivatives", test_fibre_derivatives}, {"fibre closed form", test_fibre_closed_form},
-            {"fibre calls refused", test_fibre_refused}, {"relaxation function", test_relaxation_function},
-            {"jump and hold", test_jump_and_hold}, {"ramp", test_ramp}, {"swing", test_swing},
-            {"relaxing fibres", test_relaxing_fibres}, {"histories refused", test_history_refused},
+            {"no stiffness scale", test_stiffness_scale}, {"constants", test_constants},
+            {"presets", test_presets}, {"refused parameters", test_refused_parameters},
+            {"refused isochoric parameters", test_refused_isochoric}, {"refused fibres", test_refused_fibres},
+            {"refused Prony terms", test_refused_prony}, {"fibre derivatives", test_fibre_derivatives},
+            {"fibre closed form", test_fibre_closed_form}, {"fibre calls refused", test_fibre_refused},
+            {"relaxation function", test_relaxation_function}, {"jump and hold", test_jump_and_hold},
+            {"ramp", test_ramp}, {"swing", test_swing}, {"relaxing fibres", test_relaxing_fibres},
+            {"histories refused", test_history_refused},
             {"inverted and flat deformations", test_inverted_and_flat},
             {"nearly flat deformations", test_nearly_flat}, {"refused input", test_refused_input},
             {"corotated kink", test_corotated_kink}, {"extreme deformations", test_extreme_deformations});

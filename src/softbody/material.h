@@ -43,16 +43,16 @@ enum { SB_MAX_PRONY_TERMS = 8 };
  * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density; /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;  /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;      /* shear modulus [Pa], > 0 */
-    sb_real c10;     /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;      /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;     /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30; /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;              /* shear modulus [Pa], > 0 */
+    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
     sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
     sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count; /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -92,7 +92,8 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
  * elastic again. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
+                                          int count);
 
 /* ---- presets: liver, as published ----
  * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
@@ -171,8 +172,9 @@ SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 
 /* What a point of a material with Prony terms remembers. All zero: at rest for ever. Plain data. */
 typedef struct sb_material_history {
-    sb_real stress[6];                   /* instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F
-                                            [Pa], in the order 00 11 22 01 12 02 */
+    /* Instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F [Pa], in the
+     * order 00 11 22 01 12 02. */
+    sb_real stress[6];
     sb_real memory[SB_MAX_PRONY_TERMS][6]; /* h_i [Pa], the same */
 } sb_material_history;
 
@@ -182,8 +184,8 @@ typedef struct sb_material_history {
  * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
  * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
  * hyperelastic, or a pointer but fibre is NULL. */
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
-                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -224,7 +226,8 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
                                  const sb_real (*h)[6], sb_real H[6]);
 /* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
  * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
+                              sb_real s0[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -595,9 +598,11 @@ SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F,
 {
     sb_mat3 right = sb_m3_tmul(*F, *F);
     sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    sb_mat3 mixed =
+        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
     for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
+                li = sbi_material_row(&mixed, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
             sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
@@ -750,7 +755,9 @@ SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi
                                (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
         out->stretch.m[j][k] = out->stretch.m[k][j] =
             (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) * product + c->zeta * s[j] * s[k];
+             c->gamma) *
+                product +
+            c->zeta * s[j] * s[k];
         out->same[i] = c->alpha + c->second * squares[i];
         out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
@@ -839,8 +846,8 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
  * add to their output, and return 0 with it untouched when the share is not finite. */
 
 /* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
-                                  sb_real *second)
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
+                                  sb_real *first, sb_real *second)
 {
     sb_real e, growth;
     *a = sb_m3_apply(*F, a0);
