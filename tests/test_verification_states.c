@@ -71,7 +71,7 @@ static double displacement_error(const sb_body *body, const sb_mesh *mesh, const
         const double at[3] = {(double)x.x, (double)x.y, (double)x.z};
         const double found[3] = {(double)now.x, (double)now.y, (double)now.z};
         for (int r = 0; r < 3; r++)
-            worst = fmax(worst, fabs(found[r] - G[3 * r] * at[0] - G[3 * r + 1] * at[1] - G[3 * r + 2] * at[2]));
+            worst = verify_worse(worst, fabs(found[r] - G[3 * r] * at[0] - G[3 * r + 1] * at[1] - G[3 * r + 2] * at[2]));
     }
     return worst;
 }

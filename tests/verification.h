@@ -52,6 +52,12 @@ static inline int verify(const char *name, const char *what, const char *source,
     return ok;
 }
 
+/* The larger of two errors; a NaN wins and stays, which fmax would hide. */
+static inline double verify_worse(double worst, double error)
+{
+    return worst != worst || error <= worst ? worst : error;
+}
+
 /* Writes this suite's section into the folder `folder`. */
 static inline void verify_write(const char *folder, const char *suite)
 {

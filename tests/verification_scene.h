@@ -442,6 +442,17 @@ static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, 
     return sum;
 }
 
+/* Sum of the torques of these reactions about `centre`, the nodes being at x. */
+static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
+                                    sb_vec3 centre, const sb_vec3 *x)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int i = 0; i < mesh->node_count; i++)
+        if (where(user, mesh->nodes[i]))
+            sum = sb_v3_add(sum, sb_v3_cross(sb_v3_sub(x[i], centre), sb_body_reactions(body)[i]));
+    return sum;
+}
+
 /* Moves the nodes there, along `axes`, by one displacement. */
 static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user, int axes,
                                sb_vec3 displacement)
