@@ -229,7 +229,7 @@ static void test_impact(void)
     verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: 2 rho A L v",
            "impulse/(rho A L v)", 2, impulse / (density * length * h * h), 0.02);
     verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: rebound at 2 L/c",
-           "mean velocity/v", 1, mean, 0.02);
+           "mean velocity/v", 1, mean, 0.05);
     verify_free(body, &mesh);
 }
 
@@ -348,7 +348,7 @@ static void test_frequencies(void)
     static const char *elements[] = {"tet10", "hex8"};
     for (int e = 0; e < 2; e++) {
         const verify_element *element = verify_element_named(elements[e]);
-        int along = element->degree > 1 ? 10 : 60, across = element->degree > 1 ? 1 : 3;
+        int along = element->degree > 1 ? 10 : 40, across = element->degree > 1 ? 1 : 2;
         double c = sqrt(young / density), w;
         char name[80];
         for (int bending = 0; bending < 2; bending++) {
@@ -363,7 +363,8 @@ static void test_frequencies(void)
             verify(name, elements[e],
                    bending ? "Euler-Bernoulli: 1.8751^2 (EI/rho A L^4)^(1/2)" : "pi/2 (E/rho L^2)^(1/2)",
                    "angular frequency (1/s)", w,
-                   measured_frequency(body, &mesh, sb_v3(1, 0, 0), bending ? 2 : 0, 0.1 / w, 200), 0.02);
+                   measured_frequency(body, &mesh, sb_v3(1, 0, 0), bending ? 2 : 0, 0.15 / w, 80),
+                   bending && element->degree == 1 ? 0.1 : 0.01);
             verify_free(body, &mesh);
         }
     }
@@ -384,7 +385,7 @@ static void test_torsional_frequency(void)
     add_velocity(body, &mesh, torsion_mode);
     verify("torsional frequency of a clamped round bar L/R = 10, 4 cells across, 8 along", "tet10",
            "pi/2 (G/rho L^2)^(1/2)", "angular frequency (1/s)", w,
-           measured_frequency(body, &mesh, sb_v3(1, REAL(radius), 0), 2, 0.1 / w, 150), 0.01);
+           measured_frequency(body, &mesh, sb_v3(1, REAL(radius), 0), 2, 0.15 / w, 80), 0.015);
     verify_free(body, &mesh);
 }
 
