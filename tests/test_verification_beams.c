@@ -114,9 +114,9 @@ static void test_pure_bending(void)
  * in *x, *z and returns the curvature there. */
 static double elastica_shoot(double a, double curvature, double *x, double *z)
 {
-    enum { STEPS = 2000 };
-    double state[4] = {0, curvature, 0, 0}, h = 1.0 / STEPS; /* angle, curvature, x, z */
-    for (int s = 0; s < STEPS; s++) {
+    static const int steps = 2000;
+    double state[4] = {0, curvature, 0, 0}, h = 1.0 / steps; /* angle, curvature, x, z */
+    for (int s = 0; s < steps; s++) {
         double slope[5][4], sum[4];
         memset(slope, 0, sizeof slope);
         for (int k = 1; k <= 4; k++) {

@@ -191,17 +191,21 @@ static void test_space(void)
 
 /* ---- time ---- */
 
-/* Tip of a bar that swings after a push, at time 0.4 s. Stiffness damping and a push in the shape of the first mode
- * keep fast modes out of it, which steps of this size do not resolve. */
-static double swing(const law *l, sb_integrator integrator, int steps, double push)
+enum { SWING_NODES = 20 }; /* 4 x 1 x 1 cells */
+
+/* Displacements of a bar that swings after a push, at time 0.4 s. A push in the shape of the first mode keeps fast
+ * modes out of it, which steps of this size do not resolve, and so does stiffness damping. Newmark's rule goes without
+ * that where the bar is not linear: its K is the one at the start of a step, which is of first order. */
+static void swing(const law *l, sb_integrator integrator, int steps, double push, sb_vec3 u[SWING_NODES])
 {
     sb_mesh mesh = verify_box(SB_HEX8, 4, 1, 1, 0.1, 0.02, 0.02);
     sb_body_def def = verify_def(&mesh, verify_element_named("hex8"), l->make(REAL(young), REAL(poisson), REAL(density)));
     sb_vec3 *v = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
     sb_body *body;
-    double tip;
+    CHECK_INT(mesh.node_count, SWING_NODES);
     def.integrator = integrator;
-    def.damping_stiffness = REAL(0.005);
+    if (integrator == SB_EULER || sb_material_is_linear(def.material.model))
+        def.damping_stiffness = REAL(0.005);
     def.tolerance = REAL(1e-12);
     def.newton_tolerance = REAL(1e-12);
     def.max_iterations = 2000;
@@ -215,10 +219,9 @@ static double swing(const law *l, sb_integrator integrator, int steps, double pu
     CHECK_OK(sb_body_set_velocities(body, v));
     for (int s = 0; s < steps; s++)
         CHECK_OK(sb_body_step(body, REAL(0.4 / steps), NULL));
-    tip = (double)sb_body_displacements(body)[mesh.node_count - 1].z;
+    memcpy(u, sb_body_displacements(body), SWING_NODES * sizeof(sb_vec3));
     free(v);
     verify_free(body, &mesh);
-    return tip;
 }
 
 typedef struct scheme {
@@ -228,7 +231,7 @@ typedef struct scheme {
     double bound;
 } scheme;
 
-static const scheme schemes[] = {{"Euler", SB_EULER, 1, 400, 0.1}, {"Newmark", SB_NEWMARK, 2, 200, 0.05}};
+static const scheme schemes[] = {{"Euler", SB_EULER, 1, 400, 0.04}, {"Newmark", SB_NEWMARK, 2, 200, 0.1}};
 
 /* From three runs with steps of h, h/2, h/4: the order is log2 of the ratio of the two differences. */
 static void test_time(void)
@@ -240,14 +243,15 @@ static void test_time(void)
     for (size_t i = 0; i < sizeof schemes / sizeof schemes[0]; i++)
         for (int k = 0; k < LAWS; k++) {
             const scheme *s = schemes + i;
-            double u[3];
+            sb_vec3 u[3][SWING_NODES];
             char name[80], what[80];
             for (int r = 0; r < 3; r++)
-                u[r] = swing(laws + k, s->integrator, s->steps << r, k ? 0.3 : 0.03);
+                swing(laws + k, s->integrator, s->steps << r, k ? 0.1 : 0.03, u[r]);
             snprintf(name, sizeof name, "bar swinging for 0.4 s, %d to %d steps", s->steps, s->steps << 2);
             snprintf(what, sizeof what, "%s, hex8, %s", s->name, laws[k].name);
             verify(name, what, "order of the rule (Hughes 1987, sec. 9.1), Richardson", "order in time", s->order,
-                   log(fabs((u[0] - u[1]) / (u[1] - u[2]))) / log(2.0), s->bound);
+                   log(scene_distance(u[0], u[1], SWING_NODES) / scene_distance(u[1], u[2], SWING_NODES)) / log(2.0),
+                   s->bound);
         }
 }
 

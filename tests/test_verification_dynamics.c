@@ -46,17 +46,17 @@ static sb_vec3 thrown(sb_vec3 x)
 static void test_projectile(void)
 {
     static const double gravity = 9.81, dt = 0.01;
-    enum { STEPS = 50 };
+    static const int steps = 50;
     for (int e = 0; e < VERIFY_ELEMENTS; e++)
         for (int newmark = 0; newmark < 2; newmark++) {
             const verify_element *element = verify_elements + e;
-            double t = STEPS * dt, height = 4 * t - gravity * t * t / 2;
+            double t = steps * dt, height = 4 * t - gravity * t * t / 2;
             sb_mesh mesh = verify_box(element->type, 2, 2, 2, 0.1, 0.1, 0.1);
             sb_body *body = moving_body(&mesh, element, sb_material_corotated(REAL(young), REAL(0.3), REAL(density)),
                                         newmark ? SB_NEWMARK : SB_EULER, SB_MASS_LUMPED, 0, 0);
             CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-gravity))));
             add_velocity(body, &mesh, thrown);
-            step(body, dt, STEPS);
+            step(body, dt, steps);
             verify(newmark ? "projectile, Newmark" : "projectile, Euler", element->name,
                    newmark ? "v t - g t^2/2" : "v t - g t (t + dt)/2", "height after 0.5 s (m)",
                    newmark ? height : height - gravity * t * dt / 2, (double)sb_body_displacements(body)[0].z, 1e-7);
@@ -103,7 +103,7 @@ static void test_spin(void)
 /* A column of n hex8 along x that can move along x (dilatation) or y (shear) only; clamped at x = 0. The nodal values
  * sin(k x), k = pi/(2 L), are an exact mode of the chain: w^2 = 4 M/(rho h^2) sin^2(k h/2), over
  * 1 - 2/3 sin^2(k h/2) with the consistent mass. */
-enum { CHAIN = 16 };
+static const int chain_cells = 16;
 
 typedef struct chain {
     sb_mesh mesh;
@@ -120,10 +120,10 @@ static chain make_chain(int axis, sb_integrator integrator, sb_mass_kind mass, d
 {
     static const double poisson = 0.3;
     verify_constants c = verify_constants_of(young, poisson);
-    double modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu, h = 1.0 / CHAIN, s = sin(VERIFY_PI * h / 4);
+    double modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu, h = 1.0 / chain_cells, s = sin(VERIFY_PI * h / 4);
     chain made;
     made.axis = axis;
-    made.mesh = verify_box(SB_HEX8, CHAIN, 1, 1, 1, h, h);
+    made.mesh = verify_box(SB_HEX8, chain_cells, 1, 1, 1, h, h);
     made.body = moving_body(&made.mesh, verify_element_named("hex8"),
                             sb_material_linear(REAL(young), REAL(poisson), REAL(density)), integrator, mass, alpha,
                             beta);
@@ -152,13 +152,13 @@ static void test_chain_newmark(void)
     static const char *names[2] = {"dilatational mode of a column, 16 cells", "shear mode of a column, 16 cells"};
     for (int axis = 0; axis < 2; axis++)
         for (int consistent = 0; consistent < 2; consistent++) {
-            enum { STEPS = 100 };
+            static const int steps = 100;
             chain c = make_chain(axis, SB_NEWMARK, consistent ? SB_MASS_CONSISTENT : SB_MASS_LUMPED, 0, 0);
             double dt = 0.13 / c.frequency, w = 2 / dt * atan(c.frequency * dt / 2);
-            step(c.body, dt, STEPS);
+            step(c.body, dt, steps);
             verify(names[axis], consistent ? "hex8, consistent mass" : "hex8, lumped mass",
                    "exact discrete mode, Newmark 1959: w_h = 2/dt atan(w dt/2)", "tip after 100 steps (m)",
-                   0.01 / c.frequency * sin(w * STEPS * dt), chain_tip(&c), 1e-6);
+                   0.01 / c.frequency * sin(w * steps * dt), chain_tip(&c), 1e-6);
             verify_free(c.body, &c.mesh);
         }
 }
@@ -166,13 +166,13 @@ static void test_chain_newmark(void)
 /* Euler's rule: each step divides the complex amplitude by 1 - i w dt. */
 static void test_chain_euler(void)
 {
-    enum { STEPS = 40 };
+    static const int steps = 40;
     chain c = make_chain(0, SB_EULER, SB_MASS_LUMPED, 0, 0);
     double dt = 0.1 / c.frequency, wdt = c.frequency * dt;
-    step(c.body, dt, STEPS);
+    step(c.body, dt, steps);
     verify("dilatational mode of a column, 16 cells", "hex8, lumped mass",
            "exact discrete mode, implicit Euler: amplitude (1 + w^2 dt^2)^(-n/2), phase n atan(w dt)",
-           "tip after 40 steps (m)", 0.01 / c.frequency * pow(1 + wdt * wdt, -STEPS / 2.0) * sin(STEPS * atan(wdt)),
+           "tip after 40 steps (m)", 0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)),
            chain_tip(&c), 1e-6);
     verify_free(c.body, &c.mesh);
 }
@@ -181,16 +181,16 @@ static void test_chain_euler(void)
  * exp(s dt): amplitude `size` and phase `turn` per step. */
 static void damped_chain(const char *name, double alpha, double beta)
 {
-    enum { STEPS = 60 };
+    static const int steps = 60;
     chain c = make_chain(0, SB_NEWMARK, SB_MASS_LUMPED, alpha, beta);
     double w = c.frequency, dt = 0.1 / w, a = (alpha + beta * w * w) / 2, b = sqrt(w * w - a * a);
     double p = b * dt / 2, q = a * dt / 2;
     double size = sqrt(((1 - q) * (1 - q) + p * p) / ((1 + q) * (1 + q) + p * p));
     double turn = atan2(p, 1 - q) + atan2(p, 1 + q);
-    step(c.body, dt, STEPS);
+    step(c.body, dt, steps);
     verify(name, "hex8, lumped mass", "Rayleigh 1877, 2 z w = alpha + beta w^2; exact under Newmark's rule",
-           "tip after 60 steps (m)", 0.01 / b * pow(size, STEPS) * sin(STEPS * turn), chain_tip(&c), 1e-6);
-    CHECK_NEAR(pow(size, STEPS), exp(-a * STEPS * dt), 0.01); /* and that is close to what is meant */
+           "tip after 60 steps (m)", 0.01 / b * pow(size, steps) * sin(steps * turn), chain_tip(&c), 1e-6);
+    CHECK_NEAR(pow(size, steps), exp(-a * steps * dt), 0.01); /* and that is close to what is meant */
     verify_free(c.body, &c.mesh);
 }
 
@@ -212,18 +212,18 @@ static sb_vec3 flying(sb_vec3 x)
  * bar flies back. Poisson's ratio 0, c^2 = E/rho; the mean force of the first 2 L/c is the impulse 2 rho A L v. */
 static void test_impact(void)
 {
-    enum { CELLS = 64, STEPS = 256 };
+    static const int cells = 64, steps = 256;
     static const double length = 1;
     static const verify_plane wall = {0, 0};
-    double c = sqrt(young / density), h = length / CELLS, t = 2 * length / c, impulse = 0, mean;
-    sb_mesh mesh = verify_box(SB_HEX8, CELLS, 1, 1, length, h, h);
+    double c = sqrt(young / density), h = length / cells, t = 2 * length / c, impulse = 0, mean;
+    sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, length, h, h);
     sb_body *body = moving_body(&mesh, verify_element_named("hex8"),
                                 sb_material_linear(REAL(young), 0, REAL(density)), SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     add_velocity(body, &mesh, flying);
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
-    for (int s = 0; s < STEPS; s++) {
-        step(body, t / STEPS, 1);
-        impulse += (double)verify_reaction(body, &mesh, verify_on_plane, &wall).x * t / STEPS;
+    for (int s = 0; s < steps; s++) {
+        step(body, t / steps, 1);
+        impulse += (double)verify_reaction(body, &mesh, verify_on_plane, &wall).x * t / steps;
     }
     mean = (double)sb_body_momentum(body).x / (density * length * h * h);
     verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: 2 rho A L v",
@@ -237,25 +237,25 @@ static void test_impact(void)
  * it is 2 F L/(E A) out, twice the static stretch, and is back at 4 L/c. */
 static void test_step_response(void)
 {
-    enum { CELLS = 64, STEPS = 128 };
+    static const int cells = 64, steps = 128;
     static const verify_plane end = {0, 1};
     static const char *source = "d'Alembert; Graff 1975, sec. 2.4: F c t/(E A), back from 2 L/c on";
     static const char *name = "bar loaded at once, 64 cells, 64 Newmark steps per L/c";
-    double c = sqrt(young / density), h = 1.0 / CELLS, dt = 2 / c / STEPS;
-    sb_mesh mesh = verify_box(SB_HEX8, CELLS, 1, 1, 1, h, h);
+    double c = sqrt(young / density), h = 1.0 / cells, dt = 2 / c / steps;
+    sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
     sb_body *body = moving_body(&mesh, verify_element_named("hex8"),
                                 sb_material_linear(REAL(young), 0, REAL(density)), SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     sb_vec3 pull = sb_v3(100, 0, 0);
     double unit = 100 / young;
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
     verify_load(body, &mesh, verify_on_plane, &end, verify_uniform, &pull);
-    step(body, dt, STEPS / 2);
+    step(body, dt, steps / 2);
     verify(name, "hex8", source, "end at L/c / (FL/EA)", 1,
            (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.02);
-    step(body, dt, STEPS / 2);
+    step(body, dt, steps / 2);
     verify(name, "hex8", source, "end at 2 L/c / (FL/EA)", 2,
            (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.02);
-    step(body, dt, STEPS);
+    step(body, dt, steps);
     verify(name, "hex8", source, "end at 4 L/c / (FL/EA)", 0,
            (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.05);
     verify_free(body, &mesh);
@@ -265,13 +265,13 @@ static void test_step_response(void)
  * which is a third of the plateau where d'Alembert's front is. */
 static void wave_case(int axis, const char *name, const char *source)
 {
-    enum { CELLS = 100, STEPS = 200 };
+    static const int cells = 100, steps = 200;
     static const double poisson = 0.3;
     static const verify_plane middle = {0, 0.5}, end = {0, 1};
     verify_constants k = verify_constants_of(young, poisson);
-    double c = sqrt((axis == 0 ? k.lambda + 2 * k.mu : k.mu) / density), h = 1.0 / CELLS, dt = 1 / c / STEPS;
+    double c = sqrt((axis == 0 ? k.lambda + 2 * k.mu : k.mu) / density), h = 1.0 / cells, dt = 1 / c / steps;
     double plateau = 0.1 / (density * c), arrival = 0, last = 0;
-    sb_mesh mesh = verify_box(SB_HEX8, CELLS, 1, 1, 1, h, h);
+    sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
     sb_body *body =
         moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), REAL(poisson), REAL(density)),
                     SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
@@ -279,7 +279,7 @@ static void wave_case(int axis, const char *name, const char *source)
     for (int i = 0; i < mesh.node_count; i++)
         CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ & ~(1 << axis)));
     verify_load(body, &mesh, verify_on_plane, &end, verify_uniform, &push);
-    for (int s = 1; s <= STEPS && arrival == 0; s++) {
+    for (int s = 1; s <= steps && arrival == 0; s++) {
         double speed = 0;
         step(body, dt, 1);
         for (int i = 0; i < mesh.node_count; i++)

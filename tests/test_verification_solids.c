@@ -402,21 +402,21 @@ static void test_soft_column(void)
 {
     static const double length = 1, density = 1000, gravity = 2, poisson = 0.3;
     static const verify_plane top = {2, 1};
-    enum { CELLS = 8, STEPS = 100 };
+    static const int cells = 8, steps = 100;
     const verify_element *element = verify_element_named("tet10");
     for (int m = 0; m < VERIFY_MATERIALS; m++) {
-        sb_mesh mesh = verify_box(element->type, 1, 1, CELLS, 0.125, 0.125, length);
+        sb_mesh mesh = verify_box(element->type, 1, 1, cells, 0.125, 0.125, length);
         sb_body_def def =
             verify_def(&mesh, element, verify_materials[m].make(REAL(young), REAL(poisson), REAL(density)));
         sb_body *body;
         double sag = 0;
-        for (int s = 0; s <= STEPS; s++) { /* Simpson's rule */
+        for (int s = 0; s <= steps; s++) { /* Simpson's rule */
             pressed p;
-            double weight = s == 0 || s == STEPS ? 1 : s % 2 ? 4 : 2;
+            double weight = s == 0 || s == steps ? 1 : s % 2 ? 4 : 2;
             p.material = verify_materials + m;
             p.poisson = poisson;
-            p.stress = -density * gravity * length * (1 - (double)s / STEPS);
-            sag += weight * (verify_root(pressed_error, &p, 0.6, 1.1) - 1) * length / (3 * STEPS);
+            p.stress = -density * gravity * length * (1 - (double)s / steps);
+            sag += weight * (verify_root(pressed_error, &p, 0.6, 1.1) - 1) * length / (3 * steps);
         }
         def.gravity = sb_v3(0, 0, REAL(-gravity));
         body = scene_body(&def);
@@ -558,12 +558,12 @@ static void radial_slope(const pressed *p, double R, const double state[2], doub
 /* Stress at the outer radius 2 when the sphere starts from r(1) = p->stress with the radial stretch `start`. */
 static double outer_stress(const void *user, double start)
 {
-    enum { STEPS = 100 };
+    static const int steps = 100;
     const pressed *p = (const pressed *)user;
-    double state[2], h = 1.0 / STEPS;
+    double state[2], h = 1.0 / steps;
     state[0] = p->stress;
     state[1] = start;
-    for (int s = 0; s < STEPS; s++) {
+    for (int s = 0; s < steps; s++) {
         double k[4][2], at[2], R = 1 + s * h;
         radial_slope(p, R, state, k[0]);
         for (int stage = 1; stage < 4; stage++) {

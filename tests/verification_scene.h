@@ -28,7 +28,7 @@ static inline const verify_element *verify_element_named(const char *name)
     for (int i = 0; i < VERIFY_ELEMENTS; i++)
         if (strcmp(verify_elements[i].name, name) == 0)
             return verify_elements + i;
-    CHECK(!"no such element");
+    CHECK(!name);
     return verify_elements;
 }
 
