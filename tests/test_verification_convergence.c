@@ -181,11 +181,11 @@ static void test_space(void)
             snprintf(name, sizeof name, "manufactured solution, %d and %d cells per side", cells, 2 * cells);
             snprintf(what, sizeof what, "%s, %s", element->name, laws[k].name);
             verify(name, what, "Strang and Fix 1973: h^(p+1)", "order of the displacements, L2", element->degree + 1,
-                   log(coarse[0] / fine[0]) / log(2.0), 0.05);
+                   log(coarse[0] / fine[0]) / log(2.0), 0.03);
             verify(name, what, "Strang and Fix 1973: h^p", "order of their gradients, L2", element->degree,
-                   log(coarse[1] / fine[1]) / log(2.0), 0.05);
+                   log(coarse[1] / fine[1]) / log(2.0), 0.03);
             verify(name, what, "u_i = 0.1 sin(k_i . X + c_i)", "error of the finer mesh (m)", 0, fine[0],
-                   element->degree > 1 ? 2e-4 : 2e-3);
+                   element->degree > 1 ? 6e-5 : 1.5e-3);
         }
 }
 
@@ -231,7 +231,7 @@ typedef struct scheme {
     double bound;
 } scheme;
 
-static const scheme schemes[] = {{"Euler", SB_EULER, 1, 400, 0.04}, {"Newmark", SB_NEWMARK, 2, 200, 0.1}};
+static const scheme schemes[] = {{"Euler", SB_EULER, 1, 400, 0.03}, {"Newmark", SB_NEWMARK, 2, 200, 0.1}};
 
 /* From three runs with steps of h, h/2, h/4: the order is log2 of the ratio of the two differences. */
 static void test_time(void)

@@ -59,7 +59,7 @@ static void test_projectile(void)
             step(body, dt, steps);
             verify(newmark ? "projectile, Newmark" : "projectile, Euler", element->name,
                    newmark ? "v t - g t^2/2" : "v t - g t (t + dt)/2", "height after 0.5 s (m)",
-                   newmark ? height : height - gravity * t * dt / 2, (double)sb_body_displacements(body)[0].z, 1e-7);
+                   newmark ? height : height - gravity * t * dt / 2, (double)sb_body_displacements(body)[0].z, 1e-8);
             verify_free(body, &mesh);
         }
 }
@@ -92,7 +92,7 @@ static void test_spin(void)
     momentum = (double)(sb_body_mass(body) * 10) * 0.1;
     step(body, 0.005, 400);
     verify("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", "hex8, neo_hookean", "L = const",
-           "angular momentum (kg m^2/s)", before, (double)angular_momentum(body, &mesh).z, 0.01);
+           "angular momentum (kg m^2/s)", before, (double)angular_momentum(body, &mesh).z, 0.002);
     verify("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", "hex8, neo_hookean", "p = 0",
            "momentum/(m w L/2)", 0, (double)sb_v3_norm(sb_body_momentum(body)) / momentum, 1e-8);
     verify_free(body, &mesh);
@@ -158,7 +158,7 @@ static void test_chain_newmark(void)
             step(c.body, dt, steps);
             verify(names[axis], consistent ? "hex8, consistent mass" : "hex8, lumped mass",
                    "exact discrete mode, Newmark 1959: w_h = 2/dt atan(w dt/2)", "tip after 100 steps (m)",
-                   0.01 / c.frequency * sin(w * steps * dt), chain_tip(&c), 1e-6);
+                   0.01 / c.frequency * sin(w * steps * dt), chain_tip(&c), 1e-8);
             verify_free(c.body, &c.mesh);
         }
 }
@@ -173,7 +173,7 @@ static void test_chain_euler(void)
     verify("dilatational mode of a column, 16 cells", "hex8, lumped mass",
            "exact discrete mode, implicit Euler: amplitude (1 + w^2 dt^2)^(-n/2), phase n atan(w dt)",
            "tip after 40 steps (m)", 0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)),
-           chain_tip(&c), 1e-6);
+           chain_tip(&c), 1e-8);
     verify_free(c.body, &c.mesh);
 }
 
@@ -189,7 +189,7 @@ static void damped_chain(const char *name, double alpha, double beta)
     double turn = atan2(p, 1 - q) + atan2(p, 1 + q);
     step(c.body, dt, steps);
     verify(name, "hex8, lumped mass", "Rayleigh 1877, 2 z w = alpha + beta w^2; exact under Newmark's rule",
-           "tip after 60 steps (m)", 0.01 / b * pow(size, steps) * sin(steps * turn), chain_tip(&c), 1e-6);
+           "tip after 60 steps (m)", 0.01 / b * pow(size, steps) * sin(steps * turn), chain_tip(&c), 1e-8);
     CHECK_NEAR(pow(size, steps), exp(-a * steps * dt), 0.01); /* and that is close to what is meant */
     verify_free(c.body, &c.mesh);
 }
@@ -251,13 +251,13 @@ static void test_step_response(void)
     verify_load(body, &mesh, verify_on_plane, &end, verify_uniform, &pull);
     step(body, dt, steps / 2);
     verify(name, "hex8", source, "end at L/c / (FL/EA)", 1,
-           (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.02);
+           (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 1e-3);
     step(body, dt, steps / 2);
     verify(name, "hex8", source, "end at 2 L/c / (FL/EA)", 2,
-           (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.02);
+           (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.03);
     step(body, dt, steps);
     verify(name, "hex8", source, "end at 4 L/c / (FL/EA)", 0,
-           (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.05);
+           (double)verify_mean(body, &mesh, verify_on_plane, &end).x / unit, 0.08);
     verify_free(body, &mesh);
 }
 
@@ -289,7 +289,7 @@ static void wave_case(int axis, const char *name, const char *source)
             arrival = (s - (speed - plateau / 3) / (speed - last)) * dt;
         last = speed;
     }
-    verify(name, "hex8", source, "wave speed (m/s)", c, 0.5 / arrival, 0.02);
+    verify(name, "hex8", source, "wave speed (m/s)", c, 0.5 / arrival, 0.001);
     verify_free(body, &mesh);
 }
 
@@ -346,6 +346,7 @@ static void test_frequencies(void)
 {
     static const double h = 0.05;
     static const char *elements[] = {"tet10", "hex8"};
+    static const double bounds[][2] = {{3e-5, 1e-3}, {1.5e-4, 0.12}};
     for (int e = 0; e < 2; e++) {
         const verify_element *element = verify_element_named(elements[e]);
         int along = element->degree > 1 ? 10 : 40, across = element->degree > 1 ? 1 : 2;
@@ -364,7 +365,7 @@ static void test_frequencies(void)
                    bending ? "Euler-Bernoulli: 1.8751^2 (EI/rho A L^4)^(1/2)" : "pi/2 (E/rho L^2)^(1/2)",
                    "angular frequency (1/s)", w,
                    measured_frequency(body, &mesh, sb_v3(1, 0, 0), bending ? 2 : 0, 0.15 / w, 80),
-                   bending && element->degree == 1 ? 0.1 : 0.01);
+                   bounds[e][bending]);
             verify_free(body, &mesh);
         }
     }
@@ -420,7 +421,7 @@ static void test_pendulum(void)
     sb_body *body = pendulum(&mesh, 1e9, 0);
     add_velocity(body, &mesh, swung);
     verify("pendulum of E = 1 GPa, 0.01 rad, 10x1x1", "hex8, corotated", "Huygens 1673: (m g d/I)^(1/2)",
-           "angular frequency (1/s)", w, measured_frequency(body, &mesh, sb_v3(1, 0, 0), 2, 0.1 / w, 200), 0.01);
+           "angular frequency (1/s)", w, measured_frequency(body, &mesh, sb_v3(1, 0, 0), 2, 0.1 / w, 200), 5e-4);
     verify_free(body, &mesh);
 }
 
@@ -442,10 +443,10 @@ static void test_pendulum_energy(void)
         worst = verify_worse(worst, fabs(sum) / scale);
     }
     verify("bar of E = 1 MPa swinging from the horizontal, 1 s, Newmark dt = 5 ms", "hex8, corotated",
-           "elastic + kinetic - m g . u = 0", "largest imbalance/(m g L/2)", 0, worst, 0.01);
+           "elastic + kinetic - m g . u = 0", "largest imbalance/(m g L/2)", 0, worst, 0.001);
     verify("bar of E = 1 MPa swinging from the horizontal, 1 s, Newmark dt = 5 ms", "hex8, corotated",
            "m g d: all of it kinetic at the lowest point", "largest kinetic energy/(m g d)", 1,
-           most / (scale * sqrt(1 + thickness * thickness)), 0.05);
+           most / (scale * sqrt(1 + thickness * thickness)), 0.012);
     verify_free(body, &mesh);
 }
 

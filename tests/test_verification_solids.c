@@ -128,10 +128,10 @@ static void hold_everywhere(sb_body *body, int axes)
 
 static void test_cylinder(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 12, 24, 0.3, 0.02, 0.2},
-                                          {"tet10", 4, 8, 0.3, 1e-3, 0.02},
-                                          {"hex8", 12, 24, 0.3, 0.01, 0.1},
-                                          {"tet10", 4, 8, 0.4999, 0.01, 0.5}};
+    static const mesh_choice choices[] = {{"tet4", 12, 24, 0.3, 0.008, 0.15},
+                                          {"tet10", 4, 8, 0.3, 2e-6, 0.0025},
+                                          {"hex8", 12, 24, 0.3, 0.0025, 0.1},
+                                          {"tet10", 4, 8, 0.4999, 5e-4, 0.011}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -178,10 +178,10 @@ static double sphere_displacement(const lame *c)
 
 static void test_sphere(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 8, 8, 0.3, 0.02, 0.2},
-                                          {"tet10", 3, 3, 0.3, 1e-3, 0.05},
-                                          {"hex8", 8, 8, 0.3, 0.015, 0.2},
-                                          {"tet10", 3, 3, 0.499, 0.01, 0.5}};
+    static const mesh_choice choices[] = {{"tet4", 8, 8, 0.3, 0.03, 0.3},
+                                          {"tet10", 3, 3, 0.3, 8e-4, 0.05},
+                                          {"hex8", 8, 8, 0.3, 0.015, 0.25},
+                                          {"tet10", 3, 3, 0.499, 0.007, 0.085}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -263,9 +263,9 @@ static sb_vec3 kirsch_traction(const void *user, sb_vec3 x, sb_vec3 n)
 
 static void test_kirsch(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 16, 24, 0.3, 0.05, 0.2},
-                                          {"tet10", 6, 8, 0.3, 1e-2, 0.05},
-                                          {"hex8", 16, 24, 0.3, 0.02, 0.1}};
+    static const mesh_choice choices[] = {{"tet4", 16, 24, 0.3, 0.018, 0.09},
+                                          {"tet10", 6, 8, 0.3, 0.0017, 0.04},
+                                          {"hex8", 16, 24, 0.3, 0.009, 0.05}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -312,7 +312,7 @@ static void test_goodier(void)
     verify("spherical hole in a ball of 10 radii, octant, 3 of 8x5x5", "tet10",
            "Goodier 1933: (27 - 15 nu)/(14 - 10 nu)", "stress concentration at the equator",
            (27 - 15 * poisson) / (14 - 10 * poisson),
-           nodal_stress(body, &mesh, sb_v3(1, 0, 0), 2, poisson) / tension, 0.05);
+           nodal_stress(body, &mesh, sb_v3(1, 0, 0), 2, poisson) / tension, 0.08);
     verify_free(body, &mesh);
 }
 
@@ -321,7 +321,7 @@ static void test_goodier(void)
 /* A confined column: u(L) = -rho g L^2/(2 (lambda + 2 mu)). */
 static void test_confined_column(void)
 {
-    static const double length = 1, density = 1000, gravity = 1, poisson = 0.3, bounds[] = {0.05, 1e-8};
+    static const double length = 1, density = 1000, gravity = 1, poisson = 0.3, bounds[] = {6e-4, 1e-8};
     verify_constants c = verify_constants_of(young, poisson);
     for (int e = 0; e < VERIFY_ELEMENTS; e++) {
         static const verify_plane top = {2, 1};
@@ -377,7 +377,7 @@ static void test_hanging_bar(void)
             worst = verify_worse(worst, (double)sb_v3_norm(u) / 0.5);
         }
         verify("hanging bar under its weight, quarter, 2x2x8", element->name, "Timoshenko and Goodier 1970, sec. 96",
-               "largest error of u/stretch", 0, worst, element->degree > 1 ? 1e-8 : 0.05);
+               "largest error of u/stretch", 0, worst, element->degree > 1 ? 1e-8 : element->type == SB_TET4 ? 0.09 : 0.02);
         verify_free(body, &mesh);
     }
 }
@@ -426,7 +426,7 @@ static void test_soft_column(void)
         char what[80];
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
         verify("soft confined column under its weight, 1x1x8", what, "P(l) = -rho g (L - Z), integrated in the test",
-               "sag of the top (m)", sag, (double)verify_mean(body, &mesh, verify_on_plane, &top).z, 1e-4);
+               "sag of the top (m)", sag, (double)verify_mean(body, &mesh, verify_on_plane, &top).z, 1.5e-5);
         verify_free(body, &mesh);
     }
 }
@@ -441,11 +441,11 @@ static sb_vec3 map_cook(const void *user, double x, double y, double z)
 /* Plane stress with E = 1, nu = 1/3 is plane strain with E (1 + 2 nu)/(1 + nu)^2 = 15/16 and nu/(1 + nu) = 1/4. */
 static void test_cook(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 32, 32, 0.25, 0.1, 0},
-                                          {"tet10", 4, 4, 0.25, 0.03, 0},
-                                          {"tet10", 12, 12, 0.25, 0.005, 0},
-                                          {"hex8", 8, 8, 0.25, 0.1, 0},
-                                          {"hex8", 32, 32, 0.25, 0.01, 0}};
+    static const mesh_choice choices[] = {{"tet4", 32, 32, 0.25, 0.06, 0},
+                                          {"tet10", 4, 4, 0.25, 0.036, 0},
+                                          {"tet10", 12, 12, 0.25, 0.004, 0},
+                                          {"hex8", 8, 8, 0.25, 0.15, 0},
+                                          {"hex8", 32, 32, 0.25, 0.012, 0}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         static const verify_plane right = {0, 48};
         const mesh_choice *choice = choices + i;
@@ -490,7 +490,7 @@ static void test_bonded_disc(void)
     force = -(double)verify_reaction(body, &mesh, verify_on_plane, &end).x;
     verify("bonded disc R/h = 2, nu 0.499, 10 cells across, 4 high", "tet10",
            "Gent and Lindley 1959: E (1 + 2 S^2), approximate", "apparent modulus/E",
-           1 / (1 / apparent + 1 / c.bulk) / young, force / (VERIFY_PI * radius * radius * strain) / young, 0.2);
+           1 / (1 / apparent + 1 / c.bulk) / young, force / (VERIFY_PI * radius * radius * strain) / young, 0.12);
     verify_free(body, &mesh);
 }
 
@@ -524,7 +524,7 @@ static void test_balloon(void)
     double area = VERIFY_PI / 2 * pow(inner * stretch, 2);
     verify("thick sphere b/a = 2 inflated to 1.5 a, nu 0.499, octant, 3 of 4x4x4", "tet10, neo_hookean_isochoric",
            "Green and Zerna 1954, sec. 3.10 (incompressible)", "pressure/mu", expected,
-           inflate(body, &mesh, inner, stretch) / (area * mu), 0.02);
+           inflate(body, &mesh, inner, stretch) / (area * mu), 0.002);
     verify_free(body, &mesh);
 }
 
@@ -597,7 +597,7 @@ static void test_inflation(void)
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
         verify("thick sphere b/a = 2 inflated to 1.1 a, nu 0.3, octant, 3 of 3x2x2", what,
                "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test", "radial force on the octant (N)", force,
-               inflate(body, &mesh, inner, stretch), 0.01);
+               inflate(body, &mesh, inner, stretch), p.material->principal == verify_svk ? 0.002 : 3e-4);
         verify_free(body, &mesh);
     }
 }
@@ -627,10 +627,10 @@ static void test_rivlin(void)
     verify_solve(body);
     verify("cylinder twisted by 0.5 rad per radius, nu 0.49, 8 cells across", "tet10, neo_hookean_isochoric",
            "Rivlin 1949 (incompressible)", "torque/(mu R^3)", VERIFY_PI * twist / 2,
-           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x / mu, 0.01);
+           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x / mu, 0.0015);
     verify("cylinder twisted by 0.5 rad per radius, nu 0.49, 8 cells across", "tet10, neo_hookean_isochoric",
            "Rivlin 1949 (incompressible), Poynting effect", "axial force/(mu R^2)", -VERIFY_PI * twist * twist / 4,
-           (double)verify_reaction(body, &mesh, verify_on_plane, &right).x / mu, 0.05);
+           (double)verify_reaction(body, &mesh, verify_on_plane, &right).x / mu, 0.045);
     verify_free(body, &mesh);
 }
 
