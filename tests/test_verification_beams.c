@@ -1,5 +1,5 @@
-/* Beams, bars under torsion and plates against their theories. Theories of slender bodies are approximations: the
- * case names carry the mesh, and the bounds hold both errors. */
+/* Beams, bars under torsion and plates against their theories. Theories of slender bodies are approximations:
+ * the case names carry the mesh, and the bounds hold both errors. */
 #include "verification_scene.h"
 
 static const double young = 1e6, poisson_none = 0;
@@ -49,7 +49,8 @@ static void test_cantilever(void)
         double expected = force / (3 * young * inertia) + force / (5.0 / 6 * young / 2 * h * h);
         char name[80];
         sb_mesh mesh;
-        sb_body *body = cantilever(&mesh, meshes + i, h, sb_material_linear(REAL(young), REAL(poisson_none), 1000));
+        sb_body *body =
+            cantilever(&mesh, meshes + i, h, sb_material_linear(REAL(young), REAL(poisson_none), 1000));
         load_tip(body, &mesh, h, 0, force);
         verify_solve(body);
         name_with_mesh(name, sizeof name, "cantilever L/h = 10, tip load", meshes + i);
@@ -97,21 +98,22 @@ static void test_pure_bending(void)
         verify_solve(body);
         for (int k = 0; k < mesh.node_count; k++) {
             double x = (double)mesh.nodes[k].x, y = (double)mesh.nodes[k].y, z = (double)mesh.nodes[k].z;
-            sb_vec3 u = sb_v3(REAL(x * z), REAL(-poisson * y * z), REAL(-0.5 * (x * x + poisson * (z * z - y * y))));
+            sb_vec3 u =
+                sb_v3(REAL(x * z), REAL(-poisson * y * z), REAL(-0.5 * (x * x + poisson * (z * z - y * y))));
             u = sb_v3_sub(sb_v3_scale(REAL(young / slope), sb_body_displacements(body)[k]), u);
             worst = verify_worse(worst, (double)sb_v3_norm(u) / 0.5);
         }
         name_with_mesh(name, sizeof name, "pure bending", r);
-        verify(name, r->element, "Timoshenko and Goodier 1970, sec. 102", "largest error of u/tip deflection", 0, worst,
-               r->bound);
+        verify(name, r->element, "Timoshenko and Goodier 1970, sec. 102", "largest error of u/tip deflection",
+               0, worst, r->bound);
         verify_free(body, &mesh);
     }
 }
 
 /* ---- large deflections ---- */
 
-/* The elastica of length 1: curvature k' = -a cos(angle), a = P L^2/EI, by Runge-Kutta from the clamp. Leaves the tip
- * in *x, *z and returns the curvature there. */
+/* The elastica of length 1: curvature k' = -a cos(angle), a = P L^2/EI, by Runge-Kutta from the clamp. Leaves
+ * the tip in *x, *z and returns the curvature there. */
 static double elastica_shoot(double a, double curvature, double *x, double *z)
 {
     static const int steps = 2000;
@@ -168,10 +170,10 @@ static void elastica_case(const resolution *r, const verify_material *material, 
     tip = verify_mean(body, &mesh, verify_on_plane, &right);
     snprintf(name, sizeof name, "elastica PL^2/EI = %g, L/h = 20, %dx%dx%d", a, r->nx, r->ny, r->nz);
     snprintf(what, sizeof what, "%s, %s", r->element, material->name);
-    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip deflection/L", z, (double)tip.z,
-           r->bound);
-    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip shortening/L", 1 - x, -(double)tip.x,
-           2.5 * r->bound);
+    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip deflection/L", z,
+           (double)tip.z, r->bound);
+    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip shortening/L", 1 - x,
+           -(double)tip.x, 2.5 * r->bound);
     verify_free(body, &mesh);
 }
 
@@ -189,8 +191,8 @@ static void test_elastica(void)
     elastica_case(&hex8, verify_materials + 1, 2);
 }
 
-/* A beam rolled up by turning its end along the circle that pure bending gives: M = E I angle/L. Curvature 2 pi and
- * h = 0.04 strain the outside by 13 %, hence the corotated model, whose bending is linear. */
+/* A beam rolled up by turning its end along the circle that pure bending gives: M = E I angle/L. Curvature 2
+ * pi and h = 0.04 strain the outside by 13 %, hence the corotated model, whose bending is linear. */
 static void rolled_case(const resolution *r, double turn, int steps)
 {
     static const double h = 0.04;
@@ -213,11 +215,11 @@ static void rolled_case(const resolution *r, double turn, int steps)
     }
     centre = sb_v3(REAL(sin(turn) / turn), REAL(h / 2), REAL(h / 2 + (1 - cos(turn)) / turn));
     torque = verify_torque(body, &mesh, verify_on_plane, &right, centre, sb_body_positions(body));
-    snprintf(name, sizeof name, "beam bent by %g degrees, L/h = 25, %dx%dx%d", turn * 180 / VERIFY_PI, r->nx, r->ny,
-             r->nz);
+    snprintf(name, sizeof name, "beam bent by %g degrees, L/h = 25, %dx%dx%d", turn * 180 / VERIFY_PI, r->nx,
+             r->ny, r->nz);
     snprintf(what, sizeof what, "%s, corotated", r->element);
-    verify(name, what, "Euler: M = EI angle/L", "end moment/(EI/L)", turn, -(double)torque.y / (young * inertia),
-           r->bound * pow(turn / (1.5 * VERIFY_PI), 2));
+    verify(name, what, "Euler: M = EI angle/L", "end moment/(EI/L)", turn,
+           -(double)torque.y / (young * inertia), r->bound * pow(turn / (1.5 * VERIFY_PI), 2));
     verify_free(body, &mesh);
 }
 
@@ -236,17 +238,19 @@ static void test_beam_column(void)
     static const double h = 0.05, share[2] = {0.5, -1};
     for (int i = 0; i < 2; i++) {
         double inertia = h * h * h * h / 12, critical = VERIFY_PI * VERIFY_PI * young * inertia / 4;
-        double axial = share[i] * critical, lateral = 1e-3 * critical, k = sqrt(fabs(axial) / (young * inertia));
+        double axial = share[i] * critical, lateral = 1e-3 * critical,
+               k = sqrt(fabs(axial) / (young * inertia));
         double shape = axial > 0 ? tan(k) - k : k - tanh(k);
         char name[80];
         sb_mesh mesh;
-        sb_body *body = cantilever(&mesh, &tet10, h, sb_material_corotated(REAL(young), REAL(poisson_none), 1000));
+        sb_body *body =
+            cantilever(&mesh, &tet10, h, sb_material_corotated(REAL(young), REAL(poisson_none), 1000));
         load_tip(body, &mesh, h, -axial, lateral);
         verify_solve(body);
         snprintf(name, sizeof name, "beam-column at %g of Euler's load, L/h = 20, 20x1x1", share[i]);
         verify(name, "tet10, corotated", "Timoshenko and Gere 1961, ch. 1", "tip deflection (m)",
-               lateral / (fabs(axial) * k) * shape, (double)verify_mean(body, &mesh, verify_on_plane, &right).z,
-               tet10.bound);
+               lateral / (fabs(axial) * k) * shape,
+               (double)verify_mean(body, &mesh, verify_on_plane, &right).z, tet10.bound);
         verify_free(body, &mesh);
     }
 }
@@ -272,7 +276,8 @@ static double twist(sb_body *body, const sb_mesh *mesh, double length, double cy
     }
     CHECK(held);
     verify_solve(body);
-    return (double)verify_torque(body, mesh, verify_on_plane, &end, sb_v3(0, REAL(cy), REAL(cz)), mesh->nodes).x;
+    return (double)verify_torque(body, mesh, verify_on_plane, &end, sb_v3(0, REAL(cy), REAL(cz)), mesh->nodes)
+        .x;
 }
 
 /* J/a^4 of a square section: 1/3 - 64/pi^5 sum tanh(n pi/2)/n^5, n odd. */
@@ -298,8 +303,9 @@ static void test_square_torsion(void)
         double shear = young / (2 * (1 + poisson));
         char name[80];
         name_with_mesh(name, sizeof name, "torsion of a square bar", r);
-        verify(name, r->element, "Saint-Venant 1855: J = 0.1406 a^4, summed in the test", "torque/(G angle a^4/L)",
-               square_torsion(), twist(body, &mesh, length, 0.5, 0.5, angle) / (shear * angle / length), r->bound);
+        verify(name, r->element, "Saint-Venant 1855: J = 0.1406 a^4, summed in the test",
+               "torque/(G angle a^4/L)", square_torsion(),
+               twist(body, &mesh, length, 0.5, 0.5, angle) / (shear * angle / length), r->bound);
         verify_free(body, &mesh);
     }
 }
@@ -316,7 +322,8 @@ static void test_round_torsion(void)
         sb_body *body;
         double shear = young / (2 * (1 + poisson));
         char name[80];
-        if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), r->ny, r->nx, NULL, &mesh, NULL)))
+        if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), r->ny, r->nx, NULL,
+                                       &mesh, NULL)))
             continue;
         verify_round(&mesh, radius);
         body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
@@ -342,7 +349,8 @@ static void test_disc(void)
     if (!CHECK_OK(sb_mesh_cylinder(SB_TET10, 0, REAL(radius), REAL(h), 24, 1, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
-    def = verify_def(&mesh, verify_element_named("tet10"), sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
+    def = verify_def(&mesh, verify_element_named("tet10"),
+                     sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
     def.gravity = sb_v3(REAL(-gravity), 0, 0);
     body = scene_body(&def);
     for (int i = 0; i < mesh.node_count; i++) {
@@ -355,7 +363,8 @@ static void test_disc(void)
         lowest = fmin(lowest, (double)sb_body_displacements(body)[i].x);
     verify("clamped disc R/h = 10, weight, 24 cells across", "tet10",
            "Timoshenko and Woinowsky-Krieger 1959: qR^4/64D, shear qR^2/4kGh", "sag of the middle (m)",
-           q * pow(radius, 4) / (64 * stiffness) + q * radius * radius / (4 * 5.0 / 6 * shear * h), -lowest, 0.04);
+           q * pow(radius, 4) / (64 * stiffness) + q * radius * radius / (4 * 5.0 / 6 * shear * h), -lowest,
+           0.04);
     verify_free(body, &mesh);
 }
 
@@ -388,8 +397,10 @@ static void test_square_plate(void)
     verify_solve(body);
     for (int i = 0; i < mesh.node_count; i++)
         if (mesh.nodes[i].x == 0 && mesh.nodes[i].y == 0 && mesh.nodes[i].z == 0)
-            verify("simply supported plate a/h = 50, quarter, 10x10x1", "tet10", "Navier 1820: 0.00406 qa^4/D, summed "
-                   "in the test", "deflection of the middle/(qa^4/D)", navier(),
+            verify("simply supported plate a/h = 50, quarter, 10x10x1", "tet10",
+                   "Navier 1820: 0.00406 qa^4/D, summed "
+                   "in the test",
+                   "deflection of the middle/(qa^4/D)", navier(),
                    -(double)sb_body_displacements(body)[i].z * stiffness / q, 0.009);
     verify_free(body, &mesh);
 }
@@ -397,7 +408,7 @@ static void test_square_plate(void)
 static void test_table(void) { verify_table("verification_beams"); }
 
 CHECK_SUITE(verification_beams, {"cantilever", test_cantilever}, {"pure bending", test_pure_bending},
-            {"elastica of the literature", test_elastica_itself}, {"elastica", test_elastica}, {"rolled", test_rolled},
-            {"beam-column", test_beam_column}, {"torsion of a square bar", test_square_torsion},
-            {"torsion of a round bar", test_round_torsion}, {"clamped disc", test_disc},
-            {"square plate", test_square_plate}, {"table", test_table});
+            {"elastica of the literature", test_elastica_itself}, {"elastica", test_elastica},
+            {"rolled", test_rolled}, {"beam-column", test_beam_column},
+            {"torsion of a square bar", test_square_torsion}, {"torsion of a round bar", test_round_torsion},
+            {"clamped disc", test_disc}, {"square plate", test_square_plate}, {"table", test_table});

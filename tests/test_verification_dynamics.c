@@ -1,11 +1,13 @@
-/* Motion against closed forms: free flight, waves, impact, natural frequencies, damping, balance of energy and
- * momentum. Time is measured in steps whose own dispersion is known exactly where the case name says so. */
+/* Motion against closed forms: free flight, waves, impact, natural frequencies, damping, balance of energy
+ * and momentum. Time is measured in steps whose own dispersion is known exactly where the case name says so.
+ * */
 #include "verification_scene.h"
 
 static const double young = 1e4, density = 1000;
 
 static sb_body *moving_body(const sb_mesh *mesh, const verify_element *element, sb_material material,
-                            sb_integrator integrator, sb_mass_kind mass, double damping_mass, double damping_stiffness)
+                            sb_integrator integrator, sb_mass_kind mass, double damping_mass,
+                            double damping_stiffness)
 {
     sb_body_def def = verify_def(mesh, element, material);
     def.integrator = integrator;
@@ -52,19 +54,24 @@ static void test_projectile(void)
             const verify_element *element = verify_elements + e;
             double t = steps * dt, height = 4 * t - gravity * t * t / 2;
             sb_mesh mesh = verify_box(element->type, 2, 2, 2, 0.1, 0.1, 0.1);
-            sb_body *body = moving_body(&mesh, element, sb_material_corotated(REAL(young), REAL(0.3), REAL(density)),
-                                        newmark ? SB_NEWMARK : SB_EULER, SB_MASS_LUMPED, 0, 0);
+            sb_body *body =
+                moving_body(&mesh, element, sb_material_corotated(REAL(young), REAL(0.3), REAL(density)),
+                            newmark ? SB_NEWMARK : SB_EULER, SB_MASS_LUMPED, 0, 0);
             CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-gravity))));
             add_velocity(body, &mesh, thrown);
             step(body, dt, steps);
             verify(newmark ? "projectile, Newmark" : "projectile, Euler", element->name,
                    newmark ? "v t - g t^2/2" : "v t - g t (t + dt)/2", "height after 0.5 s (m)",
-                   newmark ? height : height - gravity * t * dt / 2, (double)sb_body_displacements(body)[0].z, 1e-8);
+                   newmark ? height : height - gravity * t * dt / 2, (double)sb_body_displacements(body)[0].z,
+                   1e-8);
             verify_free(body, &mesh);
         }
 }
 
-static sb_vec3 spinning(sb_vec3 x) { return sb_v3_cross(sb_v3(0, 0, 10), sb_v3_sub(x, sb_v3(REAL(0.1), REAL(0.05), 0))); }
+static sb_vec3 spinning(sb_vec3 x)
+{
+    return sb_v3_cross(sb_v3(0, 0, 10), sb_v3_sub(x, sb_v3(REAL(0.1), REAL(0.05), 0)));
+}
 
 static sb_vec3 angular_momentum(const sb_body *body, const sb_mesh *mesh)
 {
@@ -72,14 +79,15 @@ static sb_vec3 angular_momentum(const sb_body *body, const sb_mesh *mesh)
     for (int e = 0; e < mesh->element_count; e++) /* lumped, equal nodes of a hex8 */
         for (int a = 0; a < 8; a++) {
             int i = mesh->elements[8 * e + a];
-            sum = sb_v3_add(sum, sb_v3_scale(sb_mesh_element_volume(mesh, e) * REAL(density / 8),
-                                             sb_v3_cross(sb_body_positions(body)[i], sb_body_velocities(body)[i])));
+            sum = sb_v3_add(
+                sum, sb_v3_scale(sb_mesh_element_volume(mesh, e) * REAL(density / 8),
+                                 sb_v3_cross(sb_body_positions(body)[i], sb_body_velocities(body)[i])));
         }
     return sum;
 }
 
-/* A bar that spins freely through about three turns. Newmark's rule keeps the momentum, and angular momentum up to
- * its own error. */
+/* A bar that spins freely through about three turns. Newmark's rule keeps the momentum, and angular momentum
+ * up to its own error. */
 static void test_spin(void)
 {
     const verify_element *element = verify_element_named("hex8");
@@ -100,8 +108,8 @@ static void test_spin(void)
 
 /* ---- one-dimensional columns: exact discrete modes ---- */
 
-/* A column of n hex8 along x that can move along x (dilatation) or y (shear) only; clamped at x = 0. The nodal values
- * sin(k x), k = pi/(2 L), are an exact mode of the chain: w^2 = 4 M/(rho h^2) sin^2(k h/2), over
+/* A column of n hex8 along x that can move along x (dilatation) or y (shear) only; clamped at x = 0. The
+ * nodal values sin(k x), k = pi/(2 L), are an exact mode of the chain: w^2 = 4 M/(rho h^2) sin^2(k h/2), over
  * 1 - 2/3 sin^2(k h/2) with the consistent mass. */
 static const int chain_cells = 16;
 
@@ -120,13 +128,14 @@ static chain make_chain(int axis, sb_integrator integrator, sb_mass_kind mass, d
 {
     static const double poisson = 0.3;
     verify_constants c = verify_constants_of(young, poisson);
-    double modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu, h = 1.0 / chain_cells, s = sin(VERIFY_PI * h / 4);
+    double modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu, h = 1.0 / chain_cells,
+           s = sin(VERIFY_PI * h / 4);
     chain made;
     made.axis = axis;
     made.mesh = verify_box(SB_HEX8, chain_cells, 1, 1, 1, h, h);
     made.body = moving_body(&made.mesh, verify_element_named("hex8"),
-                            sb_material_linear(REAL(young), REAL(poisson), REAL(density)), integrator, mass, alpha,
-                            beta);
+                            sb_material_linear(REAL(young), REAL(poisson), REAL(density)), integrator, mass,
+                            alpha, beta);
     for (int i = 0; i < made.mesh.node_count; i++)
         CHECK_OK(sb_body_fix_nodes(made.body, &i, 1, SB_XYZ & ~(1 << axis)));
     scene_fix_plane(made.body, &made.mesh, 0, 0, SB_XYZ);
@@ -149,7 +158,8 @@ static double chain_tip(const chain *c)
 /* Newmark's rule turns the frequency w into 2/dt atan(w dt/2) and keeps the amplitude v/w. */
 static void test_chain_newmark(void)
 {
-    static const char *names[2] = {"dilatational mode of a column, 16 cells", "shear mode of a column, 16 cells"};
+    static const char *names[2] = {"dilatational mode of a column, 16 cells",
+                                   "shear mode of a column, 16 cells"};
     for (int axis = 0; axis < 2; axis++)
         for (int consistent = 0; consistent < 2; consistent++) {
             static const int steps = 100;
@@ -172,8 +182,9 @@ static void test_chain_euler(void)
     step(c.body, dt, steps);
     verify("dilatational mode of a column, 16 cells", "hex8, lumped mass",
            "exact discrete mode, implicit Euler: amplitude (1 + w^2 dt^2)^(-n/2), phase n atan(w dt)",
-           "tip after 40 steps (m)", 0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)),
-           chain_tip(&c), 1e-8);
+           "tip after 40 steps (m)",
+           0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)), chain_tip(&c),
+           1e-8);
     verify_free(c.body, &c.mesh);
 }
 
@@ -208,8 +219,9 @@ static sb_vec3 flying(sb_vec3 x)
     return sb_v3(-1, 0, 0);
 }
 
-/* A bar that flies at 1 m/s into a wall, to which it sticks: the wall pushes with rho c v A until t = 2 L/c, when the
- * bar flies back. Poisson's ratio 0, c^2 = E/rho; the mean force of the first 2 L/c is the impulse 2 rho A L v. */
+/* A bar that flies at 1 m/s into a wall, to which it sticks: the wall pushes with rho c v A until t = 2 L/c,
+ * when the bar flies back. Poisson's ratio 0, c^2 = E/rho; the mean force of the first 2 L/c is the impulse 2
+ * rho A L v. */
 static void test_impact(void)
 {
     static const int cells = 64, steps = 256;
@@ -217,8 +229,9 @@ static void test_impact(void)
     static const verify_plane wall = {0, 0};
     double c = sqrt(young / density), h = length / cells, t = 2 * length / c, impulse = 0, mean;
     sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, length, h, h);
-    sb_body *body = moving_body(&mesh, verify_element_named("hex8"),
-                                sb_material_linear(REAL(young), 0, REAL(density)), SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
+    sb_body *body =
+        moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), 0, REAL(density)),
+                    SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     add_velocity(body, &mesh, flying);
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
     for (int s = 0; s < steps; s++) {
@@ -228,13 +241,13 @@ static void test_impact(void)
     mean = (double)sb_body_momentum(body).x / (density * length * h * h);
     verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: 2 rho A L v",
            "impulse/(rho A L v)", 2, impulse / (density * length * h * h), 0.02);
-    verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: rebound at 2 L/c",
-           "mean velocity/v", 1, mean, 0.05);
+    verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8",
+           "Saint-Venant 1867: rebound at 2 L/c", "mean velocity/v", 1, mean, 0.05);
     verify_free(body, &mesh);
 }
 
-/* A bar fixed at x = 0, pulled at its end by a force that comes at once: its end moves at F c/(E A) until 2 L/c, when
- * it is 2 F L/(E A) out, twice the static stretch, and is back at 4 L/c. */
+/* A bar fixed at x = 0, pulled at its end by a force that comes at once: its end moves at F c/(E A) until 2
+ * L/c, when it is 2 F L/(E A) out, twice the static stretch, and is back at 4 L/c. */
 static void test_step_response(void)
 {
     static const int cells = 64, steps = 128;
@@ -243,8 +256,9 @@ static void test_step_response(void)
     static const char *name = "bar loaded at once, 64 cells, 64 Newmark steps per L/c";
     double c = sqrt(young / density), h = 1.0 / cells, dt = 2 / c / steps;
     sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
-    sb_body *body = moving_body(&mesh, verify_element_named("hex8"),
-                                sb_material_linear(REAL(young), 0, REAL(density)), SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
+    sb_body *body =
+        moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), 0, REAL(density)),
+                    SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     sb_vec3 pull = sb_v3(100, 0, 0);
     double unit = 100 / young;
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
@@ -261,8 +275,8 @@ static void test_step_response(void)
     verify_free(body, &mesh);
 }
 
-/* When a step of pressure or shear reaches the middle of a column. The front of a dispersive chain is Airy's integral,
- * which is a third of the plateau where d'Alembert's front is. */
+/* When a step of pressure or shear reaches the middle of a column. The front of a dispersive chain is Airy's
+ * integral, which is a third of the plateau where d'Alembert's front is. */
 static void wave_case(int axis, const char *name, const char *source)
 {
     static const int cells = 100, steps = 200;
@@ -272,9 +286,9 @@ static void wave_case(int axis, const char *name, const char *source)
     double c = sqrt((axis == 0 ? k.lambda + 2 * k.mu : k.mu) / density), h = 1.0 / cells, dt = 1 / c / steps;
     double plateau = 0.1 / (density * c), arrival = 0, last = 0;
     sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
-    sb_body *body =
-        moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), REAL(poisson), REAL(density)),
-                    SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
+    sb_body *body = moving_body(&mesh, verify_element_named("hex8"),
+                                sb_material_linear(REAL(young), REAL(poisson), REAL(density)), SB_NEWMARK,
+                                SB_MASS_LUMPED, 0, 0);
     sb_vec3 push = axis == 0 ? sb_v3(REAL(0.1), 0, 0) : sb_v3(0, REAL(0.1), 0);
     for (int i = 0; i < mesh.node_count; i++)
         CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ & ~(1 << axis)));
@@ -301,9 +315,10 @@ static void test_wave_speed(void)
 
 /* ---- natural frequencies by stepping ---- */
 
-/* Frequency (rad/s) of the first oscillation of the node nearest to the far end: zero crossings from the second to
- * the last of `steps`, with Newmark's dispersion taken out. */
-static double measured_frequency(sb_body *body, const sb_mesh *mesh, sb_vec3 probe, int axis, double dt, int steps)
+/* Frequency (rad/s) of the first oscillation of the node nearest to the far end: zero crossings from the
+ * second to the last of `steps`, with Newmark's dispersion taken out. */
+static double measured_frequency(sb_body *body, const sb_mesh *mesh, sb_vec3 probe, int axis, double dt,
+                                 int steps)
 {
     double last = 0, first_crossing = 0, last_crossing = 0, w;
     int crossings = 0, node = 0;
@@ -354,8 +369,8 @@ static void test_frequencies(void)
         char name[80];
         for (int bending = 0; bending < 2; bending++) {
             sb_mesh mesh = verify_box(element->type, along, across, across, 1, h, h);
-            sb_body *body = moving_body(&mesh, element, sb_material_linear(REAL(young), 0, REAL(density)), SB_NEWMARK,
-                                        SB_MASS_CONSISTENT, 0, 0);
+            sb_body *body = moving_body(&mesh, element, sb_material_linear(REAL(young), 0, REAL(density)),
+                                        SB_NEWMARK, SB_MASS_CONSISTENT, 0, 0);
             scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
             add_velocity(body, &mesh, bending ? bending_mode : axial_mode);
             w = bending ? pow(1.8751040687119611, 2) * c * h / sqrt(12.0) : VERIFY_PI / 2 * c;
@@ -380,8 +395,9 @@ static void test_torsional_frequency(void)
     if (!CHECK_OK(sb_mesh_cylinder(SB_TET10, 0, REAL(radius), 1, 4, 8, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
-    body = moving_body(&mesh, verify_element_named("tet10"), sb_material_linear(REAL(young), REAL(poisson), REAL(density)),
-                       SB_NEWMARK, SB_MASS_CONSISTENT, 0, 0);
+    body = moving_body(&mesh, verify_element_named("tet10"),
+                       sb_material_linear(REAL(young), REAL(poisson), REAL(density)), SB_NEWMARK,
+                       SB_MASS_CONSISTENT, 0, 0);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     add_velocity(body, &mesh, torsion_mode);
     verify("torsional frequency of a clamped round bar L/R = 10, 4 cells across, 8 along", "tet10",
@@ -421,7 +437,8 @@ static void test_pendulum(void)
     sb_body *body = pendulum(&mesh, 1e9, 0);
     add_velocity(body, &mesh, swung);
     verify("pendulum of E = 1 GPa, 0.01 rad, 10x1x1", "hex8, corotated", "Huygens 1673: (m g d/I)^(1/2)",
-           "angular frequency (1/s)", w, measured_frequency(body, &mesh, sb_v3(1, 0, 0), 2, 0.1 / w, 200), 5e-4);
+           "angular frequency (1/s)", w, measured_frequency(body, &mesh, sb_v3(1, 0, 0), 2, 0.1 / w, 200),
+           5e-4);
     verify_free(body, &mesh);
 }
 

@@ -1,5 +1,6 @@
-/* Solids: thick cylinders and spheres under pressure, holes, columns under their own weight, Cook's membrane, bonded
- * blocks, finite inflation and torsion. Meshes have curved sides where the element has nodes for them. */
+/* Solids: thick cylinders and spheres under pressure, holes, columns under their own weight, Cook's membrane,
+ * bonded blocks, finite inflation and torsion. Meshes have curved sides where the element has nodes for them.
+ * */
 #include "verification_scene.h"
 
 static const double young = 1e4;
@@ -8,14 +9,15 @@ typedef struct mesh_choice {
     const char *element;
     int across, around;
     double poisson;
-    double bound;        /* of displacements and reactions */
+    double bound; /* of displacements and reactions */
     double stress_bound;
 } mesh_choice;
 
 /* Reference position of an integration point. */
 static sb_vec3 point_position(const sb_mesh *mesh, const sb_body *body, int element, int point)
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], shape[SB_MAX_ELEMENT_NODES];
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS],
+        shape[SB_MAX_ELEMENT_NODES];
     int nodes = sb_element_node_count(mesh->element_type);
     int count = sb_element_quadrature(mesh->element_type, SB_QUADRATURE_STIFFNESS, points, weights);
     sb_vec3 x = sb_v3(0, 0, 0);
@@ -39,8 +41,8 @@ static void deviate(double stress[3][3])
         stress[i][i] -= mean;
 }
 
-/* Root of the mean square over all points of the stress error, relative to that of the stress; of the deviators where
- * pressures of a displacement element mean nothing, at Poisson's ratios near 1/2. */
+/* Root of the mean square over all points of the stress error, relative to that of the stress; of the
+ * deviators where pressures of a displacement element mean nothing, at Poisson's ratios near 1/2. */
 static double stress_error(const sb_body *body, const sb_mesh *mesh, stress_field field, const void *user,
                            int deviators)
 {
@@ -138,16 +140,18 @@ static void test_cylinder(void)
         static const verify_ring ring = {1, 2, VERIFY_PI / 2, 0.1};
         static const char *source = "Lame 1852, plane strain (Timoshenko and Goodier 1970, sec. 28)";
         lame c = {1, 2, 100, 0};
-        sb_mesh mesh = verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
-        sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
+        sb_mesh mesh =
+            verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
+        sb_body *body =
+            verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
         char name[80];
         c.poisson = choice->poisson;
         hold_symmetry(body, &mesh, 2);
         hold_everywhere(body, SB_Z);
         verify_load(body, &mesh, verify_on_cylinder, &c.inner, verify_pressure, &c.pressure);
         verify_solve(body);
-        snprintf(name, sizeof name, "thick cylinder b/a = 2, nu %g, quarter, %dx%d", c.poisson, choice->across,
-                 choice->around);
+        snprintf(name, sizeof name, "thick cylinder b/a = 2, nu %g, quarter, %dx%d", c.poisson,
+                 choice->across, choice->around);
         verify(name, choice->element, source, "u(a) (m)", cylinder_displacement(&c),
                radial_displacement(body, &mesh, verify_on_cylinder, c.inner), choice->bound);
         verify(name, choice->element, source,
@@ -173,7 +177,8 @@ static void sphere_stress(const void *user, sb_vec3 at, double stress[3][3])
 static double sphere_displacement(const lame *c)
 {
     double a3 = pow(c->inner, 3), b3 = pow(c->outer, 3);
-    return c->pressure * c->inner / young * ((1 - 2 * c->poisson) * a3 + (1 + c->poisson) * b3 / 2) / (b3 - a3);
+    return c->pressure * c->inner / young * ((1 - 2 * c->poisson) * a3 + (1 + c->poisson) * b3 / 2) /
+           (b3 - a3);
 }
 
 static void test_sphere(void)
@@ -188,14 +193,15 @@ static void test_sphere(void)
         static const char *source = "Lame 1852 (Timoshenko and Goodier 1970, sec. 136)";
         lame c = {1, 2, 100, 0};
         sb_mesh mesh = verify_octant(element->type, c.inner, c.outer, choice->across, choice->around);
-        sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
+        sb_body *body =
+            verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
         char name[80];
         c.poisson = choice->poisson;
         hold_symmetry(body, &mesh, 3);
         verify_load(body, &mesh, verify_on_sphere, &c.inner, verify_pressure, &c.pressure);
         verify_solve(body);
-        snprintf(name, sizeof name, "thick sphere b/a = 2, nu %g, octant, 3 of %dx%dx%d", c.poisson, choice->across,
-                 choice->around, choice->around);
+        snprintf(name, sizeof name, "thick sphere b/a = 2, nu %g, octant, 3 of %dx%dx%d", c.poisson,
+                 choice->across, choice->around, choice->around);
         verify(name, choice->element, source, "u(a) (m)", sphere_displacement(&c),
                radial_displacement(body, &mesh, verify_on_sphere, c.inner), choice->bound);
         verify(name, choice->element, source,
@@ -207,7 +213,8 @@ static void test_sphere(void)
 
 /* ---- holes ---- */
 
-/* Stress (Pa) along `axis` at the node nearest to x: Hooke's law on the gradients there, mean of its elements. */
+/* Stress (Pa) along `axis` at the node nearest to x: Hooke's law on the gradients there, mean of its
+ * elements. */
 static double nodal_stress(const sb_body *body, const sb_mesh *mesh, sb_vec3 x, int axis, double poisson)
 {
     verify_constants c = verify_constants_of(young, poisson);
@@ -241,7 +248,8 @@ static double nodal_stress(const sb_body *body, const sb_mesh *mesh, sb_vec3 x, 
 static void kirsch_stress(const void *user, sb_vec3 at, double stress[3][3])
 {
     const lame *c = (const lame *)user; /* pressure: S */
-    double x = (double)at.x, y = (double)at.y, r2 = 1 / (x * x + y * y), angle = atan2(y, x), half = c->pressure / 2;
+    double x = (double)at.x, y = (double)at.y, r2 = 1 / (x * x + y * y), angle = atan2(y, x),
+           half = c->pressure / 2;
     double radial = half * (1 - r2) + half * (1 - 4 * r2 + 3 * r2 * r2) * cos(2 * angle);
     double hoop = half * (1 + r2) - half * (1 + 3 * r2 * r2) * cos(2 * angle);
     double shear = -half * (1 + 2 * r2 - 3 * r2 * r2) * sin(2 * angle), k = cos(angle), s = sin(angle);
@@ -273,7 +281,8 @@ static void test_kirsch(void)
         static const verify_plane x_axis = {1, 0};
         static const char *source = "Kirsch 1898, plane strain, exact tractions at r = 5a";
         lame c = {1, 5, 100, 0.3};
-        sb_mesh mesh = verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
+        sb_mesh mesh =
+            verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
         sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(c.poisson), 1000));
         double edge = 0;
         char name[80];
@@ -284,7 +293,8 @@ static void test_kirsch(void)
         for (int k = 0; k < mesh.node_count; k++)
             if (verify_on_plane(&x_axis, mesh.nodes[k]) && fabs((double)mesh.nodes[k].x - 1) < 1e-6)
                 edge = (double)sb_body_displacements(body)[k].x;
-        snprintf(name, sizeof name, "plate with a round hole, quarter, %dx%d", choice->across, choice->around);
+        snprintf(name, sizeof name, "plate with a round hole, quarter, %dx%d", choice->across,
+                 choice->around);
         verify(name, choice->element, source, "u at the hole: 3 S a (1 - nu^2)/E (m)",
                3 * c.pressure * (1 - c.poisson * c.poisson) / young, edge, choice->bound);
         verify(name, choice->element, source, "stress error, rms, relative", 0,
@@ -345,7 +355,8 @@ static void test_confined_column(void)
     }
 }
 
-/* A hanging bar, pulled by the uniform traction rho g L at its top: w = rho g/(2E) (z^2 - L^2 + nu (x^2 + y^2)). */
+/* A hanging bar, pulled by the uniform traction rho g L at its top: w = rho g/(2E) (z^2 - L^2 + nu (x^2 +
+ * y^2)). */
 static void test_hanging_bar(void)
 {
     static const double length = 1, density = 1000, gravity = 1, poisson = 0.3;
@@ -376,8 +387,11 @@ static void test_hanging_bar(void)
             u = sb_v3_sub(sb_v3_scale(REAL(1 / strain), sb_body_displacements(body)[i]), u);
             worst = verify_worse(worst, (double)sb_v3_norm(u) / 0.5);
         }
-        verify("hanging bar under its weight, quarter, 2x2x8", element->name, "Timoshenko and Goodier 1970, sec. 96",
-               "largest error of u/stretch", 0, worst, element->degree > 1 ? 1e-8 : element->type == SB_TET4 ? 0.09 : 0.02);
+        verify("hanging bar under its weight, quarter, 2x2x8", element->name,
+               "Timoshenko and Goodier 1970, sec. 96", "largest error of u/stretch", 0, worst,
+               element->degree > 1        ? 1e-8
+               : element->type == SB_TET4 ? 0.09
+                                          : 0.02);
         verify_free(body, &mesh);
     }
 }
@@ -395,9 +409,8 @@ static double pressed_error(const void *user, double stretch)
     return stress[2] - p->stress;
 }
 
-/* A confined column that its weight presses to some 0.85 of its height at the bottom (svk has no equilibrium under
- * 1/sqrt(3)): P(l(Z)) = -rho g (L - Z), and
- * the top sinks by the integral of l - 1. */
+/* A confined column that its weight presses to some 0.85 of its height at the bottom (svk has no equilibrium
+ * under 1/sqrt(3)): P(l(Z)) = -rho g (L - Z), and the top sinks by the integral of l - 1. */
 static void test_soft_column(void)
 {
     static const double length = 1, density = 1000, gravity = 2, poisson = 0.3;
@@ -425,8 +438,9 @@ static void test_soft_column(void)
         verify_solve(body);
         char what[80];
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
-        verify("soft confined column under its weight, 1x1x8", what, "P(l) = -rho g (L - Z), integrated in the test",
-               "sag of the top (m)", sag, (double)verify_mean(body, &mesh, verify_on_plane, &top).z, 1.5e-5);
+        verify("soft confined column under its weight, 1x1x8", what,
+               "P(l) = -rho g (L - Z), integrated in the test", "sag of the top (m)", sag,
+               (double)verify_mean(body, &mesh, verify_on_plane, &top).z, 1.5e-5);
         verify_free(body, &mesh);
     }
 }
@@ -438,7 +452,8 @@ static sb_vec3 map_cook(const void *user, double x, double y, double z)
     return sb_v3(REAL(48 * x), REAL(44 * x + y * (44 - 28 * x)), REAL(*(const double *)user * z));
 }
 
-/* Plane stress with E = 1, nu = 1/3 is plane strain with E (1 + 2 nu)/(1 + nu)^2 = 15/16 and nu/(1 + nu) = 1/4. */
+/* Plane stress with E = 1, nu = 1/3 is plane strain with E (1 + 2 nu)/(1 + nu)^2 = 15/16 and nu/(1 + nu) =
+ * 1/4. */
 static void test_cook(void)
 {
     static const mesh_choice choices[] = {{"tet4", 32, 32, 0.25, 0.06, 0},
@@ -452,7 +467,8 @@ static void test_cook(void)
         const verify_element *element = verify_element_named(choice->element);
         sb_vec3 traction = sb_v3(0, REAL(1.0 / 16), 0);
         double thickness = 48.0 / choice->across, tip = 0;
-        sb_mesh mesh = verify_block(element->type, choice->across, choice->around, 1, map_cook, &thickness, 1);
+        sb_mesh mesh =
+            verify_block(element->type, choice->across, choice->around, 1, map_cook, &thickness, 1);
         sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(15.0 / 16), REAL(0.25), 1000));
         char name[80];
         hold_everywhere(body, SB_Z);
@@ -463,8 +479,8 @@ static void test_cook(void)
             if (verify_on_plane(&right, mesh.nodes[k]) && fabs((double)mesh.nodes[k].y - 52) < 1e-4)
                 tip = (double)sb_body_displacements(body)[k].y;
         snprintf(name, sizeof name, "Cook's membrane, %dx%d", choice->across, choice->around);
-        verify(name, choice->element, "Cook 1974; 23.96 of fine meshes in the literature", "tip deflection", 23.96, tip,
-               choice->bound);
+        verify(name, choice->element, "Cook 1974; 23.96 of fine meshes in the literature", "tip deflection",
+               23.96, tip, choice->bound);
         verify_free(body, &mesh);
     }
 }
@@ -483,18 +499,21 @@ static void test_bonded_disc(void)
     if (!CHECK_OK(sb_mesh_cylinder(SB_TET10, 0, REAL(radius), REAL(h), 10, 4, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
-    body = verify_body(&mesh, verify_element_named("tet10"), sb_material_linear(REAL(young), REAL(poisson), 1000));
+    body = verify_body(&mesh, verify_element_named("tet10"),
+                       sb_material_linear(REAL(young), REAL(poisson), 1000));
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     verify_move(body, &mesh, verify_on_plane, &end, SB_XYZ, sb_v3(REAL(-strain * h), 0, 0));
     verify_solve(body);
     force = -(double)verify_reaction(body, &mesh, verify_on_plane, &end).x;
     verify("bonded disc R/h = 2, nu 0.499, 10 cells across, 4 high", "tet10",
            "Gent and Lindley 1959: E (1 + 2 S^2), approximate", "apparent modulus/E",
-           1 / (1 / apparent + 1 / c.bulk) / young, force / (VERIFY_PI * radius * radius * strain) / young, 0.12);
+           1 / (1 / apparent + 1 / c.bulk) / young, force / (VERIFY_PI * radius * radius * strain) / young,
+           0.12);
     verify_free(body, &mesh);
 }
 
-/* Moves the inner surface of an octant out to `stretch` times its radius; returns the radial force on the octant. */
+/* Moves the inner surface of an octant out to `stretch` times its radius; returns the radial force on the
+ * octant. */
 static double inflate(sb_body *body, const sb_mesh *mesh, double inner, double stretch)
 {
     double force = 0;
@@ -522,15 +541,16 @@ static void test_balloon(void)
     double far = pow(1 + (pow(stretch, 3) - 1) * pow(inner / outer, 3), 1.0 / 3);
     double expected = 1 / (2 * pow(far, 4)) + 2 / far - 1 / (2 * pow(stretch, 4)) - 2 / stretch;
     double area = VERIFY_PI / 2 * pow(inner * stretch, 2);
-    verify("thick sphere b/a = 2 inflated to 1.5 a, nu 0.499, octant, 3 of 4x4x4", "tet10, neo_hookean_isochoric",
-           "Green and Zerna 1954, sec. 3.10 (incompressible)", "pressure/mu", expected,
-           inflate(body, &mesh, inner, stretch) / (area * mu), 0.002);
+    verify("thick sphere b/a = 2 inflated to 1.5 a, nu 0.499, octant, 3 of 4x4x4",
+           "tet10, neo_hookean_isochoric", "Green and Zerna 1954, sec. 3.10 (incompressible)", "pressure/mu",
+           expected, inflate(body, &mesh, inner, stretch) / (area * mu), 0.002);
     verify_free(body, &mesh);
 }
 
 /* ---- finite inflation of compressible spheres, by quadrature of its differential equation ---- */
 
-static double radial_stress(const verify_material *material, double poisson, double radial, double hoop, double *side)
+static double radial_stress(const verify_material *material, double poisson, double radial, double hoop,
+                            double *side)
 {
     double l[3], stress[3];
     l[0] = radial;
@@ -548,14 +568,17 @@ static void radial_slope(const pressed *p, double R, const double state[2], doub
     double radial = state[1], hoop = state[0] / R, side;
     double stress = radial_stress(p->material, p->poisson, radial, hoop, &side);
     double by_radial = (radial_stress(p->material, p->poisson, radial + step, hoop, NULL) -
-                        radial_stress(p->material, p->poisson, radial - step, hoop, NULL)) / (2 * step);
+                        radial_stress(p->material, p->poisson, radial - step, hoop, NULL)) /
+                       (2 * step);
     double by_hoop = (radial_stress(p->material, p->poisson, radial, hoop + step, NULL) -
-                      radial_stress(p->material, p->poisson, radial, hoop - step, NULL)) / (2 * step);
+                      radial_stress(p->material, p->poisson, radial, hoop - step, NULL)) /
+                     (2 * step);
     slope[0] = radial;
     slope[1] = (2 * (side - stress) / R - by_hoop * (radial - hoop) / R) / by_radial;
 }
 
-/* Stress at the outer radius 2 when the sphere starts from r(1) = p->stress with the radial stretch `start`. */
+/* Stress at the outer radius 2 when the sphere starts from r(1) = p->stress with the radial stretch `start`.
+ * */
 static double outer_stress(const void *user, double start)
 {
     static const int steps = 100;
@@ -596,8 +619,9 @@ static void test_inflation(void)
         force = -radial_stress(p.material, poisson, start, stretch, NULL) * VERIFY_PI / 2;
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
         verify("thick sphere b/a = 2 inflated to 1.1 a, nu 0.3, octant, 3 of 3x2x2", what,
-               "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test", "radial force on the octant (N)", force,
-               inflate(body, &mesh, inner, stretch), p.material->principal == verify_svk ? 0.002 : 3e-4);
+               "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test",
+               "radial force on the octant (N)", force, inflate(body, &mesh, inner, stretch),
+               p.material->principal == verify_svk ? 0.002 : 3e-4);
         verify_free(body, &mesh);
     }
 }
@@ -616,7 +640,8 @@ static void test_rivlin(void)
     if (!CHECK_OK(sb_mesh_cylinder(SB_TET10, 0, REAL(radius), REAL(length), 8, 4, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
-    body = verify_body(&mesh, verify_element_named("tet10"), verify_make_isochoric(REAL(young), REAL(poisson), 1000));
+    body = verify_body(&mesh, verify_element_named("tet10"),
+                       verify_make_isochoric(REAL(young), REAL(poisson), 1000));
     verify_move(body, &mesh, verify_on_plane, &left, SB_XYZ, origin);
     for (int i = 0; i < mesh.node_count; i++) {
         double c = cos(twist) - 1, s = sin(twist), y = (double)mesh.nodes[i].y, z = (double)mesh.nodes[i].z;
@@ -627,9 +652,12 @@ static void test_rivlin(void)
     verify_solve(body);
     verify("cylinder twisted by 0.5 rad per radius, nu 0.49, 8 cells across", "tet10, neo_hookean_isochoric",
            "Rivlin 1949 (incompressible)", "torque/(mu R^3)", VERIFY_PI * twist / 2,
-           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x / mu, 0.0015);
+           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x /
+               mu,
+           0.0015);
     verify("cylinder twisted by 0.5 rad per radius, nu 0.49, 8 cells across", "tet10, neo_hookean_isochoric",
-           "Rivlin 1949 (incompressible), Poynting effect", "axial force/(mu R^2)", -VERIFY_PI * twist * twist / 4,
+           "Rivlin 1949 (incompressible), Poynting effect", "axial force/(mu R^2)",
+           -VERIFY_PI * twist * twist / 4,
            (double)verify_reaction(body, &mesh, verify_on_plane, &right).x / mu, 0.045);
     verify_free(body, &mesh);
 }
@@ -639,6 +667,6 @@ static void test_table(void) { verify_table("verification_solids"); }
 CHECK_SUITE(verification_solids, {"thick cylinder", test_cylinder}, {"thick sphere", test_sphere},
             {"plate with a hole", test_kirsch}, {"spherical hole", test_goodier},
             {"confined column", test_confined_column}, {"hanging bar", test_hanging_bar},
-            {"soft column", test_soft_column}, {"Cook's membrane", test_cook}, {"bonded disc", test_bonded_disc},
-            {"incompressible balloon", test_balloon}, {"inflated spheres", test_inflation},
-            {"finite torsion", test_rivlin}, {"table", test_table});
+            {"soft column", test_soft_column}, {"Cook's membrane", test_cook},
+            {"bonded disc", test_bonded_disc}, {"incompressible balloon", test_balloon},
+            {"inflated spheres", test_inflation}, {"finite torsion", test_rivlin}, {"table", test_table});

@@ -1,7 +1,8 @@
-/* Homogeneous states of every material in a body of every element, against closed forms in principal stretches.
+/* Homogeneous states of every material in a body of every element, against closed forms in principal
+ * stretches.
  *
- * The body is a unit cube with a distorted inside: its reactions are stresses on faces of area 1, its energy is W.
- * The expected values come from the formulas of verification_scene.h, not from the library. */
+ * The body is a unit cube with a distorted inside: its reactions are stresses on faces of area 1, its energy
+ * is W. The expected values come from the formulas of verification_scene.h, not from the library. */
 #include "verification_scene.h"
 
 static const double young = 5e3, poisson = 0.4, bound = 1e-8;
@@ -71,15 +72,16 @@ static double displacement_error(const sb_body *body, const sb_mesh *mesh, const
         const double at[3] = {(double)x.x, (double)x.y, (double)x.z};
         const double found[3] = {(double)now.x, (double)now.y, (double)now.z};
         for (int r = 0; r < 3; r++)
-            worst = verify_worse(worst, fabs(found[r] - G[3 * r] * at[0] - G[3 * r + 1] * at[1] - G[3 * r + 2] * at[2]));
+            worst = verify_worse(
+                worst, fabs(found[r] - G[3 * r] * at[0] - G[3 * r + 1] * at[1] - G[3 * r + 2] * at[2]));
     }
     return worst;
 }
 
-/* Solves one state; the cube's faces through the origin are on rollers. Checks displacements and energy, and returns
- * the reaction along axis 0. */
-static double solve_state(const verify_element *element, sb_material material, const state *s, const double l[3],
-                          double energy)
+/* Solves one state; the cube's faces through the origin are on rollers. Checks displacements and energy, and
+ * returns the reaction along axis 0. */
+static double solve_state(const verify_element *element, sb_material material, const state *s,
+                          const double l[3], double energy)
 {
     const double G[9] = {l[0], 0, 0, 0, l[1], 0, 0, 0, l[2]};
     sb_mesh mesh = distorted_cube(element);
@@ -121,7 +123,8 @@ static void verify_state(const verify_material *material, const state *s)
         if (e == 0 || fabs(force - stress[0]) > fabs(worst - stress[0]))
             worst = force;
     }
-    verify(s->name, material->name, s->source, "force on a face of 1 m^2 (N); shape, W too", stress[0], worst, bound);
+    verify(s->name, material->name, s->source, "force on a face of 1 m^2 (N); shape, W too", stress[0], worst,
+           bound);
 }
 
 static void test_principal(void)
@@ -133,7 +136,8 @@ static void test_principal(void)
 
 /* ---- simple shear ---- */
 
-/* The surface is moved, the inside is free. The mean of P is the sum of f (x) X over the forces at the surface. */
+/* The surface is moved, the inside is free. The mean of P is the sum of f (x) X over the forces at the
+ * surface. */
 static void solve_shear(const verify_element *element, sb_material material, double g, double stress[2])
 {
     const double G[9] = {1, g, 0, 0, 1, 0, 0, 0, 1};
@@ -173,8 +177,8 @@ static void test_simple_shear(void)
                 if (e == 0 || fabs(found[k] - expected[k]) > fabs(worst[k] - expected[k]))
                     worst[k] = found[k];
         }
-        verify("simple shear 0.5", material->name, "P of F = I + g e1 (x) e2", "P_12 (Pa)", expected[0], worst[0],
-               bound);
+        verify("simple shear 0.5", material->name, "P of F = I + g e1 (x) e2", "P_12 (Pa)", expected[0],
+               worst[0], bound);
         verify("simple shear 0.5", material->name, "P of F = I + g e1 (x) e2; Poynting effect", "P_22/mu",
                expected[1] / mu, worst[1] / mu, bound);
     }

@@ -1,8 +1,9 @@
 /* verification.h: rows of tests/verification.md, the table of what is known to be right and how well.
  *
- * A test calls verify() once for each case; the last test of a suite calls verify_table(), which compares the rows
- * with the committed file (`make verification` writes it). Errors are rounded there to one digit, and to nothing
- * below 1e-9, so that the file is the same whatever compiler built the tests. Each suite is a section of its own. */
+ * A test calls verify() once for each case; the last test of a suite calls verify_table(), which compares the
+ * rows with the committed file (`make verification` writes it). Errors are rounded there to one digit, and to
+ * nothing below 1e-9, so that the file is the same whatever compiler built the tests. Each suite is a section
+ * of its own. */
 #ifndef VERIFICATION_H
 #define VERIFICATION_H
 
@@ -11,7 +12,7 @@
 enum { VERIFY_MOST_ROWS = 400, VERIFY_LINE = 512 };
 
 typedef struct verify_row {
-    char text[VERIFY_LINE];    /* case, element and material, source, quantity: what the file must agree with */
+    char text[VERIFY_LINE]; /* case, element and material, source, quantity: what the file must agree with */
     char numbers[VERIFY_LINE]; /* expected, computed, error today */
     char bound[32];
 } verify_row;
@@ -26,9 +27,9 @@ static inline void verify_print(char *text, size_t size, int digits, double valu
     snprintf(text, size, "%.*g", digits, fabs(value) < 1e-9 * scale ? 0.0 : value);
 }
 
-/* Records the case `name` for `what` (element, material) and checks |computed - expected| <= bound |expected|, or
- * <= bound when expected is 0: such a quantity is one relative to a size of its own. A float build gets 3e4 of its
- * epsilons on top, which in double is nothing (7e-12). */
+/* Records the case `name` for `what` (element, material) and checks |computed - expected| <= bound
+ * |expected|, or <= bound when expected is 0: such a quantity is one relative to a size of its own. A float
+ * build gets 3e4 of its epsilons on top, which in double is nothing (7e-12). */
 static inline int verify(const char *name, const char *what, const char *source, const char *quantity,
                          double expected, double computed, double bound)
 {
@@ -37,18 +38,20 @@ static inline int verify(const char *name, const char *what, const char *source,
     char wanted[32], found[32], rounded[32];
     if (!ok) {
         check.failures++;
-        printf("[%s] %s, %s: %s is %.9g, expected %.9g; error %.2e, bound %.2g\n", check.test, name, what, quantity,
-               computed, expected, error, bound);
+        printf("[%s] %s, %s: %s is %.9g, expected %.9g; error %.2e, bound %.2g\n", check.test, name, what,
+               quantity, computed, expected, error, bound);
     }
     if (!CHECK(verify_row_count < VERIFY_MOST_ROWS))
         return 0;
     verify_row *row = verify_rows + verify_row_count++;
     verify_print(wanted, sizeof wanted, 6, expected, scale);
-    /* a value that is right to rounding reads as the expected one; others show less than compilers agree on */
+    /* a value that is right to rounding reads as the expected one; others show less than compilers agree on
+     * */
     verify_print(found, sizeof found, error < 1e-9 ? 6 : 5, error < 1e-9 ? expected : computed, scale);
     snprintf(rounded, sizeof rounded, "%.0e", error);
     snprintf(row->text, sizeof row->text, "| %s | %s | %s | %s |", name, what, source, quantity);
-    snprintf(row->numbers, sizeof row->numbers, " %s | %s | %s |", wanted, found, error < 1e-9 ? "< 1e-9" : rounded);
+    snprintf(row->numbers, sizeof row->numbers, " %s | %s | %s |", wanted, found,
+             error < 1e-9 ? "< 1e-9" : rounded);
     snprintf(row->bound, sizeof row->bound, " %.2g |", bound);
     return ok;
 }
@@ -67,8 +70,10 @@ static inline void verify_write(const char *folder, const char *suite)
     FILE *file = fopen(path, "wb");
     if (!CHECK(file != NULL))
         return;
-    fprintf(file, "\n## %s\n\n| case | element, material | source | quantity | expected | computed | error today | "
-                  "bound |\n|---|---|---|---|---|---|---|---|\n", suite);
+    fprintf(file,
+            "\n## %s\n\n| case | element, material | source | quantity | expected | computed | error today | "
+            "bound |\n|---|---|---|---|---|---|---|---|\n",
+            suite);
     for (int i = 0; i < verify_row_count; i++)
         fprintf(file, "%s%s%s\n", verify_rows[i].text, verify_rows[i].numbers, verify_rows[i].bound);
     CHECK(fclose(file) == 0);
@@ -86,8 +91,8 @@ static inline int verify_row_is(int row, const char *line)
            strncmp(line + length - tail, verify_rows[row].bound, tail) == 0;
 }
 
-/* Last test of a suite: the file's section lists the very cases that ran, in their order and with their bounds. In
- * float, where some cases are skipped, there is nothing to compare. */
+/* Last test of a suite: the file's section lists the very cases that ran, in their order and with their
+ * bounds. In float, where some cases are skipped, there is nothing to compare. */
 static inline void verify_table(const char *suite)
 {
     const char *folder = getenv("VERIFICATION");
@@ -105,7 +110,8 @@ static inline void verify_table(const char *suite)
     snprintf(heading, sizeof heading, "## %s", suite);
     while (fgets(line, (int)sizeof line, file)) {
         if (line[0] == '#')
-            inside = strncmp(line, heading, strlen(heading)) == 0 && strchr("\r\n", line[strlen(heading)]) != NULL;
+            inside =
+                strncmp(line, heading, strlen(heading)) == 0 && strchr("\r\n", line[strlen(heading)]) != NULL;
         if (!inside || line[0] != '|' || line[1] == '-' || strncmp(line, "| case |", 8) == 0)
             continue;
         if (same && !verify_row_is(row, line)) {
@@ -118,7 +124,8 @@ static inline void verify_table(const char *suite)
     }
     fclose(file);
     if (!CHECK_INT(row, verify_row_count) || !CHECK(same))
-        printf("tests/verification.md is out of date (or a part of %s was left out): make verification\n", suite);
+        printf("tests/verification.md is out of date (or a part of %s was left out): make verification\n",
+               suite);
 }
 
 #endif /* VERIFICATION_H */

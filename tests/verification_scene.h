@@ -1,5 +1,6 @@
-/* verification_scene.h: the elements and materials of the verification suites, one row each; meshes as images of a
- * block; tractions that vary over a surface; closed forms of the material models, written down independently. */
+/* verification_scene.h: the elements and materials of the verification suites, one row each; meshes as images
+ * of a block; tractions that vary over a surface; closed forms of the material models, written down
+ * independently. */
 #ifndef VERIFICATION_SCENE_H
 #define VERIFICATION_SCENE_H
 
@@ -17,10 +18,11 @@ typedef struct verify_element {
     int degree; /* the complete polynomials it holds */
 } verify_element;
 
-static const verify_element verify_elements[] = {{"tet4", SB_TET4, SB_INTEGRATION_AUTO, 0, 1},
-                                                 {"tet10", SB_TET10, SB_INTEGRATION_AUTO, 0, 2},
-                                                 {"tet10, single rotation", SB_TET10, SB_INTEGRATION_AUTO, 1, 2},
-                                                 {"hex8", SB_HEX8, SB_INTEGRATION_AUTO, 0, 1}};
+static const verify_element verify_elements[] = {
+    {"tet4", SB_TET4, SB_INTEGRATION_AUTO, 0, 1},
+    {"tet10", SB_TET10, SB_INTEGRATION_AUTO, 0, 2},
+    {"tet10, single rotation", SB_TET10, SB_INTEGRATION_AUTO, 1, 2},
+    {"hex8", SB_HEX8, SB_INTEGRATION_AUTO, 0, 1}};
 enum { VERIFY_ELEMENTS = (int)(sizeof verify_elements / sizeof verify_elements[0]) };
 
 static inline const verify_element *verify_element_named(const char *name)
@@ -195,7 +197,8 @@ typedef struct verify_lattice {
 
 static inline sb_vec3 verify_mapped(const verify_lattice *l, const int at[3])
 {
-    return l->map(l->user, at[0] / (2.0 * l->cells[0]), at[1] / (2.0 * l->cells[1]), at[2] / (2.0 * l->cells[2]));
+    return l->map(l->user, at[0] / (2.0 * l->cells[0]), at[1] / (2.0 * l->cells[1]),
+                  at[2] / (2.0 * l->cells[2]));
 }
 
 /* The node with shape parameters xi of an element with the given corners; made when it is new. */
@@ -222,13 +225,14 @@ static inline int verify_node(verify_lattice *l, int (*corner)[3], int corners, 
     return l->node_at[slot];
 }
 
-/* n[0] x n[1] x n[2] cells of any volume type; nodes between corners lie on the image (curved sides), or straight
- * between their corners. */
-static inline sb_mesh verify_block(sb_element_type type, int nx, int ny, int nz, verify_map map, const void *user,
-                                   int straight)
+/* n[0] x n[1] x n[2] cells of any volume type; nodes between corners lie on the image (curved sides), or
+ * straight between their corners. */
+static inline sb_mesh verify_block(sb_element_type type, int nx, int ny, int nz, verify_map map,
+                                   const void *user, int straight)
 {
     const int n[3] = {nx, ny, nz};
-    int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), parts = corners == 8 ? 1 : 6;
+    int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type),
+        parts = corners == 8 ? 1 : 6;
     size_t slots = (size_t)(2 * nx + 1) * (size_t)(2 * ny + 1) * (size_t)(2 * nz + 1);
     verify_lattice l;
     int *element;
@@ -278,14 +282,15 @@ static inline sb_vec3 verify_map_distorted(const void *user, double x, double y,
                  REAL(z + bump * sin(3 * x - 6 * y + 7 * z + 1)));
 }
 
-static inline sb_mesh verify_box(sb_element_type type, int nx, int ny, int nz, double lx, double ly, double lz)
+static inline sb_mesh verify_box(sb_element_type type, int nx, int ny, int nz, double lx, double ly,
+                                 double lz)
 {
     const double size[3] = {lx, ly, lz};
     return verify_block(type, nx, ny, nz, verify_map_box, size, 1);
 }
 
-/* A sector of a thick cylinder around z: inner and outer radius, angle (rad), length (m). The cells grow with the
- * radius. */
+/* A sector of a thick cylinder around z: inner and outer radius, angle (rad), length (m). The cells grow with
+ * the radius. */
 typedef struct verify_ring {
     double inner, outer, angle, length;
 } verify_ring;
@@ -297,7 +302,8 @@ static inline sb_vec3 verify_map_ring(const void *user, double x, double y, doub
     return sb_v3(REAL(r * cos(a)), REAL(y == 0 ? 0 : r * sin(a)), REAL(ring->length * z));
 }
 
-/* A third of an octant of a thick sphere: the part in which component `axis` of the direction is the largest. */
+/* A third of an octant of a thick sphere: the part in which component `axis` of the direction is the largest.
+ * */
 typedef struct verify_shell {
     double inner, outer;
     int axis;
@@ -307,7 +313,8 @@ static inline sb_vec3 verify_map_shell(const void *user, double x, double y, dou
 {
     const verify_shell *shell = (const verify_shell *)user;
     double r = shell->inner * pow(shell->outer / shell->inner, x);
-    double direction[3], b = tan(y * VERIFY_PI / 4), c = tan(z * VERIFY_PI / 4), length = sqrt(1 + b * b + c * c);
+    double direction[3], b = tan(y * VERIFY_PI / 4), c = tan(z * VERIFY_PI / 4),
+                         length = sqrt(1 + b * b + c * c);
     direction[shell->axis] = r / length;
     direction[(shell->axis + 1) % 3] = r * b / length;
     direction[(shell->axis + 2) % 3] = r * c / length;
@@ -329,7 +336,8 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
         size_t old_nodes = (size_t)whole.node_count, old_elements = (size_t)whole.element_count * nodes;
         size_t new_elements = (size_t)part.element_count * nodes;
         whole.element_type = type;
-        whole.nodes = (sb_vec3 *)realloc(whole.nodes, (old_nodes + (size_t)part.node_count) * sizeof(sb_vec3));
+        whole.nodes =
+            (sb_vec3 *)realloc(whole.nodes, (old_nodes + (size_t)part.node_count) * sizeof(sb_vec3));
         whole.elements = (int *)realloc(whole.elements, (old_elements + new_elements) * sizeof(int));
         memcpy(whole.nodes + old_nodes, part.nodes, (size_t)part.node_count * sizeof(sb_vec3));
         for (size_t i = 0; i < new_elements; i++)
@@ -433,7 +441,8 @@ static inline int verify_on_cylinder(const void *user, sb_vec3 x)
 }
 
 /* Sum of the reactions at the nodes there. */
-static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user)
+static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, verify_where where,
+                                      const void *user)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     for (int i = 0; i < mesh->node_count; i++)
@@ -443,8 +452,8 @@ static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, 
 }
 
 /* Sum of the torques of these reactions about `centre`, the nodes being at x. */
-static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
-                                    sb_vec3 centre, const sb_vec3 *x)
+static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, verify_where where,
+                                    const void *user, sb_vec3 centre, const sb_vec3 *x)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     for (int i = 0; i < mesh->node_count; i++)
@@ -454,8 +463,8 @@ static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, ve
 }
 
 /* Moves the nodes there, along `axes`, by one displacement. */
-static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user, int axes,
-                               sb_vec3 displacement)
+static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
+                               int axes, sb_vec3 displacement)
 {
     for (int i = 0; i < mesh->node_count; i++)
         if (where(user, mesh->nodes[i]))
@@ -463,7 +472,8 @@ static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where 
 }
 
 /* Mean displacement of the nodes there. */
-static inline sb_vec3 verify_mean(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user)
+static inline sb_vec3 verify_mean(const sb_body *body, const sb_mesh *mesh, verify_where where,
+                                  const void *user)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     int count = 0;
@@ -481,8 +491,8 @@ static inline sb_vec3 verify_mean(const sb_body *body, const sb_mesh *mesh, veri
 /* Traction (Pa) at x, on reference area with the outward normal n. */
 typedef sb_vec3 (*verify_traction)(const void *user, sb_vec3 x, sb_vec3 n);
 
-static inline void verify_load_face(sb_body *body, const sb_mesh *surface, const int *face, verify_traction traction,
-                                    const void *user)
+static inline void verify_load_face(sb_body *body, const sb_mesh *surface, const int *face,
+                                    verify_traction traction, const void *user)
 {
     int nodes = sb_element_node_count(surface->element_type);
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
@@ -549,7 +559,8 @@ static inline sb_vec3 verify_pressure(const void *user, sb_vec3 x, sb_vec3 n)
 /* ---- roots ---- */
 
 /* Root of f between low and high, where its signs differ: bisection to rounding. */
-static inline double verify_root(double (*f)(const void *user, double x), const void *user, double low, double high)
+static inline double verify_root(double (*f)(const void *user, double x), const void *user, double low,
+                                 double high)
 {
     double sign = f(user, low);
     CHECK(sign * f(user, high) <= 0);
