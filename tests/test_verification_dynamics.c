@@ -1,6 +1,6 @@
 /* Motion against closed forms: free flight, waves, impact, natural frequencies, damping, balance of energy
- * and momentum. Time is measured in steps whose own dispersion is known exactly where the case name says so.
- * */
+ * and momentum. Time is measured in steps whose own dispersion is known exactly where the case name says
+ * so. */
 #include "verification_scene.h"
 
 static const double young = 1e4, density = 1000;

@@ -1,6 +1,6 @@
 /* Solids: thick cylinders and spheres under pressure, holes, columns under their own weight, Cook's membrane,
- * bonded blocks, finite inflation and torsion. Meshes have curved sides where the element has nodes for them.
- * */
+ * bonded blocks, finite inflation and torsion. Meshes have curved sides where the element has nodes for
+ * them. */
 #include "verification_scene.h"
 
 static const double young = 1e4;
@@ -577,8 +577,8 @@ static void radial_slope(const pressed *p, double R, const double state[2], doub
     slope[1] = (2 * (side - stress) / R - by_hoop * (radial - hoop) / R) / by_radial;
 }
 
-/* Stress at the outer radius 2 when the sphere starts from r(1) = p->stress with the radial stretch `start`.
- * */
+/* Stress at the outer radius 2 when the sphere starts from r(1) = p->stress with the radial stretch
+ * `start`. */
 static double outer_stress(const void *user, double start)
 {
     static const int steps = 100;

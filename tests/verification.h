@@ -45,8 +45,8 @@ static inline int verify(const char *name, const char *what, const char *source,
         return 0;
     verify_row *row = verify_rows + verify_row_count++;
     verify_print(wanted, sizeof wanted, 6, expected, scale);
-    /* a value that is right to rounding reads as the expected one; others show less than compilers agree on
-     * */
+    /* a value that is right to rounding reads as the expected one; others show less than compilers agree
+     * on */
     verify_print(found, sizeof found, error < 1e-9 ? 6 : 5, error < 1e-9 ? expected : computed, scale);
     snprintf(rounded, sizeof rounded, "%.0e", error);
     snprintf(row->text, sizeof row->text, "| %s | %s | %s | %s |", name, what, source, quantity);

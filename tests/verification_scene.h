@@ -302,8 +302,8 @@ static inline sb_vec3 verify_map_ring(const void *user, double x, double y, doub
     return sb_v3(REAL(r * cos(a)), REAL(y == 0 ? 0 : r * sin(a)), REAL(ring->length * z));
 }
 
-/* A third of an octant of a thick sphere: the part in which component `axis` of the direction is the largest.
- * */
+/* A third of an octant of a thick sphere: the part in which component `axis` of the direction is the
+ * largest. */
 typedef struct verify_shell {
     double inner, outer;
     int axis;
