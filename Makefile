@@ -5,6 +5,7 @@
 #   make test       the tests in double              make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
 #   make test-golden                                 the same bits from each compiler and optimisation
+#   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #
@@ -34,7 +35,7 @@ FUZZERS = $(wildcard tests/fuzz/fuzz_*.c)
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden sanitize cross bench benches \
+.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden verification sanitize cross bench benches \
 	lint fuzz format install clean FORCE
 
 all: examples
@@ -116,6 +117,15 @@ test-openmp: build/openmp/tests
 	build/openmp/tests $(QUICK)
 sanitize: build/sanitize/tests
 	ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(FILTER)
+
+# The table of cases against closed forms: its introduction is written by hand, its rows by the tests, a section for
+# each suite. `make test` compares the list of cases with the committed one.
+VERIFICATION = $(patsubst tests/test_%.c,%,$(wildcard tests/test_verification_*.c))
+verification: build/double/tests
+	rm -rf build/verification && mkdir -p build/verification
+	VERIFICATION=build/verification build/double/tests $(VERIFICATION)
+	sed '/^$$/N;/\n## /,$$d' tests/verification.md >build/verification/introduction
+	cat build/verification/introduction $(VERIFICATION:%=build/verification/%.md) >tests/verification.md
 
 # The tests named golden... hold results as constants: the library and these tests, built by each compiler at each
 # optimisation, also where fused multiply-add is to be had, must give the same bits. (The library sees to that for
