@@ -14304,6 +14304,7 @@ typedef struct sbi_step_guard {
     sb_real stable_step;         /* at the last look (s) */
     int age;                     /* substeps since */
     int ledger_open;             /* 1: energy means something */
+    int caution, calm;           /* plan of substeps, and calls that went well with it */
     double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
@@ -15534,6 +15535,8 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
 
+/* Takes note of a call that went well; after a run of them the next may be bolder. */
+SBI_API void sbi_explicit_calm(sb_body *body, int caution);
 /* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
  * is none. Overwrites the body's work vectors. */
 SBI_API sb_real sbi_explicit_bound(sb_body *body);
@@ -15870,6 +15873,17 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
             return result;
     }
     return x->last_resort ? sbi_explicit_look(x) : SB_OK;
+}
+
+SBI_API void sbi_explicit_calm(sb_body *body, int caution)
+{
+    sbi_step_guard *guard = &body->guard;
+    guard->calm = caution == guard->caution ? guard->calm + 1 : 1;
+    guard->caution = caution;
+    if (guard->calm >= 8 && caution > 0) {
+        guard->caution--;
+        guard->calm = 0;
+    }
 }
 
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
@@ -16720,16 +16734,18 @@ static sb_result sbi_step_run(sbi_newton *newton)
     return sbi_step_commit(newton);
 }
 
-/* Substeps of central differences; what goes bad is done again with more caution. */
+/* Substeps of central differences; what goes bad is done again with more caution, which stays for a while. */
 static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sbi_step_guard guard = body->guard;
-    for (int caution = 0;; caution++) {
+    for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_loads(body);
         result = sbi_explicit_run(body, dt, caution, info);
-        if (result == SB_OK)
+        if (result == SB_OK) {
+            sbi_explicit_calm(body, caution);
             return result;
+        }
         sbi_step_undo(body);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
@@ -17228,16 +17244,25 @@ static void sbi_modes_append(sbi_modes *m, sb_vec3 *t)
     m->size++;
 }
 
-/* Adds `count` random vectors with their fast motions taken out. */
+/* Adds `count` random vectors with their fast motions taken out; first what the basis has already, lest nearly rigid
+ * motions drown the rest. In the smallest of problems nothing else is left: then the random vector itself. */
 static sb_result sbi_modes_append_random(sbi_modes *m, int count)
 {
     sb_result result = SB_OK;
     for (int k = 0; k < count && result == SB_OK; k++) {
+        int before = m->size;
         sbi_modes_fill_random(m, m->x);
+        sbi_modes_mass_times(m, m->x, m->ax);
+        for (int j = 0; j < m->size; j++)
+            m->scratch[j] = sbi_modes_dot(m, sbi_modes_basis(m, j), m->ax);
+        for (int j = 0; j < m->size; j++)
+            sbi_modes_add(m, m->x, -m->scratch[j], sbi_modes_basis(m, j));
         sbi_modes_mass_times(m, m->x, m->ax);
         result = sbi_modes_solve(m, m->ax, m->fresh, 0.1);
         if (result == SB_OK)
             sbi_modes_append(m, m->fresh);
+        if (result == SB_OK && m->size == before)
+            sbi_modes_append(m, m->x);
     }
     return result;
 }
