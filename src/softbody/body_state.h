@@ -37,6 +37,7 @@ typedef struct sbi_step_guard {
     sb_real stable_step;         /* at the last look (s) */
     int age;                     /* substeps since */
     int ledger_open;             /* 1: energy means something */
+    int caution, calm;           /* plan of substeps, and calls that went well with it */
     double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 

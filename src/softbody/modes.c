@@ -298,16 +298,25 @@ static void sbi_modes_append(sbi_modes *m, sb_vec3 *t)
     m->size++;
 }
 
-/* Adds `count` random vectors with their fast motions taken out. */
+/* Adds `count` random vectors with their fast motions taken out; first what the basis has already, lest nearly rigid
+ * motions drown the rest. In the smallest of problems nothing else is left: then the random vector itself. */
 static sb_result sbi_modes_append_random(sbi_modes *m, int count)
 {
     sb_result result = SB_OK;
     for (int k = 0; k < count && result == SB_OK; k++) {
+        int before = m->size;
         sbi_modes_fill_random(m, m->x);
+        sbi_modes_mass_times(m, m->x, m->ax);
+        for (int j = 0; j < m->size; j++)
+            m->scratch[j] = sbi_modes_dot(m, sbi_modes_basis(m, j), m->ax);
+        for (int j = 0; j < m->size; j++)
+            sbi_modes_add(m, m->x, -m->scratch[j], sbi_modes_basis(m, j));
         sbi_modes_mass_times(m, m->x, m->ax);
         result = sbi_modes_solve(m, m->ax, m->fresh, 0.1);
         if (result == SB_OK)
             sbi_modes_append(m, m->fresh);
+        if (result == SB_OK && m->size == before)
+            sbi_modes_append(m, m->x);
     }
     return result;
 }

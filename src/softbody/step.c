@@ -946,16 +946,18 @@ static sb_result sbi_step_run(sbi_newton *newton)
     return sbi_step_commit(newton);
 }
 
-/* Substeps of central differences; what goes bad is done again with more caution. */
+/* Substeps of central differences; what goes bad is done again with more caution, which stays for a while. */
 static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sbi_step_guard guard = body->guard;
-    for (int caution = 0;; caution++) {
+    for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_loads(body);
         result = sbi_explicit_run(body, dt, caution, info);
-        if (result == SB_OK)
+        if (result == SB_OK) {
+            sbi_explicit_calm(body, caution);
             return result;
+        }
         sbi_step_undo(body);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))

@@ -330,6 +330,17 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
     return x->last_resort ? sbi_explicit_look(x) : SB_OK;
 }
 
+SBI_API void sbi_explicit_calm(sb_body *body, int caution)
+{
+    sbi_step_guard *guard = &body->guard;
+    guard->calm = caution == guard->caution ? guard->calm + 1 : 1;
+    guard->caution = caution;
+    if (guard->calm >= 8 && caution > 0) {
+        guard->caution--;
+        guard->calm = 0;
+    }
+}
+
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
 {
     sbi_explicit x;

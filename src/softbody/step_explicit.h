@@ -13,6 +13,8 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
 
+/* Takes note of a call that went well; after a run of them the next may be bolder. */
+SBI_API void sbi_explicit_calm(sb_body *body, int caution);
 /* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
  * is none. Overwrites the body's work vectors. */
 SBI_API sb_real sbi_explicit_bound(sb_body *body);
