@@ -358,6 +358,12 @@
 #define sb_body_step sb_body_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
+#define sb_body_state_size sb_body_state_size_f32
+#define sb_body_state_save sb_body_state_save_f32
+#define sb_body_state_load sb_body_state_load_f32
+#define sb_body_state_save_file sb_body_state_save_file_f32
+#define sb_body_state_load_file sb_body_state_load_file_f32
+#define sb_body_state_hash sb_body_state_hash_f32
 #endif
 #endif
 
@@ -471,7 +477,8 @@ typedef enum sb_result {
     SB_ERROR_INVERTED = -11,     /* an element turned inside out where the material does not allow it */
     SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
     SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
-    SB_ERROR_INDEFINITE = -14    /* a matrix that must be positive definite is not */
+    SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
+    SB_ERROR_STATE = -15         /* a saved state or a recording of another body, or a replay that went another way */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
@@ -3285,6 +3292,16 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
                                      double size);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
+
+/* What updates remember of the ones before: all that is not made anew from the matrix. */
+typedef struct sbi_precond_memory {
+    double shift;
+    int successes, wait;
+} sbi_precond_memory;
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
+/* The memory must be valid. */
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 #endif
 
 #endif /* SB_PRECOND_H */
@@ -3639,6 +3656,97 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
 
 #endif /* SB_STEP_H */
 
+/* ==== src/softbody/state.h ==== */
+/* state: saves what a body is at and brings it back, to the last bit. Floor 3. */
+#ifndef SB_STATE_H
+#define SB_STATE_H
+
+
+/* A saved state holds all that steps and setters change: motion, supports, loads, materials, settings, reactions and
+ * the solvers' warm starts. What follows a load is what followed the save, bit for bit, also in another body, process
+ * or machine. It does not hold the mesh: a state is loaded into a body that was made from the same mesh with the same
+ * integration, mass, preconditioner and single_rotation, in the same precision.
+ *
+ * The bytes are little-endian everywhere:
+ *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
+ *     parts: number (4) and values; the first tells the body's make,
+ *     checksum of all bytes before it (8). */
+
+/* Bytes that sb_body_state_save writes for this body; supports and materials do not change it. 0: more than size_t
+ * holds. Cost: proportional to the body. */
+SB_API size_t sb_body_state_size(const sb_body *body);
+
+/* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.
+ * SB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). */
+SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t size);
+
+/* Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:
+ * SB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other
+ * version or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;
+ * SB_ERROR_MEMORY when more supports or first iterated steps need room that the allocator does not give. On failure the
+ * body is as it was. Where supports and materials need no more room than they did before, nothing is allocated. */
+SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
+
+/* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or
+ * written; no part of a file that could not be written whole stays behind. */
+SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error);
+SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error);
+
+/* 64 bits that differ when anything a saved state holds does: equal for equal runs, whatever the machine or the number
+ * of threads. No allocation; cost: proportional to the body. */
+SB_API uint64_t sb_body_state_hash(const sb_body *body);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- internal: files of checked bytes -------------------------------------------------------------------- */
+
+enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
+
+/* One step of the hash: words in order. */
+SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
+{
+    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
+    return hash ^ (hash >> 32);
+}
+
+/* Little-endian numbers of 1 to 8 bytes. */
+SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
+}
+SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
+{
+    uint64_t value = 0;
+    for (int i = 0; i < bytes; i++)
+        value |= (uint64_t)from[i] << (8 * i);
+    return value;
+}
+/* The low 32 bits of a number as a signed integer, and back. */
+SB_INLINE int sbi_int_of(uint64_t word)
+{
+    uint32_t bits = (uint32_t)word;
+    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
+}
+/* The bits of a real, and back. */
+SBI_API uint64_t sbi_real_bits(sb_real value);
+SBI_API sb_real sbi_real_of(uint64_t bits);
+
+/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
+ * magic: 8 bytes. */
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
+/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error);
+SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
+/* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
+ * and one byte after the end that the head tells. */
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error);
+#endif
+
+#endif /* SB_STATE_H */
+
 #endif /* SOFTBODY_H */
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
@@ -3670,6 +3778,7 @@ SB_API const char *sb_result_string(sb_result result)
     case SB_ERROR_DIVERGED: return "SB_ERROR_DIVERGED";
     case SB_ERROR_NOT_CONVERGED: return "SB_ERROR_NOT_CONVERGED";
     case SB_ERROR_INDEFINITE: return "SB_ERROR_INDEFINITE";
+    case SB_ERROR_STATE: return "SB_ERROR_STATE";
     }
     return "unknown sb_result";
 }
@@ -12709,6 +12818,28 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
 
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
+{
+    sbi_precond_memory memory;
+    memory.shift = preconditioner->shift;
+    memory.successes = preconditioner->successes;
+    memory.wait = preconditioner->wait;
+    return memory;
+}
+
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
+{
+    preconditioner->shift = memory.shift;
+    preconditioner->successes = memory.successes;
+    preconditioner->wait = memory.wait;
+}
+
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
+{
+    return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&
+           memory.wait >= SBI_PRECOND_RELAX_FIRST && memory.wait <= SBI_PRECOND_RELAX_LAST;
+}
+
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
 {
     sb_preconditioner_info info;
@@ -14219,8 +14350,44 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
 #define SB_BODY_STATE_H
 
 
+/* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
+ * row in the replay table of record.c. Codes stand in files: never change one. */
+typedef enum sbi_command_code {
+    SBI_COMMAND_DESTROY = 0,       /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,      /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_GRAVITY = 2,       /* reals: 3 */
+    SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
+    SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
+    SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
+    SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
+    SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
+    SBI_COMMAND_CLEAR_LOADS = 10,
+    SBI_COMMAND_DISPLACEMENTS = 11,/* reals: one vector per node */
+    SBI_COMMAND_VELOCITIES = 12,   /* reals: one vector per node */
+    SBI_COMMAND_RESET = 13,
+    SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
+    SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
+    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress;
+                                    * reals: tolerance */
+    SBI_COMMAND_COUNT
+} sbi_command_code;
+
+typedef struct sbi_command {
+    sbi_command_code code;
+    int a, b;
+    const int *ints;
+    const sb_real *reals;
+    const unsigned char *bytes;
+    size_t int_count, real_count, byte_count;
+} sbi_command;
+
 struct sb_body {
     sb_allocator allocator;
+    /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
+    void (*observe)(void *observer, const sbi_command *command);
+    void *observer;
     sb_jobs jobs;
     sb_clock clock;
 
@@ -14280,10 +14447,29 @@ struct sb_body {
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;              /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
-    int saved_force_current;
+    int saved_force_current, saved_unknots;
+    sbi_precond_memory saved_precond;
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
+
+/* Tells the observer, if there is one, of a command without bytes. */
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count);
+
+/* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
+enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
+
+/* The parts of creation that loading a state needs, too. Checks: */
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* memory, which only ever grows: */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
+/* and what follows from the materials. */
+SBI_API void sbi_body_materials_changed(sb_body *body);
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
@@ -14325,9 +14511,67 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
+{
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
 /* ---- creation: arguments ---- */
 
-static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
 {
     if (!sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
@@ -14354,7 +14598,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     return SB_OK;
 }
 
-static sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
     sb_result result = sb_material_check(material, error);
     if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
@@ -14611,7 +14855,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-static void sbi_body_materials_changed(sb_body *body)
+SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
@@ -14681,7 +14925,7 @@ SBI_API int sbi_body_max_newton(const sb_body *body)
 }
 
 /* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
 {
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
@@ -14773,6 +15017,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_allocator allocator;
     if (!body)
         return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
@@ -14811,6 +15056,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
     for (int i = 0; i < body->material_count; i++)
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
@@ -14831,6 +15077,7 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
         return result;
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
+    sbi_body_tell_material(body, 0, region, material);
     return SB_OK;
 }
 
@@ -14841,15 +15088,18 @@ SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
     if (!sb_v3_is_finite(gravity))
         return SB_ERROR_NOT_FINITE;
     body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
     return SB_OK;
 }
 
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
+    const sb_real damping[2] = {alpha, beta};
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
     return SB_OK;
 }
 
@@ -14859,6 +15109,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
         return SB_ERROR_ARGUMENT;
     body->tolerance = tolerance;
     body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
     return SB_OK;
 }
 
@@ -14879,15 +15130,10 @@ static int sbi_body_row_length(const sb_body *body, int node)
     return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
 }
 
-/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
- * node listed twice counts twice). */
-static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int needed = body->support_used, most = body->matrix.block_count, capacity;
+    int most = body->matrix.block_count, capacity;
     void *blocks;
-    for (int i = 0; i < count; i++)
-        if (!body->fixed[nodes[i]])
-            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
     if (needed <= body->support_capacity)
         return SB_OK;
     capacity = needed > most / 2 ? most : needed + needed / 2;
@@ -14898,6 +15144,17 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     body->support_blocks = (sb_real(*)[9])blocks;
     body->support_capacity = capacity;
     return SB_OK;
+}
+
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
+static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+{
+    int needed = body->support_used, most = body->matrix.block_count;
+    for (int i = 0; i < count; i++)
+        if (!body->fixed[nodes[i]])
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    return sbi_body_reserve_support_blocks(body, needed);
 }
 
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
@@ -14926,6 +15183,11 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
                                                 body->target[node]);
     }
+    if (result == SB_OK && !targets)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (result == SB_OK && count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
+                      stride == 0 ? 3 : 3 * (size_t)count);
     return result;
 }
 
@@ -14961,6 +15223,7 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
             body->reaction[nodes[i]] =
                 sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
+    sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
 }
 
@@ -14980,12 +15243,16 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
             return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
+    if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
+                      uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
 {
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* 1 when the named corners of an element (all different) are those of the list. */
@@ -15066,6 +15333,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
             if (pass == 1)
                 sbi_body_add_face_load(body, nodes, count, face_type, traction);
         }
+    sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
 
@@ -15101,6 +15369,8 @@ SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displac
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_DISPLACEMENTS, 0, 0, NULL, 0, &body->displacement[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -15112,6 +15382,8 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
         return SB_ERROR_NOT_FINITE;
     memmove(body->velocity, velocities, (size_t)body->domain.node_count * sizeof(sb_vec3));
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_VELOCITIES, 0, 0, NULL, 0, &body->velocity[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -15128,6 +15400,7 @@ SB_API void sb_body_reset(sb_body *body)
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_RESET, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* ---- readings ---- */
@@ -16064,6 +16337,8 @@ static void sbi_step_save(sb_body *b)
     for (int i = 0; i < SBI_STEP_PAIRS; i++)
         memcpy(pairs[i].saved, pairs[i].state, (size_t)b->domain.node_count * sizeof(sb_vec3));
     b->saved_force_current = b->force_current;
+    b->saved_unknots = b->assembly.unknots;
+    b->saved_precond = sbi_precond_get_memory(b->precond);
     sbi_assembly_save_rotations(&b->assembly);
 }
 
@@ -16074,6 +16349,8 @@ static void sbi_step_undo(sb_body *b)
     for (int i = 0; i < SBI_STEP_PAIRS; i++)
         memcpy(pairs[i].state, pairs[i].saved, (size_t)b->domain.node_count * sizeof(sb_vec3));
     b->force_current = b->saved_force_current;
+    b->assembly.unknots = b->saved_unknots;
+    sbi_precond_set_memory(b->precond, b->saved_precond);
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
 }
@@ -16176,8 +16453,8 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
-    sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
+    sbi_step_watch_knots(body, newton.linearised);
     result = sbi_step_run(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
@@ -16187,6 +16464,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     }
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
     info->seconds_total = sbi_step_now(body) - begin;
+    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return sbi_step_report(info, result);
 }
 
@@ -16290,6 +16568,12 @@ static void sbi_static_commit(sbi_newton *newton)
     b->acceleration_known = 0;
 }
 
+static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
+{
+    const int ints[4] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress};
+    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 4, &options->tolerance, 1);
+}
+
 SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info)
 {
     sb_static_options defaults = sb_default_static_options();
@@ -16313,8 +16597,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
-    sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
+    sbi_step_watch_knots(body, 0);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
@@ -16326,7 +16610,645 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
     info->seconds_total = sbi_step_now(body) - begin;
+    sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
+}
+
+/* ==== src/softbody/state.c ==== */
+/* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
+
+#include <stdio.h>
+#include <string.h>
+
+
+/* ---- bits ---- */
+
+SBI_API uint64_t sbi_real_bits(sb_real value)
+{
+#if SB_REAL_IS_FLOAT
+    uint32_t bits;
+#else
+    uint64_t bits;
+#endif
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+SBI_API sb_real sbi_real_of(uint64_t word)
+{
+#if SB_REAL_IS_FLOAT
+    uint32_t bits = (uint32_t)word;
+#else
+    uint64_t bits = word;
+#endif
+    sb_real value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* ---- images ---- */
+
+static uint64_t sbi_image_checksum(const unsigned char *bytes, size_t size)
+{
+    uint64_t hash = size;
+    for (; size >= 8; bytes += 8, size -= 8)
+        hash = sbi_hash_word(hash, sbi_get_bytes(bytes, 8));
+    return sbi_hash_word(hash, sbi_get_bytes(bytes, (int)size));
+}
+
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version)
+{
+    memcpy(image, magic, 8);
+    sbi_put_bytes(image + 8, version, 4);
+    sbi_put_bytes(image + 12, sizeof(sb_real), 4);
+    sbi_put_bytes(image + 16, size, 8);
+    sbi_put_bytes(image + size - SBI_IMAGE_TAIL, sbi_image_checksum(image, size - SBI_IMAGE_TAIL), 8);
+}
+
+static sb_result sbi_image_check_head(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                      const char *what, sb_error *error)
+{
+    uint64_t real;
+    if (size < SBI_IMAGE_HEAD + SBI_IMAGE_TAIL)
+        return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved %s", (unsigned long)size, what);
+    if (memcmp(image, magic, 8) != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "these are not the bytes of a saved %s", what);
+    if (sbi_get_bytes(image + 8, 4) != version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved %s has version %lu, this library reads %lu", what,
+                        (unsigned long)sbi_get_bytes(image + 8, 4), (unsigned long)version);
+    real = sbi_get_bytes(image + 12, 4);
+    if (real != sizeof(sb_real))
+        return sbi_fail(error, real == 4 || real == 8 ? SB_ERROR_UNSUPPORTED : SB_ERROR_FORMAT,
+                        "the saved %s has reals of %lu bytes, this library has %lu", what, (unsigned long)real,
+                        (unsigned long)sizeof(sb_real));
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error)
+{
+    sb_result result = sbi_image_check_head(image, size, magic, version, what, error);
+    if (result != SB_OK)
+        return result;
+    if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
+                        sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
+    if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
+    return SB_OK;
+}
+
+static sb_result sbi_image_fail_file(sb_error *error, const char *path, const char *why)
+{
+    sbi_fail(error, SB_ERROR_FILE, "%s", why);
+    if (error)
+        sbi_error_set_file(error, path);
+    return SB_ERROR_FILE;
+}
+
+SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error)
+{
+    FILE *before = fopen(path, "rb"), *file;
+    int existed = before != NULL, failed;
+    if (before)
+        fclose(before);
+    file = fopen(path, "wb");
+    if (!file)
+        return sbi_image_fail_file(error, path, "the file cannot be opened for writing");
+    failed = fwrite(image, 1, size, file) != size;
+    failed |= fclose(file) != 0;
+    if (!failed)
+        return SB_OK;
+    if (!existed) /* what was there before may be a device */
+        remove(path);
+    return sbi_image_fail_file(error, path, "the file cannot be written: is the disk full?");
+}
+
+/* Reads on in growing steps, so that no memory is taken for a size that the file only claims. */
+static sb_result sbi_image_read_rest(const sb_allocator *allocator, FILE *file, unsigned char **image, size_t *size,
+                                     sb_error *error)
+{
+    uint64_t claimed = sbi_get_bytes(*image + 16, 8);
+    size_t capacity = SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, got = 1;
+    while (got && (uint64_t)*size <= claimed) {
+        if (*size == capacity) {
+            unsigned char *grown = (unsigned char *)sbi_alloc(allocator, capacity, 2);
+            if (!grown)
+                return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a file of more than %lu bytes",
+                                (unsigned long)capacity);
+            memcpy(grown, *image, *size);
+            sbi_free(allocator, *image);
+            *image = grown;
+            capacity *= 2;
+        }
+        got = fread(*image + *size, 1, capacity - *size, file);
+        *size += got;
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error)
+{
+    FILE *file = fopen(path, "rb");
+    unsigned char *bytes;
+    sb_result result;
+    if (!file)
+        return sbi_image_fail_file(error, path, "the file cannot be opened");
+    bytes = (unsigned char *)sbi_alloc(allocator, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, 1);
+    if (!bytes) {
+        fclose(file);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to read a file");
+    }
+    *size = fread(bytes, 1, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, file);
+    result = ferror(file) ? SB_OK : sbi_image_check_head(bytes, *size, magic, version, what, error);
+    if (result == SB_OK && !ferror(file))
+        result = sbi_image_read_rest(allocator, file, &bytes, size, error);
+    if (result == SB_OK && ferror(file))
+        result = sbi_fail(error, SB_ERROR_FILE, "the file cannot be read");
+    fclose(file);
+    if (result != SB_OK) {
+        sbi_free(allocator, bytes);
+        if (error)
+            sbi_error_set_file(error, path);
+        return result;
+    }
+    *image = bytes;
+    return SB_OK;
+}
+
+/* ---- the walk ---------------------------------------------------------------------------------------------
+ * Every part of the state is one function that names its values in order, whatever the walk is for. Passes over a
+ * body give its values away; passes over an image hand the image's values back. Those that come before READ change
+ * nothing that a step could notice, and READ cannot fail. */
+
+typedef enum sbi_state_pass {
+    SBI_STATE_MEASURE, /* of a body: bytes */
+    SBI_STATE_WRITE,
+    SBI_STATE_HASH,
+    SBI_STATE_CHECK,   /* of an image: may the body take these values? */
+    SBI_STATE_RESERVE, /* memory for them; capacities may grow */
+    SBI_STATE_READ     /* the body takes them */
+} sbi_state_pass;
+
+typedef struct sbi_state_walk {
+    sbi_state_pass pass;
+    unsigned char *out;      /* WRITE */
+    const unsigned char *in; /* CHECK, RESERVE, READ */
+    size_t used, size;       /* bytes: passed so far, of in */
+    int overflow;            /* MEASURE: used does not fit size_t */
+    uint64_t hash;
+    sb_result result;        /* the first failure; what comes after it is 0 */
+    sb_error *error;
+    sb_body_def settings;    /* of the image, once its settings were passed */
+} sbi_state_walk;
+
+static int sbi_state_is_image(const sbi_state_walk *walk) { return walk->pass >= SBI_STATE_CHECK; }
+
+/* A refusal of what an image holds, in CHECK: keeps the first. */
+static void sbi_state_refuse(sbi_state_walk *walk, sb_result result)
+{
+    if (walk->result == SB_OK)
+        walk->result = result;
+}
+
+/* One number of some bytes: the body's goes in, the one that counts comes back. */
+static uint64_t sbi_state_word(sbi_state_walk *walk, uint64_t value, int bytes)
+{
+    size_t at = walk->used;
+    if (sbi_state_is_image(walk)) {
+        if (walk->result != SB_OK)
+            return 0;
+        if (walk->size - at < (size_t)bytes) {
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state ends too early"));
+            return 0;
+        }
+        value = sbi_get_bytes(walk->in + at, bytes);
+    } else if (walk->pass == SBI_STATE_WRITE) {
+        sbi_put_bytes(walk->out + at, value, bytes);
+    } else if (walk->pass == SBI_STATE_HASH) {
+        walk->hash = sbi_hash_word(walk->hash, value);
+    }
+    walk->overflow |= !sbi_size_add(&walk->used, (size_t)bytes, 1);
+    return value;
+}
+
+/* An integer of the range; an image's that is not in it is refused, and reads as `low`. */
+static int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, const char *name)
+{
+    int got = sbi_int_of(sbi_state_word(walk, (uint64_t)(uint32_t)value, 4));
+    if (!sbi_state_is_image(walk))
+        return value;
+    if (walk->result == SB_OK && (got < low || got > high))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d", name,
+                                        got, low, high));
+    return walk->result == SB_OK ? got : low;
+}
+
+/* A real, whose range is the caller's business. */
+static sb_real sbi_state_real(sbi_state_walk *walk, sb_real value)
+{
+    return sbi_real_of(sbi_state_word(walk, sbi_real_bits(value), (int)sizeof(sb_real)));
+}
+
+static sb_vec3 sbi_state_vector(sbi_state_walk *walk, sb_vec3 value)
+{
+    value.x = sbi_state_real(walk, value.x);
+    value.y = sbi_state_real(walk, value.y);
+    value.z = sbi_state_real(walk, value.z);
+    return value;
+}
+
+/* What the image and the body must agree on. */
+static void sbi_state_same(sbi_state_walk *walk, uint64_t value, const char *name)
+{
+    uint64_t got = sbi_state_word(walk, value, 8);
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && got != value)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_STATE,
+                                        "the state was saved from another body: %s is %lu there, %lu here", name,
+                                        (unsigned long)got, (unsigned long)value));
+}
+
+enum { SBI_STATE_ANY = 0, SBI_STATE_FINITE = 1 };
+
+/* A vector per node. ANY: arithmetic may have overflowed there, and every solve looks out for it. */
+static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count, int kind, const char *name)
+{
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sb_vec3 v = sbi_state_vector(walk, vectors[i]);
+        if (walk->pass == SBI_STATE_CHECK && kind == SBI_STATE_FINITE && walk->result == SB_OK && !sb_v3_is_finite(v))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, i,
+                                                 "the saved %s of node %d is not finite", name, i));
+        if (walk->pass == SBI_STATE_READ)
+            vectors[i] = v;
+    }
+}
+
+/* ---- the parts ---- */
+
+/* What the body is made of, so that a state of another one is refused. */
+static uint64_t sbi_state_mesh_hash(const sb_body *body)
+{
+    const sb_domain *domain = &body->domain;
+    size_t cells = (size_t)domain->cell_count * (size_t)domain->nodes_per_cell;
+    uint64_t hash = 1;
+    for (size_t i = 0; i < cells; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)domain->cells[i]);
+    for (int i = 0; i < domain->cell_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)body->cell_material[i]);
+    for (int i = 0; i < body->material_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)body->material_regions[i]);
+    for (int i = 0; i < domain->node_count; i++) {
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].x));
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].y));
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
+    }
+    return hash;
+}
+
+static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
+{
+    int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
+    sb_preconditioner_info precond = sb_preconditioner_get_info(body->precond);
+    sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
+    sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
+    sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
+    sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
+    sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
+    sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
+    sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
+    sbi_state_same(walk, (uint64_t)precond.kind, "the preconditioner");
+    sbi_state_same(walk, (uint64_t)precond.piece_count, "the preconditioner's number of pieces");
+    sbi_state_same(walk, used ? sbi_state_mesh_hash(body) : 0, "the mesh's hash");
+}
+
+static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
+{
+    sb_body_def def = sb_default_body_def();
+    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_NEWMARK, "integrator");
+    def.gravity = sbi_state_vector(walk, body->gravity);
+    def.damping_mass = sbi_state_real(walk, body->damping_mass);
+    def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
+    def.tolerance = sbi_state_real(walk, body->tolerance);
+    def.newton_tolerance = sbi_state_real(walk, body->newton_tolerance);
+    def.max_iterations = sbi_state_int(walk, body->max_iterations, 1, INT32_MAX, "max_iterations");
+    def.max_newton = sbi_state_int(walk, body->max_newton, SB_AUTO, INT32_MAX, "max_newton");
+    walk->settings = def;
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_body_check_settings(&def, walk->error));
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    body->integrator = def.integrator;
+    body->gravity = def.gravity;
+    body->damping_mass = def.damping_mass;
+    body->damping_stiffness = def.damping_stiffness;
+    body->tolerance = def.tolerance;
+    body->newton_tolerance = def.newton_tolerance;
+    body->max_iterations = def.max_iterations;
+    body->max_newton = def.max_newton;
+}
+
+/* Room for the damping of iterated steps, should the image's settings and this material need it. */
+static void sbi_state_reserve_damping(sb_body *body, sbi_state_walk *walk, const sb_material *material)
+{
+    sb_body planned = *body;
+    planned.integrator = walk->settings.integrator;
+    planned.max_newton = walk->settings.max_newton;
+    sbi_state_refuse(walk, sbi_body_reserve_damping(&planned, material, 1, walk->error));
+    body->damping_blocks = planned.damping_blocks;
+}
+
+static sb_material sbi_state_material(const sb_material *material, sbi_state_walk *walk)
+{
+    sb_real reals[SBI_MATERIAL_REALS];
+    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SB_REDUCED_POLYNOMIAL, "material model");
+    int prony_count = sbi_state_int(walk, material->prony_count, 0, SB_MAX_PRONY_TERMS, "Prony term count");
+    sbi_body_pack_material(material, reals);
+    for (int i = 0; i < SBI_MATERIAL_REALS; i++)
+        reals[i] = sbi_state_real(walk, reals[i]);
+    return sbi_body_unpack_material(model, prony_count, reals);
+}
+
+static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
+{
+    int changed = 0;
+    for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
+        sb_material material = sbi_state_material(body->materials + i, walk);
+        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
+            sbi_state_refuse(walk, sbi_body_check_material(&material, body->domain.single_rotation, walk->error));
+        if (walk->pass == SBI_STATE_RESERVE)
+            sbi_state_reserve_damping(body, walk, &material);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        changed |= memcmp(&material, body->materials + i, sizeof material) != 0;
+        body->materials[i] = material;
+    }
+    if (changed)
+        sbi_body_materials_changed(body);
+}
+
+/* Supported axes, of which nodes without an element keep all; the others take blocks of the matrix. */
+static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int needed = 0;
+    for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
+        int lonely = body->node_component[i] < 0;
+        int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
+        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
+                                                 "node %d cannot have the saved supports %d", i, fixed));
+        if (fixed && !lonely)
+            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+        if (walk->pass == SBI_STATE_READ)
+            body->fixed[i] = (unsigned char)fixed;
+    }
+    if (walk->pass == SBI_STATE_RESERVE && sbi_body_reserve_support_blocks(body, needed) != SB_OK)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for supports of %d blocks", needed));
+    if (walk->pass == SBI_STATE_READ)
+        body->support_used = needed;
+    sbi_state_vectors(walk, body->target, body->domain.node_count, SBI_STATE_FINITE, "target");
+}
+
+static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
+{
+    int n = body->domain.node_count;
+    sbi_state_vectors(walk, body->dead_load, n, SBI_STATE_ANY, "load");
+    sbi_state_vectors(walk, body->equilibrated, n, SBI_STATE_ANY, "equilibrated load");
+    sbi_state_vectors(walk, body->external, n, SBI_STATE_ANY, "external force");
+    sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
+}
+
+/* Motion, and the internal forces that go with it; zeros stand for forces that are not current. */
+static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
+{
+    int n = body->domain.node_count;
+    int unknots = sbi_state_int(walk, body->assembly.unknots, 0, 1, "unknotting");
+    int known = sbi_state_int(walk, body->acceleration_known, 0, 1, "acceleration mark");
+    int current = sbi_state_int(walk, body->force_current, 0, 1, "force mark");
+    sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
+    sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
+    sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
+    for (int i = 0; i < n && walk->result == SB_OK; i++) {
+        sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
+        if (walk->pass == SBI_STATE_READ)
+            body->internal[i] = force;
+    }
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    body->assembly.unknots = unknots;
+    body->acceleration_known = known;
+    body->force_current = current;
+    sbi_body_update_positions(body);
+}
+
+/* A unit quaternion, as the solvers for rotations leave it. */
+static sb_quat sbi_state_rotation(sbi_state_walk *walk, sb_quat q, int cell)
+{
+    sb_real n;
+    q.w = sbi_state_real(walk, q.w);
+    q.x = sbi_state_real(walk, q.x);
+    q.y = sbi_state_real(walk, q.y);
+    q.z = sbi_state_real(walk, q.z);
+    n = sb_quat_dot(q, q);
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !(n > (sb_real)0.99 && n < (sb_real)1.01))
+        sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, cell,
+                                                "the saved rotation of element %d is none", cell));
+    return q;
+}
+
+/* Where the batched loops keep the four numbers of a cell's rotation, SB_POLAR_LANES apart. */
+static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
+{
+    return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
+}
+
+/* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
+ * the batched loops keep beside them (assembly.rotated) is made anew by each step before it is read. */
+static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
+{
+    const sbi_assembly *assembly = &body->assembly;
+    int cells = body->domain.cell_count, points = body->domain.points_per_cell;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++)
+        for (int p = 0; p < points; p++) {
+            sb_quat *at = assembly->rotations + (size_t)e * (size_t)points + (size_t)p;
+            sb_quat q = sbi_state_rotation(walk, *at, e);
+            if (walk->pass == SBI_STATE_READ)
+                *at = q;
+        }
+    for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
+        sb_real *at = sbi_state_batch_quat(assembly, e);
+        sb_quat q = sbi_state_rotation(
+            walk, sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]), e);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        at[0] = q.w;
+        at[SB_POLAR_LANES] = q.x;
+        at[2 * SB_POLAR_LANES] = q.y;
+        at[3 * SB_POLAR_LANES] = q.z;
+    }
+}
+
+static void sbi_state_precond(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
+    uint64_t bits;
+    memcpy(&bits, &memory.shift, sizeof bits);
+    bits = sbi_state_word(walk, bits, 8);
+    memcpy(&memory.shift, &bits, sizeof bits);
+    memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
+    memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !sbi_precond_is_memory(memory))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
+                                                                      "is out of range", memory.shift, memory.wait));
+    if (walk->pass == SBI_STATE_READ)
+        sbi_precond_set_memory(body->precond, memory);
+}
+
+/* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
+ * that of the image; materials come before what depends on them. */
+typedef struct sbi_state_part {
+    int number;
+    void (*walk)(sb_body *body, sbi_state_walk *walk);
+} sbi_state_part;
+
+static const sbi_state_part sbi_state_parts[] = {
+    {1, sbi_state_make},  {2, sbi_state_settings},  {3, sbi_state_materials}, {4, sbi_state_supports},
+    {5, sbi_state_loads}, {6, sbi_state_rotations}, {7, sbi_state_motion},    {8, sbi_state_precond},
+};
+enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 1 };
+
+static const char sbi_state_magic[9] = "SBSTATE\x1A";
+
+static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
+{
+    walk->pass = pass;
+    walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
+    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
+        const sbi_state_part *part = sbi_state_parts + i;
+        sbi_state_int(walk, part->number, part->number, part->number, "part");
+        if (walk->result == SB_OK)
+            part->walk(body, walk);
+    }
+}
+
+/* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
+ * arrays are the body's own, which these passes leave alone. */
+static void sbi_state_run_const(const sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
+{
+    sb_body view = *body;
+    sbi_state_run(&view, walk, pass);
+}
+
+static sbi_state_walk sbi_state_begin(void)
+{
+    sbi_state_walk walk;
+    memset(&walk, 0, sizeof walk);
+    return walk;
+}
+
+/* ---- entry points ---- */
+
+SB_API size_t sb_body_state_size(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (!body)
+        return 0;
+    sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t size)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    size_t needed = sb_body_state_size(body);
+    if (!body || !buffer || needed == 0 || size < needed)
+        return SB_ERROR_ARGUMENT;
+    walk.out = (unsigned char *)buffer;
+    sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
+    return SB_OK;
+}
+
+SB_API uint64_t sb_body_state_hash(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (body)
+        sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+    return walk.hash;
+}
+
+/* Tells a recording what was loaded. */
+static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_STATE;
+    command.bytes = bytes;
+    command.byte_count = size;
+    body->observe(body->observer, &command);
+}
+
+SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (!body || (size > 0 && !buffer))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
+    walk.in = (const unsigned char *)buffer;
+    walk.error = error;
+    walk.result = sbi_image_check(walk.in, size, sbi_state_magic, SBI_STATE_VERSION, "state", error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    walk.size = size - SBI_IMAGE_TAIL;
+    sbi_state_run_const(body, &walk, SBI_STATE_CHECK);
+    if (walk.result == SB_OK && walk.used != walk.size)
+        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
+                               (unsigned long)(walk.size - walk.used));
+    if (walk.result == SB_OK)
+        sbi_state_run(body, &walk, SBI_STATE_RESERVE);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_run(body, &walk, SBI_STATE_READ);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
+{
+    size_t size = sb_body_state_size(body);
+    unsigned char *image;
+    sb_result result;
+    if (!body || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_save_file needs a body and a path");
+    image = size ? (unsigned char *)sbi_alloc(&body->allocator, size, 1) : NULL;
+    if (!image)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a state of %lu bytes", (unsigned long)size);
+    sb_body_state_save(body, image, size);
+    result = sbi_image_write_file(path, image, size, error);
+    sbi_free(&body->allocator, image);
+    return result;
+}
+
+SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error)
+{
+    unsigned char *image = NULL;
+    size_t size = 0;
+    sb_result result;
+    if (!body || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load_file needs a body and a path");
+    result = sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size,
+                                 error);
+    if (result != SB_OK)
+        return result;
+    result = sb_body_state_load(body, image, size, error);
+    if (result != SB_OK && error)
+        sbi_error_set_file(error, path);
+    sbi_free(&body->allocator, image);
+    return result;
 }
 
 #endif /* SB_IMPLEMENTATION */

@@ -22,9 +22,67 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
+{
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
 /* ---- creation: arguments ---- */
 
-static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
 {
     if (!sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
@@ -51,7 +109,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     return SB_OK;
 }
 
-static sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
     sb_result result = sb_material_check(material, error);
     if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
@@ -308,7 +366,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-static void sbi_body_materials_changed(sb_body *body)
+SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
@@ -378,7 +436,7 @@ SBI_API int sbi_body_max_newton(const sb_body *body)
 }
 
 /* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
 {
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
@@ -470,6 +528,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_allocator allocator;
     if (!body)
         return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     sb_pcg_workspace_free(&body->pcg);
     sb_preconditioner_free(body->precond);
@@ -508,6 +567,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
     for (int i = 0; i < body->material_count; i++)
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
@@ -528,6 +588,7 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
         return result;
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
+    sbi_body_tell_material(body, 0, region, material);
     return SB_OK;
 }
 
@@ -538,15 +599,18 @@ SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
     if (!sb_v3_is_finite(gravity))
         return SB_ERROR_NOT_FINITE;
     body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
     return SB_OK;
 }
 
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
+    const sb_real damping[2] = {alpha, beta};
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
     return SB_OK;
 }
 
@@ -556,6 +620,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
         return SB_ERROR_ARGUMENT;
     body->tolerance = tolerance;
     body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
     return SB_OK;
 }
 
@@ -576,15 +641,10 @@ static int sbi_body_row_length(const sb_body *body, int node)
     return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
 }
 
-/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
- * node listed twice counts twice). */
-static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int needed = body->support_used, most = body->matrix.block_count, capacity;
+    int most = body->matrix.block_count, capacity;
     void *blocks;
-    for (int i = 0; i < count; i++)
-        if (!body->fixed[nodes[i]])
-            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
     if (needed <= body->support_capacity)
         return SB_OK;
     capacity = needed > most / 2 ? most : needed + needed / 2;
@@ -595,6 +655,17 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     body->support_blocks = (sb_real(*)[9])blocks;
     body->support_capacity = capacity;
     return SB_OK;
+}
+
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
+static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+{
+    int needed = body->support_used, most = body->matrix.block_count;
+    for (int i = 0; i < count; i++)
+        if (!body->fixed[nodes[i]])
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    return sbi_body_reserve_support_blocks(body, needed);
 }
 
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
@@ -623,6 +694,11 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
                                                 body->target[node]);
     }
+    if (result == SB_OK && !targets)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (result == SB_OK && count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
+                      stride == 0 ? 3 : 3 * (size_t)count);
     return result;
 }
 
@@ -658,6 +734,7 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
             body->reaction[nodes[i]] =
                 sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
+    sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
 }
 
@@ -677,12 +754,16 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
             return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
+    if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
+                      uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
 {
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* 1 when the named corners of an element (all different) are those of the list. */
@@ -763,6 +844,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
             if (pass == 1)
                 sbi_body_add_face_load(body, nodes, count, face_type, traction);
         }
+    sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
 
@@ -798,6 +880,8 @@ SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displac
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_DISPLACEMENTS, 0, 0, NULL, 0, &body->displacement[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -809,6 +893,8 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
         return SB_ERROR_NOT_FINITE;
     memmove(body->velocity, velocities, (size_t)body->domain.node_count * sizeof(sb_vec3));
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_VELOCITIES, 0, 0, NULL, 0, &body->velocity[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -825,6 +911,7 @@ SB_API void sb_body_reset(sb_body *body)
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_RESET, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* ---- readings ---- */

@@ -132,6 +132,12 @@
 #define sb_body_step sb_body_step_f32
 #define sb_default_static_options sb_default_static_options_f32
 #define sb_body_solve_static sb_body_solve_static_f32
+#define sb_body_state_size sb_body_state_size_f32
+#define sb_body_state_save sb_body_state_save_f32
+#define sb_body_state_load sb_body_state_load_f32
+#define sb_body_state_save_file sb_body_state_save_file_f32
+#define sb_body_state_load_file sb_body_state_load_file_f32
+#define sb_body_state_hash sb_body_state_hash_f32
 #endif
 #endif
 
