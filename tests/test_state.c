@@ -2,6 +2,7 @@
 #include "softbody.h"
 
 #include "check.h"
+#include "image.h"
 #include "scene.h"
 
 /* ---- a scene that uses everything a body has ---- */
@@ -331,6 +332,115 @@ static void test_damage(void)
     sb_mesh_free(&mesh);
 }
 
+/* Values that no body can have, with a checksum that is right. */
+static void test_forged_values(void)
+{
+    enum { NUMBER_COUNT = 10 };
+    const double tau = SB_REAL_MAX;
+    struct forged {
+        double from, to;
+        sb_result expected;
+        const char *part;
+    } numbers[NUMBER_COUNT] = {
+        {0.375, 10 * tau, SB_ERROR_NOT_FINITE, "displacement of node 3"},
+        {0.4375, 10 * tau, SB_ERROR_NOT_FINITE, "velocity of node 4"},
+        {0.46875, -10 * tau, SB_ERROR_NOT_FINITE, "target of node 5"},
+        {-9.75, 10 * tau, SB_ERROR_NOT_FINITE, "gravity"},
+        {0.0078125, -1, SB_ERROR_ARGUMENT, "damping"},
+        {0.001953125, 1, SB_ERROR_ARGUMENT, "tolerance"},
+        {1025, -5, SB_ERROR_MATERIAL, "density"},
+        {1025, 10 * tau, SB_ERROR_NOT_FINITE, "density"},
+        {0.375, 0.40625, SB_OK, ""},
+        {1025, 900, SB_OK, ""},
+    };
+    const variant *v = variants + 0;
+    sb_mesh mesh = make_mesh(v->type);
+    sb_body *body = make_plain_body(v, &mesh);
+    sb_vec3 *values = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof *values), target = {0, 0, REAL(0.46875)};
+    sb_material material = make_material(SB_COROTATED, 2e4);
+    int node = 5;
+    unsigned char *state, *bad;
+    size_t size;
+    if (!CHECK(body && values))
+        return;
+    material.density = 1025;
+    values[3].y = REAL(0.375);
+    CHECK_OK(sb_body_set_displacements(body, values));
+    values[3].y = 0;
+    values[4].x = REAL(0.4375);
+    CHECK_OK(sb_body_set_velocities(body, values));
+    CHECK_OK(sb_body_prescribe(body, &node, 1, SB_Z, &target, 1));
+    CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-9.75))));
+    CHECK_OK(sb_body_set_damping(body, REAL(0.0078125), 0));
+    CHECK_OK(sb_body_set_solver(body, REAL(0.001953125), 321));
+    CHECK_OK(sb_body_set_material(body, &material, NULL));
+    state = save_state(body, &size);
+    bad = (unsigned char *)malloc(size + 8);
+    for (int i = 0; i < NUMBER_COUNT; i++) {
+        size_t at = image_find_real(state, size, 24, REAL(numbers[i].from));
+        memcpy(bad, state, size);
+        image_put_real(bad + at, REAL(numbers[i].to));
+        image_seal(bad, size);
+        if (numbers[i].expected == SB_OK)
+            CHECK_OK(sb_body_state_load(body, bad, size, NULL));
+        else
+            check_refused(body, bad, size, numbers[i].expected, numbers[i].part);
+    }
+    memset(bad, 0, size + 8); /* bytes that no part takes */
+    memcpy(bad, state, size);
+    image_seal(bad, size + 8);
+    check_refused(body, bad, size + 8, SB_ERROR_FORMAT, "too many");
+    memcpy(bad, state, size - 16);
+    image_seal(bad, size - 16);
+    check_refused(body, bad, size - 16, SB_ERROR_FORMAT, "too early");
+    free(bad);
+    free(state);
+    free(values);
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+/* Any byte changed, with a right checksum: the load is refused without a trace, or the body can go on. */
+static void test_forged_bytes(void)
+{
+    for (int i = 0; i < VARIANTS; i += 3) {
+        const variant *v = variants + i;
+        sb_mesh mesh = make_mesh(v->type);
+        sb_body *body = make_plain_body(v, &mesh);
+        unsigned char *state, *bad;
+        size_t size;
+        int accepted = 0, refused = 0;
+        if (!CHECK(body != NULL))
+            continue;
+        play(body, v, &mesh, 0, 4);
+        state = save_state(body, &size);
+        bad = (unsigned char *)malloc(size);
+        for (size_t at = 24; at < size - 8; at += at < 300 ? 1 : 139) {
+            sb_error error;
+            uint64_t before = sb_body_state_hash(body);
+            memcpy(bad, state, size);
+            bad[at] = (unsigned char)(bad[at] ^ (at & 1 ? 0xFF : 0x40));
+            image_seal(bad, size);
+            if (sb_body_state_load(body, bad, size, &error) != SB_OK) {
+                CHECK(sb_body_state_hash(body) == before && error.message[0]);
+                refused++;
+                continue;
+            }
+            accepted++;
+            CHECK_OK(sb_body_set_solver(body, REAL(1e-3), 20)); /* the settings may ask for endless work */
+            sb_body_step(body, REAL(0.01), NULL);
+            CHECK(scene_all_finite(sb_body_positions(body), mesh.node_count));
+            CHECK(scene_all_finite(sb_body_velocities(body), mesh.node_count));
+        }
+        CHECK(refused > 50 && accepted > 10);
+        CHECK_OK(sb_body_state_load(body, state, size, NULL));
+        free(bad);
+        free(state);
+        sb_body_destroy(body);
+        sb_mesh_free(&mesh);
+    }
+}
+
 /* Changes part of a mesh or def; the state of the first body is then refused by the second. */
 static void test_other_bodies(void)
 {
@@ -531,6 +641,7 @@ static void test_golden_layout(void)
 
 CHECK_SUITE(state, {"continues to the same bits", test_continue}, {"saved at every moment", test_every_moment},
             {"material switch", test_material_switch}, {"failures leave no trace", test_failures_leave_no_trace},
-            {"damaged states", test_damage}, {"states of other bodies", test_other_bodies},
+            {"damaged states", test_damage}, {"forged values", test_forged_values},
+            {"forged bytes", test_forged_bytes}, {"states of other bodies", test_other_bodies},
             {"arguments", test_arguments}, {"files", test_files}, {"memory", test_memory},
             {"layout", test_golden_layout});
