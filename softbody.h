@@ -33,8 +33,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra; no
- * saved state that continues to the same bits (displacements and velocities can be set, which continues up to rounding).
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -100,6 +99,8 @@
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
  * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
+ * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
+ * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
@@ -183,7 +184,7 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step.
+ * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -3541,8 +3542,9 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
- * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
+/* Overwrites the motion (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. What comes
+ * after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it
+ * (sb_body_state_load has them). */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
 /* Back to the reference shape at rest; supports, loads and materials stay. */

@@ -14,6 +14,7 @@
 #include "target_case.h"
 #include "target_mesh.h"
 
+#include <signal.h>
 #include <time.h>
 
 static const struct fuzz_target {
@@ -105,6 +106,13 @@ static size_t fuzz_mutate(uint8_t *data, size_t size, uint64_t *state)
     return size;
 }
 
+/* The input that is being run, for the handler of signals. */
+static struct fuzz_current {
+    const char *target;
+    const uint8_t *data;
+    size_t size;
+} fuzz_current;
+
 /* Runs an input that lies in memory of its own size, so that a reader past the end is seen. */
 static void fuzz_run(const struct fuzz_target *target, const uint8_t *data, size_t size)
 {
@@ -112,43 +120,42 @@ static void fuzz_run(const struct fuzz_target *target, const uint8_t *data, size
     if (!exact)
         return;
     memcpy(exact, data, size);
+    fuzz_current.target = target->name;
+    fuzz_current.data = data;
+    fuzz_current.size = size;
     target->run(exact, size);
     free(exact);
 }
 
-/* Writes what is about to be run, so that it is there after an abort. */
-static void fuzz_keep(const struct fuzz_target *target, const uint8_t *data, size_t size)
+/* Writes the input that ended the program. */
+static void fuzz_crash(int number)
 {
     char path[64];
     FILE *file;
-    snprintf(path, sizeof path, "build/fuzz-%s.crash", target->name);
-    if (size == 0) {
-        remove(path);
-        return;
-    }
+    snprintf(path, sizeof path, "build/fuzz-%s.crash", fuzz_current.target);
     file = fopen(path, "wb");
     if (file) {
-        fwrite(data, 1, size, file);
+        fwrite(fuzz_current.data, 1, fuzz_current.size, file);
         fclose(file);
     }
+    signal(number, SIG_DFL);
+    raise(number);
 }
 
 static long fuzz_run_mutations(const struct fuzz_target *target, const fuzz_input *inputs, int count, double seconds)
 {
     uint8_t data[FUZZ_MAX_SIZE + 32];
     uint64_t state = 1;
-    clock_t start = clock();
+    time_t start = time(NULL);
     long runs = 0;
-    for (; count > 0 && (double)(clock() - start) < seconds * (double)CLOCKS_PER_SEC; runs++) {
+    for (; count > 0 && difftime(time(NULL), start) < seconds; runs++) {
         const fuzz_input *input = inputs + fuzz_random(&state) % (uint64_t)count;
         size_t size = input->size;
         memcpy(data, input->data, size);
         for (uint64_t k = 0, changes = 1 + fuzz_random(&state) % 5; k < changes; k++)
             size = fuzz_mutate(data, size, &state);
-        fuzz_keep(target, data, size);
         fuzz_run(target, data, size);
     }
-    fuzz_keep(target, NULL, 0);
     return runs;
 }
 
@@ -172,6 +179,9 @@ int main(int argc, char **argv)
     double seconds = argc > 2 && argv[2][0] == '-' ? strtod(argv[2] + 1, NULL) : 0;
     int first = argc > 2 && argv[2][0] == '-' ? 3 : 2, count = argc > first ? argc - first : 0, passed = 0;
     fuzz_input *inputs = (fuzz_input *)calloc((size_t)count + 1, sizeof *inputs);
+    signal(SIGABRT, fuzz_crash);
+    signal(SIGSEGV, fuzz_crash);
+    signal(SIGFPE, fuzz_crash);
     for (int i = 0; inputs && i < count; i++)
         if (fuzz_read_file(argv[first + i], inputs + i)) {
             fuzz_run(target, inputs[i].data, inputs[i].size);
