@@ -8,6 +8,8 @@
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
+#   make soak       SOAK_STEPS=1000000 per element, or SOAK_SECONDS=20 for all
+#   make coverage   lines of the header that the suite runs, room by room
 #
 # Variables: CC, CXX, CFLAGS; FILTER="dense mesh/volume" picks tests by suite or start of suite/test.
 CC = cc
@@ -31,12 +33,12 @@ TESTS = $(wildcard tests/test_*.c)
 TEST_UNITS = $(TESTS) tests/main.c tests/implementation.c
 EXAMPLES = $(wildcard examples/*.c)
 BENCHES = $(wildcard tests/bench/*.c)
-FUZZERS = $(wildcard tests/fuzz/fuzz_*.c)
+FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden verification sanitize cross bench benches \
-	lint fuzz format install clean FORCE
+.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden verification sanitize cross bench \
+	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
 
@@ -107,8 +109,9 @@ TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
 PROGRAM_TESTS = "tests/case.sh build/case_solve build/case_test" "tests/examples.sh build build/examples_test"
 
-test: build/double/tests $(if $(FILTER),,build/amalgamate examples)
-	tests/total.sh "build/double/tests $(FILTER)" $(if $(FILTER),,"$(TOOL_TEST)" "$(SNIPPETS)" $(PROGRAM_TESTS))
+test: build/double/tests $(if $(FILTER),,build/amalgamate examples build/fuzz/plain)
+	tests/total.sh "build/double/tests $(FILTER)" $(if $(FILTER),,"$(TOOL_TEST)" "$(SNIPPETS)" $(PROGRAM_TESTS) \
+	    $(CORPUS_TESTS))
 test-float: build/float/tests
 	build/float/tests $(FILTER)
 test-cpp: build/cpp/tests
@@ -211,13 +214,56 @@ bench: $(BENCHES:tests/bench/%.c=build/bench/%)
 	@for bench in $^; do for threads in 1 $$(nproc); do \
 	    echo "# $$bench, OMP_NUM_THREADS=$$threads" && OMP_NUM_THREADS=$$threads $$bench || exit 1; done; done
 
+# Fuzz targets are functions of one program. Where clang has libFuzzer it does the fuzzing, under the sanitizers;
+# elsewhere the program mutates the corpus by itself. The corpus is also a test.
 FUZZ_SECONDS = 10
-build/fuzz/%: tests/fuzz/%.c softbody.h $(wildcard tests/fuzz/*.h)
-	@mkdir -p $(@D)
-	$(CLANG) -std=c99 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined $(INCLUDES) $< -lm -o $@
+FUZZ_TARGETS = vtk gmsh tetgen surface mesh case state record body
+FUZZ_PARTS = $(FUZZERS) softbody.h $(wildcard tests/fuzz/*.h examples/case_reader.h)
+CORPUS_TESTS = $(foreach target,$(FUZZ_TARGETS),"build/fuzz/plain $(target) tests/fuzz/corpus/$(target)/*")
+CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput(void) { return 0; }' | \
+	$(CLANG) -fsanitize=fuzzer,address -x c - -o /dev/null 2>/dev/null && echo yes)
 
-fuzz: $(FUZZERS:tests/fuzz/%.c=build/fuzz/%)
-	@for target in $^; do $$target -max_total_time=$(FUZZ_SECONDS) -artifact_prefix=build/fuzz/ || exit 1; done
+build/fuzz/plain: $(FUZZ_PARTS) build/flags
+	@mkdir -p $(@D) build/fuzz_case
+	$(CC) -std=c99 -O1 -g $(C_WARNINGS) $(INCLUDES) $(FUZZERS) -lm -o $@
+build/fuzz/libfuzzer: $(FUZZ_PARTS)
+	@mkdir -p $(@D) build/fuzz_case
+	$(CLANG) -std=c99 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined -DFUZZ_LIBFUZZER \
+	    $(INCLUDES) $(FUZZERS) -lm -o $@
+
+test-corpus: build/fuzz/plain
+	tests/total.sh $(CORPUS_TESTS)
+
+# libFuzzer puts what it finds worth keeping into build/fuzz/found, and starts from it next time.
+fuzz: build/fuzz/$(if $(CAN_FUZZ),libfuzzer,plain)
+	@mkdir -p $(FUZZ_TARGETS:%=build/fuzz/found/%)
+	tests/total.sh $(foreach target,$(FUZZ_TARGETS),$(if $(CAN_FUZZ),\
+	    "FUZZ_TARGET=$(target) build/fuzz/libfuzzer -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=60 \
+	    -artifact_prefix=build/fuzz/$(target)- -print_final_stats=1 -verbosity=0 build/fuzz/found/$(target) \
+	    tests/fuzz/corpus/$(target) >build/fuzz/$(target).log 2>&1 || { tail -n 40 build/fuzz/$(target).log; false; } \
+	    && grep number_of_executed build/fuzz/$(target).log && echo '1 passed, 0 failed, 0 skipped'",\
+	    "build/fuzz/plain $(target) -$(FUZZ_SECONDS) tests/fuzz/corpus/$(target)/*"))
+
+# ---- soak and coverage -----------------------------------------------------------------------------------------
+
+build/soak: tests/soak.c softbody.h tests/check.h tests/scene.h build/flags
+	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
+
+soak: build/soak
+	SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak
+
+# gcc's counters; functions that every unit has of its own count as run when one of them was.
+COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)
+$(eval $(call suite,coverage,$(GCC) -O1 -g --coverage -fno-inline,-std=c99))
+coverage: build/coverage/tests build/coverage/case_solve
+	rm -f build/coverage/*.gcda
+	build/coverage/tests $(QUICK) >build/coverage/log; tail -n 1 build/coverage/log
+	$(if $(FILTER),,tests/case.sh build/coverage/case_solve build/coverage/case | tail -n 1)
+	tests/coverage.sh build/coverage
+
+build/coverage/case_solve: examples/case_solve.c softbody.h $(wildcard examples/*.h)
+	@mkdir -p $(@D)
+	$(GCC) -O1 -g --coverage -fno-inline -I. $< -lm -o $@
 
 # ---- install ---------------------------------------------------------------------------------------------------
 

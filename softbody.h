@@ -33,8 +33,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra; no
- * saved state that continues to the same bits (displacements and velocities can be set, which continues up to rounding).
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -100,6 +99,8 @@
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
  * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
+ * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
+ * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
@@ -183,7 +184,7 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step.
+ * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -402,6 +403,21 @@
 #define sb_body_solve_static sb_body_solve_static_f32
 #define sb_default_modes_options sb_default_modes_options_f32
 #define sb_body_modes sb_body_modes_f32
+#define sb_body_state_size sb_body_state_size_f32
+#define sb_body_state_save sb_body_state_save_f32
+#define sb_body_state_load sb_body_state_load_f32
+#define sb_body_state_save_file sb_body_state_save_file_f32
+#define sb_body_state_load_file sb_body_state_load_file_f32
+#define sb_body_state_hash sb_body_state_hash_f32
+#define sb_recording_start sb_recording_start_f32
+#define sb_recording_stop sb_recording_stop_f32
+#define sb_recording_destroy sb_recording_destroy_f32
+#define sb_recording_get_info sb_recording_get_info_f32
+#define sb_recording_save sb_recording_save_f32
+#define sb_recording_load sb_recording_load_f32
+#define sb_recording_save_file sb_recording_save_file_f32
+#define sb_recording_load_file sb_recording_load_file_f32
+#define sb_recording_replay sb_recording_replay_f32
 #endif
 #endif
 
@@ -515,7 +531,8 @@ typedef enum sb_result {
     SB_ERROR_INVERTED = -11,     /* an element turned inside out where the material does not allow it */
     SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
     SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
-    SB_ERROR_INDEFINITE = -14    /* a matrix that must be positive definite is not */
+    SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
+    SB_ERROR_STATE = -15         /* a saved state or a recording of another body, or a replay that went another way */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
@@ -2623,16 +2640,16 @@ enum { SB_MAX_PRONY_TERMS = 8 };
  * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density; /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;  /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;      /* shear modulus [Pa], > 0 */
-    sb_real c10;     /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;      /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;     /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30; /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;              /* shear modulus [Pa], > 0 */
+    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
     sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
     sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count; /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -2672,7 +2689,8 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
  * elastic again. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
+                                          int count);
 
 /* ---- presets: liver, as published ----
  * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
@@ -2751,8 +2769,9 @@ SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 
 /* What a point of a material with Prony terms remembers. All zero: at rest for ever. Plain data. */
 typedef struct sb_material_history {
-    sb_real stress[6];                   /* instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F
-                                            [Pa], in the order 00 11 22 01 12 02 */
+    /* Instantaneous relaxing second Piola-Kirchhoff stress S0 at the last F [Pa], in the
+     * order 00 11 22 01 12 02. */
+    sb_real stress[6];
     sb_real memory[SB_MAX_PRONY_TERMS][6]; /* h_i [Pa], the same */
 } sb_material_history;
 
@@ -2762,8 +2781,8 @@ typedef struct sb_material_history {
  * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
  * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
  * hyperelastic, or a pointer but fibre is NULL. */
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
-                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -2804,7 +2823,8 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
                                  const sb_real (*h)[6], sb_real H[6]);
 /* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
  * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
+                              sb_real s0[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -3175,9 +3195,11 @@ SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F,
 {
     sb_mat3 right = sb_m3_tmul(*F, *F);
     sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    sb_mat3 mixed =
+        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
     for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
+                li = sbi_material_row(&mixed, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
             sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
@@ -3330,7 +3352,9 @@ SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi
                                (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
         out->stretch.m[j][k] = out->stretch.m[k][j] =
             (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) * product + c->zeta * s[j] * s[k];
+             c->gamma) *
+                product +
+            c->zeta * s[j] * s[k];
         out->same[i] = c->alpha + c->second * squares[i];
         out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
@@ -3419,8 +3443,8 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
  * add to their output, and return 0 with it untouched when the share is not finite. */
 
 /* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
-                                  sb_real *second)
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
+                                  sb_real *first, sb_real *second)
 {
     sb_real e, growth;
     *a = sb_m3_apply(*F, a0);
@@ -3580,28 +3604,29 @@ typedef struct sb_test_point {
 } sb_test_point;
 
 typedef struct sb_fit_options {
-    int order;        /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
-    int relative;     /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
+    int order;       /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
+    int relative;    /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
                          0: errors in Pa, so that large stresses rule */
-    int nonnegative;  /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
+    int nonnegative; /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
     int compressible; /* 1: free sides move as the material's compressibility says; 0: at constant volume (default).
                          Linear, corotated and St.Venant-Kirchhoff models are always fitted as with 1 */
-    sb_real poisson;  /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
-    sb_real d1;       /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
-    sb_real density;  /* [kg/m^3] > 0 of the result. Default 1000 */
+    sb_real poisson; /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
+    sb_real d1;      /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
+    sb_real density; /* [kg/m^3] > 0 of the result. Default 1000 */
 } sb_fit_options;
 
 SB_API sb_fit_options sb_default_fit_options(void);
 
 typedef struct sb_fit_info {
-    int points;        /* readings that counted */
-    int constants;     /* constants fitted; Prony: terms kept */
-    int iterations;    /* least-squares solves */
-    sb_real rms;       /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
+    int points;     /* readings that counted */
+    int constants;  /* constants fitted; Prony: terms kept */
+    int iterations; /* least-squares solves */
+    sb_real rms;    /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
     sb_real r_squared; /* share of the readings' variance that is explained; 0 when they do not vary */
-    sb_real weakest;   /* the least part of a constant's influence that is its own, of 1: below 0.01 the constants
-                          answer for each other, so that noise moves them far */
-    int stable;        /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
+    /* The least part of a constant's influence that is its own, of 1: below 0.01 the constants answer for
+     * each other, so that noise moves them far. */
+    sb_real weakest;
+    int stable;  /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
     sb_test_kind unstable_kind; /* when not: the first test, and the strain nearest to rest, that is not */
     sb_real unstable_strain;
 } sb_fit_info;
@@ -3611,8 +3636,9 @@ typedef struct sb_fit_info {
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
  * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
  * not tell from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
- * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: a few microseconds a reading.
- * Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7. */
+ * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
+ * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
+ * Deformations, 1984, ch. 7. */
 SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
                                  const sb_fit_options *options, sb_material *material, sb_fit_info *info,
                                  sb_error *error);
@@ -3815,6 +3841,16 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
                                      double size);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
+
+/* What updates remember of the ones before: all that is not made anew from the matrix. */
+typedef struct sbi_precond_memory {
+    double shift;
+    int successes, wait;
+} sbi_precond_memory;
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
+/* The memory must be valid. */
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 #endif
 
 #endif /* SB_PRECOND_H */
@@ -4070,8 +4106,9 @@ SB_API const unsigned char *sb_body_supports(const sb_body *body);
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
- * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
+/* Overwrites the motion (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
+ * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to
+ * rounding, not to the last bit: solver warm starts are not part of it (sb_body_state_load has them). */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
 /* Back to the reference shape at rest, with nothing remembered; supports, loads and materials stay. */
@@ -4381,6 +4418,10 @@ typedef struct sb_step_info {
  * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
  * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
+ * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
+ * otherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out
+ * nothing, lest the memory hold it there.
+ *
  * info may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,
  * SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps; SB_ERROR_UNSUPPORTED
  * where Newmark meets SB_MASS_REDUCED, or central difference, and constraints that cannot be lumped) positions,
@@ -4484,6 +4525,171 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 
 #endif /* SB_MODES_H */
 
+/* ==== src/softbody/state.h ==== */
+/* state: saves what a body is at and brings it back, to the last bit. Floor 3. */
+#ifndef SB_STATE_H
+#define SB_STATE_H
+
+
+/* A saved state holds all that steps and setters change: motion, supports, loads, materials, settings, reactions and
+ * the solvers' warm starts. What follows a load is what followed the save, bit for bit, also in another body, process
+ * or machine. It does not hold the mesh: a state is loaded into a body that was made from the same mesh with the same
+ * integration, mass, preconditioner and single_rotation, in the same precision.
+ *
+ * The bytes are little-endian everywhere:
+ *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
+ *     parts: number (4) and values; the first tells the body's make,
+ *     checksum of all bytes before it (8). */
+
+/* Bytes that sb_body_state_save writes for this body; supports and materials do not change it. 0: more than size_t
+ * holds. Cost: proportional to the body. */
+SB_API size_t sb_body_state_size(const sb_body *body);
+
+/* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.
+ * SB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). */
+SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t size);
+
+/* Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:
+ * SB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other
+ * version or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;
+ * SB_ERROR_MEMORY when more supports or first iterated steps need room that the allocator does not give. On failure the
+ * body is as it was. Where supports and materials need no more room than they did before, nothing is allocated. */
+SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
+
+/* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or
+ * written; no part of a file that could not be written whole stays behind. */
+SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error);
+SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error);
+
+/* 64 bits that differ when anything a saved state holds does: equal for equal runs, whatever the machine or the number
+ * of threads. No allocation; cost: proportional to the body. */
+SB_API uint64_t sb_body_state_hash(const sb_body *body);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- internal: files of checked bytes -------------------------------------------------------------------- */
+
+enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
+
+/* One step of the hash: words in order. */
+SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
+{
+    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
+    return hash ^ (hash >> 32);
+}
+
+/* Little-endian numbers of 1 to 8 bytes. */
+SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
+}
+SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
+{
+    uint64_t value = 0;
+    for (int i = 0; i < bytes; i++)
+        value |= (uint64_t)from[i] << (8 * i);
+    return value;
+}
+/* The low 32 bits of a number as a signed integer, and back. */
+SB_INLINE int sbi_int_of(uint64_t word)
+{
+    uint32_t bits = (uint32_t)word;
+    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
+}
+/* The bits of a real, and back. */
+SBI_API uint64_t sbi_real_bits(sb_real value);
+SBI_API sb_real sbi_real_of(uint64_t bits);
+
+/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
+ * magic: 8 bytes. */
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
+/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error);
+SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
+/* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
+ * and one byte after the end that the head tells. */
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error);
+#endif
+
+#endif /* SB_STATE_H */
+
+/* ==== src/softbody/record.h ==== */
+/* record: what a body was told, and whether it does the same again. Floor 4. */
+#ifndef SB_RECORD_H
+#define SB_RECORD_H
+
+
+/* A recording holds a body's state at its start, then every call that changed the body with its arguments, and of every
+ * step and static solve the result and a hash of the state it led to. So a session can be played again: on another
+ * machine, with another number of threads, or with a library that was meant to compute the same. It works by telling:
+ * a body that is not recorded pays one comparison with NULL per call.
+ *
+ * Memory: 32 bytes per call and its arguments; 136 more per step. With positions_every = k every k-th step also keeps
+ * the displacements (24 bytes per node, in float 12). A sb_body_state_load counts with the whole state it loads. */
+typedef struct sb_recording sb_recording;
+
+typedef struct sb_recording_info {
+    int commands;    /* calls recorded, steps included */
+    int steps;       /* steps and static solves among them */
+    int complete;    /* 0: memory ran short, and what came after that is missing */
+    int recording;   /* 1: still listening to a body */
+    size_t bytes;    /* what sb_recording_save writes */
+} sb_recording_info;
+
+/* Begins to record a body, from its present state. One recording per body at a time.
+ * positions_every  >= 0; 1: displacements of every step, k: of every k-th, the first included; 0: none
+ * allocator        of the recording, which grows geometrically; NULL: malloc
+ * Recording never makes a call on the body fail: when memory runs short the recording ends there and says so.
+ * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave *recording untouched. Release with sb_recording_destroy. */
+SB_API sb_result sb_recording_start(sb_body *body, int positions_every, const sb_allocator *allocator,
+                                    sb_recording **recording, sb_error *error);
+/* Stops listening; what was recorded stays. Also happens when the body is destroyed. */
+SB_API void sb_recording_stop(sb_recording *recording);
+/* Stops and releases; NULL is fine. */
+SB_API void sb_recording_destroy(sb_recording *recording);
+SB_API sb_recording_info sb_recording_get_info(const sb_recording *recording);
+
+/* ---- files: little-endian like a saved state, with "SBRECORD" at the start ---- */
+
+/* Writes sb_recording_info.bytes to buffer[size]; SB_ERROR_ARGUMENT when it is smaller (then untouched). */
+SB_API sb_result sb_recording_save(const sb_recording *recording, void *buffer, size_t size);
+/* Makes a recording from what sb_recording_save wrote; whole and unharmed, or SB_ERROR_FORMAT, SB_ERROR_UNSUPPORTED
+ * (version, precision), SB_ERROR_MEMORY, SB_ERROR_ARGUMENT, with *recording untouched. */
+SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_allocator *allocator,
+                                   sb_recording **recording, sb_error *error);
+/* The same with a file; SB_ERROR_FILE when it cannot be opened, read or written. */
+SB_API sb_result sb_recording_save_file(const sb_recording *recording, const char *path, sb_error *error);
+SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *allocator, sb_recording **recording,
+                                        sb_error *error);
+
+/* ---- playing again ---- */
+
+/* How far a replay came, and where it left the recording's way. Every field is written by every call. */
+typedef struct sb_recording_report {
+    int commands, steps;         /* that were played and agreed */
+    int step;                    /* the first that differed, from 0; -1: none did */
+    sb_result expected, actual;  /* result of that step in the recording and now */
+    uint64_t expected_hash, actual_hash; /* of the state after it */
+    int first_node, last_node;   /* the first displacement that differs is among these: one node where the recording has
+                                  * positions, else a sixteenth of the nodes; -1: none differs, but something else of
+                                  * the state does (velocities, warm starts ...) */
+    sb_real distance;            /* how far apart they are there (m); -1 where the recording has no positions */
+    sb_error error;              /* why the call failed */
+} sb_recording_report;
+
+/* Plays a recording on a body made from the same mesh and def: loads the state it began with, then repeats the calls.
+ * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
+ * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
+ * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
+ * recording what there is is played. report may be NULL. Takes memory from the recording's allocator for the longest
+ * list of arguments. */
+SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report);
+
+#endif /* SB_RECORD_H */
+
 #endif /* SOFTBODY_H */
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
@@ -4515,6 +4721,7 @@ SB_API const char *sb_result_string(sb_result result)
     case SB_ERROR_DIVERGED: return "SB_ERROR_DIVERGED";
     case SB_ERROR_NOT_CONVERGED: return "SB_ERROR_NOT_CONVERGED";
     case SB_ERROR_INDEFINITE: return "SB_ERROR_INDEFINITE";
+    case SB_ERROR_STATE: return "SB_ERROR_STATE";
     }
     return "unknown sb_result";
 }
@@ -12603,7 +12810,8 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
 }
 
 /* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
+                                          int count)
 {
     material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
     for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
@@ -12677,8 +12885,8 @@ static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *er
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa", (double)m->mu,
-                        mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa",
+                        (double)m->mu, mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
@@ -12703,19 +12911,20 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
 {
     sb_real sum = 0;
     if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d", m->prony_count,
-                        (int)SB_MAX_PRONY_TERMS);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d",
+                        m->prony_count, (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material has Prony terms, but model %d is not hyperelastic",
-                        (int)m->model);
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material has Prony terms, but model %d is not hyperelastic", (int)m->model);
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))
-            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Prony term %d has g %g and tau %g s, not finite", i,
-                            (double)g, (double)tau);
+            return sbi_fail(error, SB_ERROR_NOT_FINITE,
+                            "material Prony term %d has g %g and tau %g s, not finite", i, (double)g,
+                            (double)tau);
         if (!(g > 0 && g < 1))
-            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has g %g, must be inside (0, 1)", i,
-                            (double)g);
+            return sbi_fail(error, SB_ERROR_MATERIAL,
+                            "material Prony term %d has g %g, must be inside (0, 1)", i, (double)g);
         if (!(tau > 0))
             return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
                             (double)tau);
@@ -12848,7 +13057,8 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
 static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
 {
     sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
-    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) || !(largest > 0))
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) ||
+        !(largest > 0))
         return 0;
     /* By the largest component first, lest squares overflow. */
     direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
@@ -12998,7 +13208,8 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
 static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
 
 /* S0 = F^-1 P, symmetric but for rounding. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6])
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
+                              sb_real s0[6])
 {
     sb_mat3 p;
     sb_real J = sb_m3_det(*F), stress[6];
@@ -13034,7 +13245,8 @@ static int sbi_material_history_total(const sb_material *material, const sb_mate
     sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
     sb_real prestress[6];
     sb_mat3 remembered, stress;
-    if (!sb_material_stress(&left, F, NULL, &stress) || (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+    if (!sb_material_stress(&left, F, NULL, &stress) ||
+        (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
         return 0;
     sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
     for (int k = 0; k < 6; k++) {
@@ -13045,8 +13257,8 @@ static int sbi_material_history_total(const sb_material *material, const sb_mate
     return sbi_material_all_finite(P->m[0], 9);
 }
 
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
-                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
+                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material relaxing;
     sb_real s0[6];
@@ -13056,7 +13268,8 @@ SB_API int sb_material_history_stress(const sb_material *material, sb_material_h
         (material->prony_count > 0 && !sb_material_is_hyperelastic(material->model)))
         return 0;
     if (material->prony_count == 0) {
-        if (!sb_material_stress(material, F, NULL, &stress) || (fibre && !sb_fibre_stress(material, F, *fibre, &stress)))
+        if (!sb_material_stress(material, F, NULL, &stress) ||
+            (fibre && !sb_fibre_stress(material, F, *fibre, &stress)))
             return 0;
         *P = stress;
         return 1;
@@ -13220,9 +13433,9 @@ typedef struct sbi_fit {
     sb_fit_options options;
     const sb_test_point *data;
     int count;
-    int n;          /* constants: c10 = mu/2, then c01, or c20 and c30 */
-    double bulk;    /* fixed bulk modulus, else 0 */
-    double ratio;   /* else bulk over mu */
+    int n;        /* constants: c10 = mu/2, then c01, or c20 and c30 */
+    double bulk;  /* fixed bulk modulus, else 0 */
+    double ratio; /* else bulk over mu */
     int compressible;
     double c[3];
 } sbi_fit;
@@ -13433,7 +13646,8 @@ static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
     double sum = 0;
     for (int k = 0; k < fit->count; k++) {
         double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
-        if (weight > 0 && (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
+        if (weight > 0 &&
+            (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
             *worst = k;
             return -1;
         }
@@ -13493,7 +13707,8 @@ static sb_result sbi_fit_check_mu(const sbi_fit *fit, const double *c, sb_error 
 }
 
 /* Shortens the step from fit->c to target until the errors do not grow; the step's share, or 0. */
-static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c, double *new_cost)
+static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c,
+                             double *new_cost)
 {
     int worst;
     for (double t = 1; t > 1e-4; t /= 2) {
@@ -13524,7 +13739,8 @@ static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *erro
     int worst = 0;
     double cost = sbi_fit_cost(fit, fit->c, &worst);
     if (cost < 0)
-        return sbi_fail(error, SB_ERROR_DIVERGED, "no free side bears no stress in the %s test at strain %g (reading %d)",
+        return sbi_fail(error, SB_ERROR_DIVERGED,
+                        "no free side bears no stress in the %s test at strain %g (reading %d)",
                         sbi_fit_test_name(fit->data[worst].kind), (double)fit->data[worst].strain, worst);
     for (int iteration = 0; iteration < most; iteration++) {
         sbi_fit_system system;
@@ -13547,7 +13763,8 @@ static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *erro
         if (change <= 16 * (double)SB_EPSILON)
             return SB_OK;
     }
-    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations", info->iterations);
+    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations",
+                    info->iterations);
 }
 
 /* ---- how good it is ---- */
@@ -13603,7 +13820,8 @@ static int sbi_fit_is_positive(double h[3][3], int deviatoric)
         return 0;
     return deviatoric || h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
                                  h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
-                                 h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]) > 0;
+                                 h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]) >
+                             0;
 }
 
 /* Drucker stability in a test at one strain: of the shear share when the volume cannot change. */
@@ -13626,7 +13844,8 @@ static int sbi_fit_is_stable_at(const sbi_fit *fit, sb_test_kind kind, double x)
 }
 
 /* Walks from rest to the strain `end`; 1 when stable all the way, else *strain is the first that is not. */
-static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end, double *strain)
+static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end,
+                                double *strain)
 {
     const int steps = 64;
     for (int k = 0; k <= steps; k++) {
@@ -13656,7 +13875,8 @@ static void sbi_fit_find_stability(const sbi_fit *fit, sb_fit_info *info)
             continue;
         info->stable = 0;
         info->unstable_kind = (sb_test_kind)kind;
-        info->unstable_strain = (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
+        info->unstable_strain =
+            (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
         return;
     }
 }
@@ -13680,8 +13900,9 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
     if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
     if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
-                        (double)o->poisson, (double)o->d1, (double)o->density);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE,
+                        "fit options have poisson %g, d1 %g, density %g, not finite", (double)o->poisson,
+                        (double)o->d1, (double)o->density);
     if (fit->model == SB_REDUCED_POLYNOMIAL && (o->order < 1 || o->order > 3))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option order is %d, must be 1 to 3", o->order);
     if (o->d1 < 0)
@@ -13690,22 +13911,25 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option poisson is %g, must be inside (-1, 0.5)",
                         (double)o->poisson);
     if (!(o->density > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0", (double)o->density);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0",
+                        (double)o->density);
     return SB_OK;
 }
 
 static sb_result sbi_fit_check_point(const sb_test_point *point, int k, sb_error *error)
 {
     if ((int)point->kind < SB_TEST_UNIAXIAL || (int)point->kind > SB_TEST_SIMPLE_SHEAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k, (int)point->kind);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k,
+                        (int)point->kind);
     if (point->measure != SB_STRESS_NOMINAL && point->measure != SB_STRESS_CAUCHY)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a stress of unknown measure %d", k,
                         (int)point->measure);
     if (!sb_is_finite(point->strain) || !sb_is_finite(point->stress))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite", k,
-                        (double)point->strain, (double)point->stress);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite",
+                        k, (double)point->strain, (double)point->stress);
     if (point->kind != SB_TEST_SIMPLE_SHEAR && !(point->strain > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k, (double)point->strain);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k,
+                        (double)point->strain);
     return SB_OK;
 }
 
@@ -13798,8 +14022,8 @@ static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given,
     }
 }
 
-static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
-                                     sb_error *error)
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
+                                     int terms, sb_error *error)
 {
     if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
@@ -13811,7 +14035,8 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
             return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has time %g s and g %g, not finite", k,
                             (double)time[k], (double)g[k]);
         if (!(time[k] > 0))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k, (double)time[k]);
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k,
+                            (double)time[k]);
     }
     for (int i = 0; tau && i < terms; i++)
         if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
@@ -13821,8 +14046,8 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
 }
 
 /* 1 - g(t) = sum of g_i (1 - exp(-t/tau_i)) at every reading. */
-static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau, int terms,
-                                 sbi_fit_system *system)
+static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau,
+                                 int terms, sbi_fit_system *system)
 {
     sbi_fit_begin(system, terms);
     for (int k = 0; k < count; k++) {
@@ -13873,8 +14098,8 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     weakest = sbi_fit_weakest(&system, &own);
     if (tau && own < sbi_fit_least_own)
         return sbi_fail(error, SB_ERROR_INDEFINITE,
-                        "the data do not determine g of tau %d, %g s: %g of its influence is its own", weakest,
-                        times[weakest], own);
+                        "the data do not determine g of tau %d, %g s: %g of its influence is its own",
+                        weakest, times[weakest], own);
     sbi_fit_solve_nonnegative(&system, c);
     for (int i = 0; i < terms; i++)
         if (c[i] > 0) {
@@ -15360,6 +15585,28 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
 }
 
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
+
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
+{
+    sbi_precond_memory memory;
+    memory.shift = preconditioner->shift;
+    memory.successes = preconditioner->successes;
+    memory.wait = preconditioner->wait;
+    return memory;
+}
+
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
+{
+    preconditioner->shift = memory.shift;
+    preconditioner->successes = memory.successes;
+    preconditioner->wait = memory.wait;
+}
+
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
+{
+    return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&
+           memory.wait >= SBI_PRECOND_RELAX_FIRST && memory.wait <= SBI_PRECOND_RELAX_LAST;
+}
 
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
 {
@@ -18028,11 +18275,48 @@ typedef struct sbi_step_guard {
     sb_real stable_step;         /* at the last look (s) */
     int age;                     /* substeps since */
     int ledger_open;             /* 1: energy means something */
+    int caution, calm;           /* plan of substeps, and calls that went well with it */
     double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
+/* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
+ * row in the replay table of record.c. Codes stand in files: never change one. */
+typedef enum sbi_command_code {
+    SBI_COMMAND_DESTROY = 0,       /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,      /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_GRAVITY = 2,       /* reals: 3 */
+    SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
+    SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
+    SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
+    SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
+    SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
+    SBI_COMMAND_CLEAR_LOADS = 10,
+    SBI_COMMAND_DISPLACEMENTS = 11,/* reals: one vector per node */
+    SBI_COMMAND_VELOCITIES = 12,   /* reals: one vector per node */
+    SBI_COMMAND_RESET = 13,
+    SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
+    SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
+    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress;
+                                    * reals: tolerance */
+    SBI_COMMAND_COUNT
+} sbi_command_code;
+
+typedef struct sbi_command {
+    sbi_command_code code;
+    int a, b;
+    const int *ints;
+    const sb_real *reals;
+    const unsigned char *bytes;
+    size_t int_count, real_count, byte_count;
+} sbi_command;
+
 struct sb_body {
     sb_allocator allocator;
+    /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
+    void (*observe)(void *observer, const sbi_command *command);
+    void *observer;
     sb_jobs jobs;
     sb_clock clock;
 
@@ -18113,7 +18397,8 @@ struct sb_body {
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;              /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
-    int saved_force_current;
+    int saved_force_current, saved_unknots;
+    sbi_precond_memory saved_precond;
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
@@ -18150,6 +18435,23 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* Tells the observer, if there is one, of a command without bytes. */
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count);
+
+/* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
+enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
+
+/* The parts of creation that loading a state needs, too. Checks: */
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* memory, which only ever grows: */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
+/* and what follows from the materials. */
+SBI_API void sbi_body_materials_changed(sb_body *body);
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
@@ -18233,9 +18535,67 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
+{
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
 /* ---- creation: arguments ---- */
 
-static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
 {
     if (!sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
@@ -18273,7 +18633,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     return SB_OK;
 }
 
-static sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
     sb_result result = sb_material_check(material, error);
     if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
@@ -18614,7 +18974,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-static void sbi_body_materials_changed(sb_body *body)
+SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
@@ -18685,7 +19045,7 @@ SBI_API int sbi_body_max_newton(const sb_body *body)
 }
 
 /* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
 {
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
@@ -18784,6 +19144,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_allocator allocator;
     if (!body)
         return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
         sbi_free(&allocator, body->loads[i].memory);
@@ -19050,6 +19411,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
@@ -19073,6 +19435,7 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
     sbi_assembly_forget(&body->assembly, at, body->displacement);
+    sbi_body_tell_material(body, 0, region, material);
     return SB_OK;
 }
 
@@ -19083,17 +19446,20 @@ SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
     if (!sb_v3_is_finite(gravity))
         return SB_ERROR_NOT_FINITE;
     body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
     return SB_OK;
 }
 
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
+    const sb_real damping[2] = {alpha, beta};
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
     if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
         return SB_ERROR_UNSUPPORTED;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
     return SB_OK;
 }
 
@@ -19103,6 +19469,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
         return SB_ERROR_ARGUMENT;
     body->tolerance = tolerance;
     body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
     return SB_OK;
 }
 
@@ -19191,15 +19558,10 @@ static int sbi_body_row_length(const sb_body *body, int node)
     return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
 }
 
-/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
- * node listed twice counts twice). */
-static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int needed = body->support_used, most = body->matrix.block_count, capacity;
+    int most = body->matrix.block_count, capacity;
     void *blocks;
-    for (int i = 0; i < count; i++)
-        if (!body->fixed[nodes[i]])
-            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
     if (needed <= body->support_capacity)
         return SB_OK;
     capacity = needed > most / 2 ? most : needed + needed / 2;
@@ -19210,6 +19572,17 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     body->support_blocks = (sb_real(*)[9])blocks;
     body->support_capacity = capacity;
     return SB_OK;
+}
+
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
+static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+{
+    int needed = body->support_used, most = body->matrix.block_count;
+    for (int i = 0; i < count; i++)
+        if (!body->fixed[nodes[i]])
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    return sbi_body_reserve_support_blocks(body, needed);
 }
 
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
@@ -19241,6 +19614,11 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
                                                 body->target[node]);
     }
+    if (result == SB_OK && !targets)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (result == SB_OK && count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
+                      stride == 0 ? 3 : 3 * (size_t)count);
     return result;
 }
 
@@ -19276,6 +19654,7 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
             body->reaction[nodes[i]] =
                 sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
+    sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
 }
 
@@ -19313,6 +19692,8 @@ SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displac
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_DISPLACEMENTS, 0, 0, NULL, 0, &body->displacement[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -19324,6 +19705,8 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
         return SB_ERROR_NOT_FINITE;
     memmove(body->velocity, velocities, (size_t)body->domain.node_count * sizeof(sb_vec3));
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_VELOCITIES, 0, 0, NULL, 0, &body->velocity[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -19355,6 +19738,7 @@ SB_API void sb_body_reset(sb_body *body)
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_RESET, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* ---- readings ---- */
@@ -19855,12 +20239,16 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
             return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
+    if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
+                      uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
 {
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* ---- faces ---- */
@@ -19940,6 +20328,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
             if (pass == 1)
                 sbi_load_add_traction(body, &face, &rule, traction);
         }
+    sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
 
@@ -21486,6 +21875,8 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
 
+/* Takes note of a call that went well; after a run of them the next may be bolder. */
+SBI_API void sbi_explicit_calm(sb_body *body, int caution);
 /* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
  * is none. Overwrites the body's work vectors. */
 SBI_API sb_real sbi_explicit_bound(sb_body *body);
@@ -21822,6 +22213,17 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
             return result;
     }
     return x->last_resort ? sbi_explicit_look(x) : SB_OK;
+}
+
+SBI_API void sbi_explicit_calm(sb_body *body, int caution)
+{
+    sbi_step_guard *guard = &body->guard;
+    guard->calm = caution == guard->caution ? guard->calm + 1 : 1;
+    guard->caution = caution;
+    if (guard->calm >= 8 && caution > 0) {
+        guard->caution--;
+        guard->calm = 0;
+    }
 }
 
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
@@ -22657,6 +23059,8 @@ static void sbi_step_save(sb_body *b)
     if (b->elimination)
         sbi_elimination_save(b->elimination, b->start);
     b->saved_force_current = b->force_current;
+    b->saved_unknots = b->assembly.unknots;
+    b->saved_precond = sbi_precond_get_memory(b->precond);
     sbi_assembly_save_rotations(&b->assembly);
 }
 
@@ -22669,6 +23073,8 @@ static void sbi_step_undo(sb_body *b)
     if (b->elimination)
         sbi_elimination_restore(b->elimination);
     b->force_current = b->saved_force_current;
+    b->assembly.unknots = b->saved_unknots;
+    sbi_precond_set_memory(b->precond, b->saved_precond);
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
 }
@@ -22795,16 +23201,18 @@ static sb_result sbi_step_run(sbi_newton *newton)
     return sbi_step_commit(newton);
 }
 
-/* Substeps of central differences; what goes bad is done again with more caution. */
+/* Substeps of central differences; what goes bad is done again with more caution, which stays for a while. */
 static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sbi_step_guard guard = body->guard;
-    for (int caution = 0;; caution++) {
+    for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_loads(body);
         result = sbi_explicit_run(body, dt, caution, info);
-        if (result == SB_OK)
+        if (result == SB_OK) {
+            sbi_explicit_calm(body, caution);
             return result;
+        }
         sbi_step_undo(body);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
@@ -22852,8 +23260,8 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
-    sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
+    sbi_step_watch_knots(body, newton.linearised);
     result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
@@ -22865,6 +23273,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     }
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
     info->seconds_total = sbi_step_now(body) - begin;
+    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return sbi_step_report(info, result);
 }
 
@@ -22975,6 +23384,12 @@ static void sbi_static_commit(sbi_newton *newton)
     b->acceleration_known = 0;
 }
 
+static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
+{
+    const int ints[4] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress};
+    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 4, &options->tolerance, 1);
+}
+
 SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info)
 {
     sb_static_options defaults = sb_default_static_options();
@@ -23000,8 +23415,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
-    sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
+    sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
@@ -23015,6 +23430,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
     info->seconds_total = sbi_step_now(body) - begin;
+    sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
 }
 
@@ -23316,16 +23732,25 @@ static void sbi_modes_append(sbi_modes *m, sb_vec3 *t)
     m->size++;
 }
 
-/* Adds `count` random vectors with their fast motions taken out. */
+/* Adds `count` random vectors with their fast motions taken out; first what the basis has already, lest nearly rigid
+ * motions drown the rest. In the smallest of problems nothing else is left: then the random vector itself. */
 static sb_result sbi_modes_append_random(sbi_modes *m, int count)
 {
     sb_result result = SB_OK;
     for (int k = 0; k < count && result == SB_OK; k++) {
+        int before = m->size;
         sbi_modes_fill_random(m, m->x);
+        sbi_modes_mass_times(m, m->x, m->ax);
+        for (int j = 0; j < m->size; j++)
+            m->scratch[j] = sbi_modes_dot(m, sbi_modes_basis(m, j), m->ax);
+        for (int j = 0; j < m->size; j++)
+            sbi_modes_add(m, m->x, -m->scratch[j], sbi_modes_basis(m, j));
         sbi_modes_mass_times(m, m->x, m->ax);
         result = sbi_modes_solve(m, m->ax, m->fresh, 0.1);
         if (result == SB_OK)
             sbi_modes_append(m, m->fresh);
+        if (result == SB_OK && m->size == before)
+            sbi_modes_append(m, m->x);
     }
     return result;
 }
@@ -23661,6 +24086,1369 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
         *info = report;
     if (error && result != SB_OK)
         *error = own;
+    return result;
+}
+
+/* ==== src/softbody/state.c ==== */
+/* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
+
+#include <stdio.h>
+#include <string.h>
+
+
+/* ---- bits ---- */
+
+SBI_API uint64_t sbi_real_bits(sb_real value)
+{
+#if SB_REAL_IS_FLOAT
+    uint32_t bits;
+#else
+    uint64_t bits;
+#endif
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+SBI_API sb_real sbi_real_of(uint64_t word)
+{
+#if SB_REAL_IS_FLOAT
+    uint32_t bits = (uint32_t)word;
+#else
+    uint64_t bits = word;
+#endif
+    sb_real value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* ---- images ---- */
+
+static uint64_t sbi_image_checksum(const unsigned char *bytes, size_t size)
+{
+    uint64_t hash = size;
+    for (; size >= 8; bytes += 8, size -= 8)
+        hash = sbi_hash_word(hash, sbi_get_bytes(bytes, 8));
+    return sbi_hash_word(hash, sbi_get_bytes(bytes, (int)size));
+}
+
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version)
+{
+    memcpy(image, magic, 8);
+    sbi_put_bytes(image + 8, version, 4);
+    sbi_put_bytes(image + 12, sizeof(sb_real), 4);
+    sbi_put_bytes(image + 16, size, 8);
+    sbi_put_bytes(image + size - SBI_IMAGE_TAIL, sbi_image_checksum(image, size - SBI_IMAGE_TAIL), 8);
+}
+
+static sb_result sbi_image_check_head(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                      const char *what, sb_error *error)
+{
+    uint64_t real;
+    if (size < SBI_IMAGE_HEAD + SBI_IMAGE_TAIL)
+        return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved %s", (unsigned long)size, what);
+    if (memcmp(image, magic, 8) != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "these are not the bytes of a saved %s", what);
+    if (sbi_get_bytes(image + 8, 4) != version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved %s has version %lu, this library reads %lu", what,
+                        (unsigned long)sbi_get_bytes(image + 8, 4), (unsigned long)version);
+    real = sbi_get_bytes(image + 12, 4);
+    if (real != sizeof(sb_real))
+        return sbi_fail(error, real == 4 || real == 8 ? SB_ERROR_UNSUPPORTED : SB_ERROR_FORMAT,
+                        "the saved %s has reals of %lu bytes, this library has %lu", what, (unsigned long)real,
+                        (unsigned long)sizeof(sb_real));
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error)
+{
+    sb_result result = sbi_image_check_head(image, size, magic, version, what, error);
+    if (result != SB_OK)
+        return result;
+    if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
+                        sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
+    if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
+    return SB_OK;
+}
+
+static sb_result sbi_image_fail_file(sb_error *error, const char *path, const char *why)
+{
+    sbi_fail(error, SB_ERROR_FILE, "%s", why);
+    if (error)
+        sbi_error_set_file(error, path);
+    return SB_ERROR_FILE;
+}
+
+SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error)
+{
+    FILE *before = fopen(path, "rb"), *file;
+    int existed = before != NULL, failed;
+    if (before)
+        fclose(before);
+    file = fopen(path, "wb");
+    if (!file)
+        return sbi_image_fail_file(error, path, "the file cannot be opened for writing");
+    failed = fwrite(image, 1, size, file) != size;
+    failed |= fclose(file) != 0;
+    if (!failed)
+        return SB_OK;
+    if (!existed) /* what was there before may be a device */
+        remove(path);
+    return sbi_image_fail_file(error, path, "the file cannot be written: is the disk full?");
+}
+
+/* Reads on in growing steps, so that no memory is taken for a size that the file only claims. */
+static sb_result sbi_image_read_rest(const sb_allocator *allocator, FILE *file, unsigned char **image, size_t *size,
+                                     sb_error *error)
+{
+    uint64_t claimed = sbi_get_bytes(*image + 16, 8);
+    size_t capacity = SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, got = 1;
+    while (got && (uint64_t)*size <= claimed) {
+        if (*size == capacity) {
+            unsigned char *grown = (unsigned char *)sbi_alloc(allocator, capacity, 2);
+            if (!grown)
+                return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a file of more than %lu bytes",
+                                (unsigned long)capacity);
+            memcpy(grown, *image, *size);
+            sbi_free(allocator, *image);
+            *image = grown;
+            capacity *= 2;
+        }
+        got = fread(*image + *size, 1, capacity - *size, file);
+        *size += got;
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error)
+{
+    FILE *file = fopen(path, "rb");
+    unsigned char *bytes;
+    sb_result result;
+    if (!file)
+        return sbi_image_fail_file(error, path, "the file cannot be opened");
+    bytes = (unsigned char *)sbi_alloc(allocator, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, 1);
+    if (!bytes) {
+        fclose(file);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to read a file");
+    }
+    *size = fread(bytes, 1, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, file);
+    result = ferror(file) ? SB_OK : sbi_image_check_head(bytes, *size, magic, version, what, error);
+    if (result == SB_OK && !ferror(file))
+        result = sbi_image_read_rest(allocator, file, &bytes, size, error);
+    if (result == SB_OK && ferror(file))
+        result = sbi_fail(error, SB_ERROR_FILE, "the file cannot be read");
+    fclose(file);
+    if (result != SB_OK) {
+        sbi_free(allocator, bytes);
+        if (error)
+            sbi_error_set_file(error, path);
+        return result;
+    }
+    *image = bytes;
+    return SB_OK;
+}
+
+/* ---- the walk ---------------------------------------------------------------------------------------------
+ * Every part of the state is one function that names its values in order, whatever the walk is for. Passes over a
+ * body give its values away; passes over an image hand the image's values back. Those that come before READ change
+ * nothing that a step could notice, and READ cannot fail. */
+
+typedef enum sbi_state_pass {
+    SBI_STATE_MEASURE, /* of a body: bytes */
+    SBI_STATE_WRITE,
+    SBI_STATE_HASH,
+    SBI_STATE_CHECK,   /* of an image: may the body take these values? */
+    SBI_STATE_RESERVE, /* memory for them; capacities may grow */
+    SBI_STATE_READ     /* the body takes them */
+} sbi_state_pass;
+
+typedef struct sbi_state_walk {
+    sbi_state_pass pass;
+    unsigned char *out;      /* WRITE */
+    const unsigned char *in; /* CHECK, RESERVE, READ */
+    size_t used, size;       /* bytes: passed so far, of in */
+    int overflow;            /* MEASURE: used does not fit size_t */
+    uint64_t hash;
+    sb_result result;        /* the first failure; what comes after it is 0 */
+    sb_error *error;
+    sb_body_def settings;    /* of the image, once its settings were passed */
+} sbi_state_walk;
+
+static int sbi_state_is_image(const sbi_state_walk *walk) { return walk->pass >= SBI_STATE_CHECK; }
+
+/* A refusal of what an image holds, in CHECK: keeps the first. */
+static void sbi_state_refuse(sbi_state_walk *walk, sb_result result)
+{
+    if (walk->result == SB_OK)
+        walk->result = result;
+}
+
+/* One number of some bytes: the body's goes in, the one that counts comes back. */
+static uint64_t sbi_state_word(sbi_state_walk *walk, uint64_t value, int bytes)
+{
+    size_t at = walk->used;
+    if (sbi_state_is_image(walk)) {
+        if (walk->result != SB_OK)
+            return 0;
+        if (walk->size - at < (size_t)bytes) {
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state ends too early"));
+            return 0;
+        }
+        value = sbi_get_bytes(walk->in + at, bytes);
+    } else if (walk->pass == SBI_STATE_WRITE) {
+        sbi_put_bytes(walk->out + at, value, bytes);
+    } else if (walk->pass == SBI_STATE_HASH) {
+        walk->hash = sbi_hash_word(walk->hash, value);
+    }
+    walk->overflow |= !sbi_size_add(&walk->used, (size_t)bytes, 1);
+    return value;
+}
+
+/* An integer of the range; an image's that is not in it is refused, and reads as `low`. */
+static int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, const char *name)
+{
+    int got = sbi_int_of(sbi_state_word(walk, (uint64_t)(uint32_t)value, 4));
+    if (!sbi_state_is_image(walk))
+        return value;
+    if (walk->result == SB_OK && (got < low || got > high))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d", name,
+                                        got, low, high));
+    return walk->result == SB_OK ? got : low;
+}
+
+/* A real, whose range is the caller's business. */
+static sb_real sbi_state_real(sbi_state_walk *walk, sb_real value)
+{
+    return sbi_real_of(sbi_state_word(walk, sbi_real_bits(value), (int)sizeof(sb_real)));
+}
+
+static sb_vec3 sbi_state_vector(sbi_state_walk *walk, sb_vec3 value)
+{
+    value.x = sbi_state_real(walk, value.x);
+    value.y = sbi_state_real(walk, value.y);
+    value.z = sbi_state_real(walk, value.z);
+    return value;
+}
+
+/* What the image and the body must agree on. */
+static void sbi_state_same(sbi_state_walk *walk, uint64_t value, const char *name)
+{
+    uint64_t got = sbi_state_word(walk, value, 8);
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && got != value)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_STATE,
+                                        "the state was saved from another body: %s is %lu there, %lu here", name,
+                                        (unsigned long)got, (unsigned long)value));
+}
+
+enum { SBI_STATE_ANY = 0, SBI_STATE_FINITE = 1 };
+
+/* A vector per node. ANY: arithmetic may have overflowed there, and every solve looks out for it. */
+static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count, int kind, const char *name)
+{
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sb_vec3 v = sbi_state_vector(walk, vectors[i]);
+        if (walk->pass == SBI_STATE_CHECK && kind == SBI_STATE_FINITE && walk->result == SB_OK && !sb_v3_is_finite(v))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, i,
+                                                 "the saved %s of node %d is not finite", name, i));
+        if (walk->pass == SBI_STATE_READ)
+            vectors[i] = v;
+    }
+}
+
+/* ---- the parts ---- */
+
+/* What the body is made of, so that a state of another one is refused. */
+static uint64_t sbi_state_mesh_hash(const sb_body *body)
+{
+    const sb_domain *domain = &body->domain;
+    size_t cells = (size_t)domain->cell_count * (size_t)domain->nodes_per_cell;
+    uint64_t hash = 1;
+    for (size_t i = 0; i < cells; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)domain->cells[i]);
+    for (int i = 0; i < domain->cell_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)body->cell_material[i]);
+    for (int i = 0; i < body->material_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)body->material_regions[i]);
+    for (int i = 0; i < domain->node_count; i++) {
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].x));
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].y));
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
+    }
+    return hash;
+}
+
+static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
+{
+    int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
+    sb_preconditioner_info precond = sb_preconditioner_get_info(body->precond);
+    sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
+    sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
+    sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
+    sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
+    sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
+    sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
+    sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
+    sbi_state_same(walk, (uint64_t)precond.kind, "the preconditioner");
+    sbi_state_same(walk, (uint64_t)precond.piece_count, "the preconditioner's number of pieces");
+    sbi_state_same(walk, used ? sbi_state_mesh_hash(body) : 0, "the mesh's hash");
+}
+
+static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
+{
+    sb_body_def def = sb_default_body_def();
+    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_NEWMARK, "integrator");
+    def.gravity = sbi_state_vector(walk, body->gravity);
+    def.damping_mass = sbi_state_real(walk, body->damping_mass);
+    def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
+    def.tolerance = sbi_state_real(walk, body->tolerance);
+    def.newton_tolerance = sbi_state_real(walk, body->newton_tolerance);
+    def.max_iterations = sbi_state_int(walk, body->max_iterations, 1, INT32_MAX, "max_iterations");
+    def.max_newton = sbi_state_int(walk, body->max_newton, SB_AUTO, INT32_MAX, "max_newton");
+    walk->settings = def;
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_body_check_settings(&def, walk->error));
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    body->integrator = def.integrator;
+    body->gravity = def.gravity;
+    body->damping_mass = def.damping_mass;
+    body->damping_stiffness = def.damping_stiffness;
+    body->tolerance = def.tolerance;
+    body->newton_tolerance = def.newton_tolerance;
+    body->max_iterations = def.max_iterations;
+    body->max_newton = def.max_newton;
+}
+
+/* Room for the damping of iterated steps, should the image's settings and this material need it. */
+static void sbi_state_reserve_damping(sb_body *body, sbi_state_walk *walk, const sb_material *material)
+{
+    sb_body planned = *body;
+    planned.integrator = walk->settings.integrator;
+    planned.max_newton = walk->settings.max_newton;
+    sbi_state_refuse(walk, sbi_body_reserve_damping(&planned, material, 1, walk->error));
+    body->damping_blocks = planned.damping_blocks;
+}
+
+static sb_material sbi_state_material(const sb_material *material, sbi_state_walk *walk)
+{
+    sb_real reals[SBI_MATERIAL_REALS];
+    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SB_REDUCED_POLYNOMIAL, "material model");
+    int prony_count = sbi_state_int(walk, material->prony_count, 0, SB_MAX_PRONY_TERMS, "Prony term count");
+    sbi_body_pack_material(material, reals);
+    for (int i = 0; i < SBI_MATERIAL_REALS; i++)
+        reals[i] = sbi_state_real(walk, reals[i]);
+    return sbi_body_unpack_material(model, prony_count, reals);
+}
+
+static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
+{
+    int changed = 0;
+    for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
+        sb_material material = sbi_state_material(body->materials + i, walk);
+        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
+            sbi_state_refuse(walk, sbi_body_check_material(&material, body->domain.single_rotation, walk->error));
+        if (walk->pass == SBI_STATE_RESERVE)
+            sbi_state_reserve_damping(body, walk, &material);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        changed |= memcmp(&material, body->materials + i, sizeof material) != 0;
+        body->materials[i] = material;
+    }
+    if (changed)
+        sbi_body_materials_changed(body);
+}
+
+/* Supported axes, of which nodes without an element keep all; the others take blocks of the matrix. */
+static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int needed = 0;
+    for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
+        int lonely = body->node_component[i] < 0;
+        int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
+        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
+                                                 "node %d cannot have the saved supports %d", i, fixed));
+        if (fixed && !lonely)
+            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+        if (walk->pass == SBI_STATE_READ)
+            body->fixed[i] = (unsigned char)fixed;
+    }
+    if (walk->pass == SBI_STATE_RESERVE && sbi_body_reserve_support_blocks(body, needed) != SB_OK)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for supports of %d blocks", needed));
+    if (walk->pass == SBI_STATE_READ)
+        body->support_used = needed;
+    sbi_state_vectors(walk, body->target, body->domain.node_count, SBI_STATE_FINITE, "target");
+}
+
+static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
+{
+    int n = body->domain.node_count;
+    sbi_state_vectors(walk, body->dead_load, n, SBI_STATE_ANY, "load");
+    sbi_state_vectors(walk, body->equilibrated, n, SBI_STATE_ANY, "equilibrated load");
+    sbi_state_vectors(walk, body->external, n, SBI_STATE_ANY, "external force");
+    sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
+}
+
+/* Motion, and the internal forces that go with it; zeros stand for forces that are not current. */
+static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
+{
+    int n = body->domain.node_count;
+    int unknots = sbi_state_int(walk, body->assembly.unknots, 0, 1, "unknotting");
+    int known = sbi_state_int(walk, body->acceleration_known, 0, 1, "acceleration mark");
+    int current = sbi_state_int(walk, body->force_current, 0, 1, "force mark");
+    sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
+    sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
+    sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
+    for (int i = 0; i < n && walk->result == SB_OK; i++) {
+        sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
+        if (walk->pass == SBI_STATE_READ)
+            body->internal[i] = force;
+    }
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    body->assembly.unknots = unknots;
+    body->acceleration_known = known;
+    body->force_current = current;
+    sbi_body_update_positions(body);
+}
+
+/* A unit quaternion, as the solvers for rotations leave it. */
+static sb_quat sbi_state_rotation(sbi_state_walk *walk, sb_quat q, int cell)
+{
+    sb_real n;
+    q.w = sbi_state_real(walk, q.w);
+    q.x = sbi_state_real(walk, q.x);
+    q.y = sbi_state_real(walk, q.y);
+    q.z = sbi_state_real(walk, q.z);
+    n = sb_quat_dot(q, q);
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !(n > (sb_real)0.99 && n < (sb_real)1.01))
+        sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, cell,
+                                                "the saved rotation of element %d is none", cell));
+    return q;
+}
+
+/* Where the batched loops keep the four numbers of a cell's rotation, SB_POLAR_LANES apart. */
+static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
+{
+    return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
+}
+
+/* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
+ * the batched loops keep beside them (assembly.rotated) is made anew by each step before it is read. */
+static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
+{
+    const sbi_assembly *assembly = &body->assembly;
+    int cells = body->domain.cell_count, points = body->domain.points_per_cell;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++)
+        for (int p = 0; p < points; p++) {
+            sb_quat *at = assembly->rotations + (size_t)e * (size_t)points + (size_t)p;
+            sb_quat q = sbi_state_rotation(walk, *at, e);
+            if (walk->pass == SBI_STATE_READ)
+                *at = q;
+        }
+    for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
+        sb_real *at = sbi_state_batch_quat(assembly, e);
+        sb_quat q = sbi_state_rotation(
+            walk, sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]), e);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        at[0] = q.w;
+        at[SB_POLAR_LANES] = q.x;
+        at[2 * SB_POLAR_LANES] = q.y;
+        at[3 * SB_POLAR_LANES] = q.z;
+    }
+}
+
+static void sbi_state_precond(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
+    uint64_t bits;
+    memcpy(&bits, &memory.shift, sizeof bits);
+    bits = sbi_state_word(walk, bits, 8);
+    memcpy(&memory.shift, &bits, sizeof bits);
+    memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
+    memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !sbi_precond_is_memory(memory))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
+                                                                      "is out of range", memory.shift, memory.wait));
+    if (walk->pass == SBI_STATE_READ)
+        sbi_precond_set_memory(body->precond, memory);
+}
+
+/* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
+ * that of the image; materials come before what depends on them. */
+typedef struct sbi_state_part {
+    int number;
+    void (*walk)(sb_body *body, sbi_state_walk *walk);
+} sbi_state_part;
+
+static const sbi_state_part sbi_state_parts[] = {
+    {1, sbi_state_make},  {2, sbi_state_settings},  {3, sbi_state_materials}, {4, sbi_state_supports},
+    {5, sbi_state_loads}, {6, sbi_state_rotations}, {7, sbi_state_motion},    {8, sbi_state_precond},
+};
+enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 1 };
+
+static const char sbi_state_magic[9] = "SBSTATE\x1A";
+
+static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
+{
+    walk->pass = pass;
+    walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
+    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
+        const sbi_state_part *part = sbi_state_parts + i;
+        sbi_state_int(walk, part->number, part->number, part->number, "part");
+        if (walk->result == SB_OK)
+            part->walk(body, walk);
+    }
+}
+
+/* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
+ * arrays are the body's own, which these passes leave alone. */
+static void sbi_state_run_const(const sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
+{
+    sb_body view = *body;
+    sbi_state_run(&view, walk, pass);
+}
+
+static sbi_state_walk sbi_state_begin(void)
+{
+    sbi_state_walk walk;
+    memset(&walk, 0, sizeof walk);
+    return walk;
+}
+
+/* ---- entry points ---- */
+
+SB_API size_t sb_body_state_size(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (!body)
+        return 0;
+    sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t size)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    size_t needed = sb_body_state_size(body);
+    if (!body || !buffer || needed == 0 || size < needed)
+        return SB_ERROR_ARGUMENT;
+    walk.out = (unsigned char *)buffer;
+    sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
+    return SB_OK;
+}
+
+SB_API uint64_t sb_body_state_hash(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (body)
+        sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+    return walk.hash;
+}
+
+/* Tells a recording what was loaded. */
+static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_STATE;
+    command.bytes = bytes;
+    command.byte_count = size;
+    body->observe(body->observer, &command);
+}
+
+SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (!body || (size > 0 && !buffer))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
+    walk.in = (const unsigned char *)buffer;
+    walk.error = error;
+    walk.result = sbi_image_check(walk.in, size, sbi_state_magic, SBI_STATE_VERSION, "state", error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    walk.size = size - SBI_IMAGE_TAIL;
+    sbi_state_run_const(body, &walk, SBI_STATE_CHECK);
+    if (walk.result == SB_OK && walk.used != walk.size)
+        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
+                               (unsigned long)(walk.size - walk.used));
+    if (walk.result == SB_OK)
+        sbi_state_run(body, &walk, SBI_STATE_RESERVE);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_run(body, &walk, SBI_STATE_READ);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
+{
+    size_t size = sb_body_state_size(body);
+    unsigned char *image;
+    sb_result result;
+    if (!body || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_save_file needs a body and a path");
+    image = size ? (unsigned char *)sbi_alloc(&body->allocator, size, 1) : NULL;
+    if (!image)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a state of %lu bytes", (unsigned long)size);
+    sb_body_state_save(body, image, size);
+    result = sbi_image_write_file(path, image, size, error);
+    sbi_free(&body->allocator, image);
+    return result;
+}
+
+SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error)
+{
+    unsigned char *image = NULL;
+    size_t size = 0;
+    sb_result result;
+    if (!body || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load_file needs a body and a path");
+    result = sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size,
+                                 error);
+    if (result != SB_OK)
+        return result;
+    result = sb_body_state_load(body, image, size, error);
+    if (result != SB_OK && error)
+        sbi_error_set_file(error, path);
+    sbi_free(&body->allocator, image);
+    return result;
+}
+
+/* ==== src/softbody/record.c ==== */
+/* record: recordings of calls, and their replay.
+ *
+ * A recording is one image, in memory as in the file:
+ *     head | positions_every, incomplete, commands, steps, nodes (4 bytes each), 4 unused, bytes of the state (8)
+ *          | state | commands | checksum
+ * and a command is
+ *     code, a, b, int count (4 bytes each), real count, byte count (8 each) | ints | reals | bytes
+ * Bytes of a step or static solve: hash of the state, hashes of the displacements of 16 ranges of nodes, and maybe the
+ * displacements. */
+
+#include <string.h>
+
+
+enum {
+    SBI_RECORD_VERSION = 1,
+    SBI_RECORD_HEAD = SBI_IMAGE_HEAD + 32,
+    SBI_RECORD_COMMAND = 32,
+    SBI_RECORD_RANGES = 16,
+    SBI_RECORD_OUTCOME = 8 * (1 + SBI_RECORD_RANGES)
+};
+
+static const char sbi_record_magic[9] = "SBRECORD";
+
+struct sb_recording {
+    sb_allocator allocator;
+    sb_body *body;         /* that is listened to, or NULL */
+    int positions_every, incomplete, commands, steps, node_count;
+    size_t state_size;
+    unsigned char *data;   /* the image without its checksum; numbers of the head are put in when it is saved */
+    size_t size, capacity;
+};
+
+/* ---- writing ---- */
+
+/* Room for so many bytes more; 0 when memory is short. */
+static int sbi_record_reserve(sb_recording *recording, size_t bytes)
+{
+    size_t needed = recording->size, capacity;
+    unsigned char *grown;
+    if (!sbi_size_add(&needed, bytes, 1))
+        return 0;
+    if (needed <= recording->capacity)
+        return 1;
+    capacity = needed;
+    if (!sbi_size_add(&capacity, needed / 2, 1))
+        return 0;
+    grown = (unsigned char *)sbi_alloc(&recording->allocator, capacity, 1);
+    if (!grown)
+        return 0;
+    if (recording->size)
+        memcpy(grown, recording->data, recording->size);
+    sbi_free(&recording->allocator, recording->data);
+    recording->data = grown;
+    recording->capacity = capacity;
+    return 1;
+}
+
+static void sbi_record_put(sb_recording *recording, uint64_t value, int bytes)
+{
+    sbi_put_bytes(recording->data + recording->size, value, bytes);
+    recording->size += (size_t)bytes;
+}
+
+static void sbi_record_put_real(sb_recording *recording, sb_real value)
+{
+    sbi_record_put(recording, sbi_real_bits(value), (int)sizeof value);
+}
+
+/* First node of a range; that of range 16 is the node count. */
+static int sbi_record_range_start(int node_count, int range)
+{
+    int length = node_count / SBI_RECORD_RANGES + (node_count % SBI_RECORD_RANGES != 0);
+    return range >= node_count / length + (node_count % length != 0) ? node_count : range * length;
+}
+
+static uint64_t sbi_record_range_hash(const sb_vec3 *displacement, int node_count, int range)
+{
+    int end = sbi_record_range_start(node_count, range + 1);
+    uint64_t hash = 1;
+    for (int i = sbi_record_range_start(node_count, range); i < end; i++) {
+        hash = sbi_hash_word(hash, sbi_real_bits(displacement[i].x));
+        hash = sbi_hash_word(hash, sbi_real_bits(displacement[i].y));
+        hash = sbi_hash_word(hash, sbi_real_bits(displacement[i].z));
+    }
+    return hash;
+}
+
+static int sbi_record_is_solve(sbi_command_code code)
+{
+    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC;
+}
+
+/* Where a solve led; sized by sbi_record_outcome_size. */
+static void sbi_record_put_outcome(sb_recording *recording, size_t size)
+{
+    const sb_body *body = recording->body;
+    sbi_record_put(recording, sb_body_state_hash(body), 8);
+    for (int k = 0; k < SBI_RECORD_RANGES; k++)
+        sbi_record_put(recording, sbi_record_range_hash(body->displacement, recording->node_count, k), 8);
+    for (int i = 0; size > SBI_RECORD_OUTCOME && i < recording->node_count; i++) {
+        sbi_record_put_real(recording, body->displacement[i].x);
+        sbi_record_put_real(recording, body->displacement[i].y);
+        sbi_record_put_real(recording, body->displacement[i].z);
+    }
+}
+
+static size_t sbi_record_outcome_size(const sb_recording *recording)
+{
+    int full = recording->positions_every > 0 && recording->steps % recording->positions_every == 0;
+    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->node_count * sizeof(sb_vec3) : 0);
+}
+
+static int sbi_record_append(sb_recording *recording, const sbi_command *command)
+{
+    int solve = sbi_record_is_solve(command->code);
+    size_t bytes = solve ? sbi_record_outcome_size(recording) : command->byte_count, total = SBI_RECORD_COMMAND;
+    if (recording->commands == INT32_MAX || !sbi_size_add(&total, command->int_count, 4) ||
+        !sbi_size_add(&total, command->real_count, sizeof(sb_real)) || !sbi_size_add(&total, bytes, 1) ||
+        !sbi_record_reserve(recording, total))
+        return 0;
+    sbi_record_put(recording, (uint64_t)command->code, 4);
+    sbi_record_put(recording, (uint64_t)(uint32_t)command->a, 4);
+    sbi_record_put(recording, (uint64_t)(uint32_t)command->b, 4);
+    sbi_record_put(recording, (uint64_t)command->int_count, 4);
+    sbi_record_put(recording, (uint64_t)command->real_count, 8);
+    sbi_record_put(recording, (uint64_t)bytes, 8);
+    for (size_t i = 0; i < command->int_count; i++)
+        sbi_record_put(recording, (uint64_t)(uint32_t)command->ints[i], 4);
+    for (size_t i = 0; i < command->real_count; i++)
+        sbi_record_put_real(recording, command->reals[i]);
+    if (solve) {
+        sbi_record_put_outcome(recording, bytes);
+        recording->steps++;
+    } else if (bytes) {
+        memcpy(recording->data + recording->size, command->bytes, bytes);
+        recording->size += bytes;
+    }
+    recording->commands++;
+    return 1;
+}
+
+static void sbi_record_observe(void *observer, const sbi_command *command)
+{
+    sb_recording *recording = (sb_recording *)observer;
+    if (command->code == SBI_COMMAND_DESTROY)
+        recording->body = NULL;
+    else if (!recording->incomplete)
+        recording->incomplete = !sbi_record_append(recording, command);
+}
+
+/* ---- the object ---- */
+
+static sb_recording *sbi_record_make(const sb_allocator *allocator, sb_error *error)
+{
+    sb_recording *recording = (sb_recording *)sbi_alloc_zeroed(allocator, 1, sizeof *recording);
+    if (!recording)
+        sbi_fail(error, SB_ERROR_MEMORY, "no memory for a recording");
+    else if (allocator)
+        recording->allocator = *allocator;
+    return recording;
+}
+
+SB_API sb_result sb_recording_start(sb_body *body, int positions_every, const sb_allocator *allocator,
+                                    sb_recording **recording, sb_error *error)
+{
+    sb_recording *made;
+    size_t size = sb_body_state_size(body), total = SBI_RECORD_HEAD;
+    if (!body || !recording || positions_every < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_recording_start needs a body, a place for the recording and positions_every >= 0");
+    if (body->observe)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body is being recorded already");
+    made = sbi_record_make(allocator, error);
+    if (!made)
+        return SB_ERROR_MEMORY;
+    made->positions_every = positions_every;
+    made->node_count = body->domain.node_count;
+    made->state_size = size;
+    if (size == 0 || !sbi_size_add(&total, size, 1) || !sbi_record_reserve(made, total)) {
+        sb_recording_destroy(made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to record a state of %lu bytes", (unsigned long)size);
+    }
+    memset(made->data, 0, SBI_RECORD_HEAD);
+    sb_body_state_save(body, made->data + SBI_RECORD_HEAD, size);
+    made->size = total;
+    made->body = body;
+    body->observe = sbi_record_observe;
+    body->observer = made;
+    *recording = made;
+    return SB_OK;
+}
+
+SB_API void sb_recording_stop(sb_recording *recording)
+{
+    if (!recording || !recording->body)
+        return;
+    recording->body->observe = NULL;
+    recording->body->observer = NULL;
+    recording->body = NULL;
+}
+
+SB_API void sb_recording_destroy(sb_recording *recording)
+{
+    sb_allocator allocator;
+    if (!recording)
+        return;
+    sb_recording_stop(recording);
+    allocator = recording->allocator;
+    sbi_free(&allocator, recording->data);
+    sbi_free(&allocator, recording);
+}
+
+SB_API sb_recording_info sb_recording_get_info(const sb_recording *recording)
+{
+    sb_recording_info info;
+    info.commands = recording->commands;
+    info.steps = recording->steps;
+    info.complete = !recording->incomplete;
+    info.recording = recording->body != NULL;
+    info.bytes = recording->size + SBI_IMAGE_TAIL;
+    return info;
+}
+
+/* ---- saving ---- */
+
+SB_API sb_result sb_recording_save(const sb_recording *recording, void *buffer, size_t size)
+{
+    unsigned char *out = (unsigned char *)buffer, *at = out + SBI_IMAGE_HEAD;
+    if (!recording || !buffer || size < recording->size + SBI_IMAGE_TAIL)
+        return SB_ERROR_ARGUMENT;
+    memcpy(out, recording->data, recording->size);
+    sbi_put_bytes(at, (uint64_t)recording->positions_every, 4);
+    sbi_put_bytes(at + 4, (uint64_t)recording->incomplete, 4);
+    sbi_put_bytes(at + 8, (uint64_t)recording->commands, 4);
+    sbi_put_bytes(at + 12, (uint64_t)recording->steps, 4);
+    sbi_put_bytes(at + 16, (uint64_t)recording->node_count, 4);
+    sbi_put_bytes(at + 24, (uint64_t)recording->state_size, 8);
+    sbi_image_seal(out, recording->size + SBI_IMAGE_TAIL, sbi_record_magic, SBI_RECORD_VERSION);
+    return SB_OK;
+}
+
+SB_API sb_result sb_recording_save_file(const sb_recording *recording, const char *path, sb_error *error)
+{
+    unsigned char *image;
+    size_t size;
+    sb_result result;
+    if (!recording || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_save_file needs a recording and a path");
+    size = recording->size + SBI_IMAGE_TAIL;
+    image = (unsigned char *)sbi_alloc(&recording->allocator, size, 1);
+    if (!image)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a recording of %lu bytes", (unsigned long)size);
+    sb_recording_save(recording, image, size);
+    result = sbi_image_write_file(path, image, size, error);
+    sbi_free(&recording->allocator, image);
+    return result;
+}
+
+/* ---- the commands ---- */
+
+/* How many reals a command has. */
+enum { SBI_REALS_PER_INT = -1, SBI_REALS_PER_NODE = -2, SBI_INTS_ANY = -1 };
+
+/* What a command must look like, and what plays it. A room with mutators of its own adds rows here. */
+typedef struct sbi_record_rule {
+    sbi_command_code code;
+    const char *name;
+    int ints;  /* count, or SBI_INTS_ANY */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE */
+    sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
+} sbi_record_rule;
+
+static sb_vec3 sbi_record_vector(const sbi_command *c) { return sb_v3(c->reals[0], c->reals[1], c->reals[2]); }
+
+/* The vectors of a command. Reals were decoded into an array of them. */
+static const sb_vec3 *sbi_record_vectors(const sbi_command *c) { return (const sb_vec3 *)(const void *)c->reals; }
+
+static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    sb_material material;
+    if (c->ints[1] < SB_LINEAR || c->ints[1] > SB_REDUCED_POLYNOMIAL || c->ints[2] < 0 ||
+        c->ints[2] > SB_MAX_PRONY_TERMS)
+        return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
+                        c->ints[2]);
+    material = sbi_body_unpack_material(c->ints[1], c->ints[2], c->reals);
+    return c->a ? sb_body_set_material(body, &material, error)
+                : sb_body_set_region_material(body, c->ints[0], &material, error);
+}
+
+static sb_result sbi_play_gravity(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_gravity(body, sbi_record_vector(c));
+}
+
+static sb_result sbi_play_damping(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_damping(body, c->reals[0], c->reals[1]);
+}
+
+static sb_result sbi_play_solver(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_solver(body, c->reals[0], c->a);
+}
+
+static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_fix_nodes(body, c->ints, (int)c->int_count, c->a);
+}
+
+static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
+}
+
+static sb_result sbi_play_release(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_release_nodes(body, c->ints, (int)c->int_count, c->a);
+}
+
+static sb_result sbi_play_forces(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_add_forces(body, c->ints, (int)c->int_count, sbi_record_vectors(c), c->b);
+}
+
+static sb_result sbi_play_traction(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    if (c->a < 1 || c->int_count % (size_t)c->a != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "%lu nodes are no faces of %d corners", (unsigned long)c->int_count,
+                        c->a);
+    return sb_body_add_traction(body, c->ints, (int)(c->int_count / (size_t)c->a), c->a, sbi_record_vector(c), error);
+}
+
+static sb_result sbi_play_clear_loads(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)c;
+    (void)error;
+    sb_body_clear_loads(body);
+    return SB_OK;
+}
+
+static sb_result sbi_play_displacements(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_displacements(body, sbi_record_vectors(c));
+}
+
+static sb_result sbi_play_velocities(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_velocities(body, sbi_record_vectors(c));
+}
+
+static sb_result sbi_play_reset(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)c;
+    (void)error;
+    sb_body_reset(body);
+    return SB_OK;
+}
+
+static sb_result sbi_play_state(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sb_body_state_load(body, c->bytes, c->byte_count, error);
+}
+
+static sb_result sbi_play_step(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    sb_step_info info;
+    sb_result result = sb_body_step(body, c->reals[0], &info);
+    *error = info.error;
+    return result;
+}
+
+static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_step_info info;
+    sb_result result;
+    options.load_steps = c->ints[0];
+    options.max_newton = c->ints[1];
+    options.max_iterations = c->ints[2];
+    options.keep_progress = c->ints[3];
+    options.tolerance = c->reals[0];
+    result = sb_body_solve_static(body, &options, &info);
+    *error = info.error;
+    return result;
+}
+
+static const sbi_record_rule sbi_record_rules[] = {
+    {SBI_COMMAND_MATERIAL, "material", 3, SBI_MATERIAL_REALS, sbi_play_material},
+    {SBI_COMMAND_GRAVITY, "gravity", 0, 3, sbi_play_gravity},
+    {SBI_COMMAND_DAMPING, "damping", 0, 2, sbi_play_damping},
+    {SBI_COMMAND_SOLVER, "solver", 0, 1, sbi_play_solver},
+    {SBI_COMMAND_FIX, "fix", SBI_INTS_ANY, 0, sbi_play_fix},
+    {SBI_COMMAND_PRESCRIBE, "prescribe", SBI_INTS_ANY, SBI_REALS_PER_INT, sbi_play_prescribe},
+    {SBI_COMMAND_RELEASE, "release", SBI_INTS_ANY, 0, sbi_play_release},
+    {SBI_COMMAND_FORCES, "forces", SBI_INTS_ANY, SBI_REALS_PER_INT, sbi_play_forces},
+    {SBI_COMMAND_TRACTION, "traction", SBI_INTS_ANY, 3, sbi_play_traction},
+    {SBI_COMMAND_CLEAR_LOADS, "clear loads", 0, 0, sbi_play_clear_loads},
+    {SBI_COMMAND_DISPLACEMENTS, "displacements", 0, SBI_REALS_PER_NODE, sbi_play_displacements},
+    {SBI_COMMAND_VELOCITIES, "velocities", 0, SBI_REALS_PER_NODE, sbi_play_velocities},
+    {SBI_COMMAND_RESET, "reset", 0, 0, sbi_play_reset},
+    {SBI_COMMAND_STATE, "state", 0, 0, sbi_play_state},
+    {SBI_COMMAND_STEP, "step", 0, 1, sbi_play_step},
+    {SBI_COMMAND_STATIC, "static solve", 4, 1, sbi_play_static},
+};
+
+static const sbi_record_rule *sbi_record_find_rule(int code)
+{
+    for (size_t i = 0; i < sizeof sbi_record_rules / sizeof sbi_record_rules[0]; i++)
+        if ((int)sbi_record_rules[i].code == code)
+            return sbi_record_rules + i;
+    return NULL;
+}
+
+/* 1 when the counts are those of the rule. */
+static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule *rule, const sbi_command *c)
+{
+    size_t reals = (size_t)rule->reals, full = SBI_RECORD_OUTCOME + (size_t)recording->node_count * sizeof(sb_vec3);
+    if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
+        return 0;
+    if (rule->reals == SBI_REALS_PER_INT)
+        reals = c->b ? 3 : 3 * c->int_count;
+    if (rule->reals == SBI_REALS_PER_NODE)
+        reals = 3 * (size_t)recording->node_count;
+    if (c->real_count != reals)
+        return 0;
+    if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */
+        return c->a <= 0 && c->a > -64 && (c->byte_count == SBI_RECORD_OUTCOME || c->byte_count == full);
+    return c->byte_count == 0 || rule->code == SBI_COMMAND_STATE;
+}
+
+/* ---- reading ---- */
+
+/* A place in a recording. The arrays of the command are still encoded. */
+typedef struct sbi_record_cursor {
+    const sb_recording *recording;
+    size_t at;                    /* behind the command */
+    const sbi_record_rule *rule;
+    sbi_command command;          /* ints and reals: set by sbi_record_decode */
+    const unsigned char *ints, *reals;
+} sbi_record_cursor;
+
+/* Steps on to the next command; 0 when what stands there is none. */
+static int sbi_record_next(sbi_record_cursor *cursor)
+{
+    const sb_recording *recording = cursor->recording;
+    const unsigned char *head = recording->data + cursor->at;
+    size_t left = recording->size - cursor->at, used = SBI_RECORD_COMMAND;
+    uint64_t ints, reals, bytes;
+    if (left < used)
+        return 0;
+    ints = sbi_get_bytes(head + 12, 4);
+    reals = sbi_get_bytes(head + 16, 8);
+    bytes = sbi_get_bytes(head + 24, 8);
+    if (ints > INT32_MAX || ints > left / 4 || reals > left / sizeof(sb_real) || bytes > left ||
+        !sbi_size_add(&used, (size_t)ints, 4) || !sbi_size_add(&used, (size_t)reals, sizeof(sb_real)) ||
+        !sbi_size_add(&used, (size_t)bytes, 1) || used > left)
+        return 0;
+    memset(&cursor->command, 0, sizeof cursor->command);
+    cursor->rule = sbi_record_find_rule(sbi_int_of(sbi_get_bytes(head, 4)));
+    cursor->command.a = sbi_int_of(sbi_get_bytes(head + 4, 4));
+    cursor->command.b = sbi_int_of(sbi_get_bytes(head + 8, 4));
+    cursor->command.int_count = (size_t)ints;
+    cursor->command.real_count = (size_t)reals;
+    cursor->command.byte_count = (size_t)bytes;
+    cursor->ints = head + SBI_RECORD_COMMAND;
+    cursor->reals = cursor->ints + 4 * (size_t)ints;
+    cursor->command.bytes = cursor->reals + (size_t)reals * sizeof(sb_real);
+    cursor->at += used;
+    return cursor->rule && sbi_record_fits(recording, cursor->rule, &cursor->command);
+}
+
+static sbi_record_cursor sbi_record_begin(const sb_recording *recording)
+{
+    sbi_record_cursor cursor;
+    memset(&cursor, 0, sizeof cursor);
+    cursor.recording = recording;
+    cursor.at = SBI_RECORD_HEAD + recording->state_size;
+    return cursor;
+}
+
+/* Takes the numbers of the head out of the image and sees that the commands are whole. */
+static sb_result sbi_record_check(sb_recording *recording, sb_error *error)
+{
+    const unsigned char *at = recording->data + SBI_IMAGE_HEAD;
+    uint64_t state_size = sbi_get_bytes(at + 24, 8);
+    sbi_record_cursor cursor;
+    int commands, steps = 0;
+    recording->positions_every = sbi_int_of(sbi_get_bytes(at, 4));
+    recording->incomplete = sbi_int_of(sbi_get_bytes(at + 4, 4));
+    commands = recording->commands = sbi_int_of(sbi_get_bytes(at + 8, 4));
+    recording->steps = sbi_int_of(sbi_get_bytes(at + 12, 4));
+    recording->node_count = sbi_int_of(sbi_get_bytes(at + 16, 4));
+    if (recording->positions_every < 0 || (recording->incomplete & ~1) || recording->node_count < 1 ||
+        state_size > (uint64_t)(recording->size - SBI_RECORD_HEAD))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the head of the saved recording is wrong");
+    recording->state_size = (size_t)state_size;
+    cursor = sbi_record_begin(recording);
+    for (int i = 0; i < commands; i++) {
+        if (!sbi_record_next(&cursor))
+            return sbi_fail(error, SB_ERROR_FORMAT, "command %d of the saved recording is wrong", i);
+        steps += sbi_record_is_solve(cursor.rule->code);
+    }
+    if (commands < 0 || cursor.at != recording->size || steps != recording->steps)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved recording does not hold its %d commands and %d steps",
+                        commands, recording->steps);
+    return SB_OK;
+}
+
+SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_allocator *allocator,
+                                   sb_recording **recording, sb_error *error)
+{
+    sb_recording *made;
+    sb_result result;
+    if (!recording || (size > 0 && !buffer))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_load needs bytes and a place for the recording");
+    result = sbi_image_check((const unsigned char *)buffer, size, sbi_record_magic, SBI_RECORD_VERSION, "recording",
+                             error);
+    if (result != SB_OK)
+        return result;
+    if (size < SBI_RECORD_HEAD + SBI_IMAGE_TAIL)
+        return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved recording", (unsigned long)size);
+    made = sbi_record_make(allocator, error);
+    if (!made)
+        return SB_ERROR_MEMORY;
+    if (sbi_record_reserve(made, size)) {
+        memcpy(made->data, buffer, size);
+        made->size = size - SBI_IMAGE_TAIL;
+        result = sbi_record_check(made, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for a recording of %lu bytes", (unsigned long)size);
+    }
+    if (result == SB_OK)
+        *recording = made;
+    else
+        sb_recording_destroy(made);
+    return result;
+}
+
+SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *allocator, sb_recording **recording,
+                                        sb_error *error)
+{
+    unsigned char *image = NULL;
+    size_t size = 0;
+    sb_result result;
+    if (!path || !recording)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_load_file needs a path and a place for the recording");
+    result = sbi_image_read_file(allocator, path, sbi_record_magic, SBI_RECORD_VERSION, "recording", &image, &size,
+                                 error);
+    if (result != SB_OK)
+        return result;
+    result = sb_recording_load(image, size, allocator, recording, error);
+    if (result != SB_OK && error)
+        sbi_error_set_file(error, path);
+    sbi_free(allocator, image);
+    return result;
+}
+
+/* ---- replay ---- */
+
+/* Room for the arguments of the longest command. */
+typedef struct sbi_record_scratch {
+    int *ints;
+    sb_vec3 *vectors; /* reals, in whole vectors */
+} sbi_record_scratch;
+
+static sb_result sbi_record_take_scratch(const sb_recording *recording, sbi_record_scratch *scratch, sb_error *error)
+{
+    sbi_record_cursor cursor = sbi_record_begin(recording);
+    size_t ints = 1, reals = 1;
+    for (int i = 0; i < recording->commands && sbi_record_next(&cursor); i++) {
+        ints = cursor.command.int_count > ints ? cursor.command.int_count : ints;
+        reals = cursor.command.real_count > reals ? cursor.command.real_count : reals;
+    }
+    scratch->ints = (int *)sbi_alloc(&recording->allocator, ints, sizeof(int));
+    scratch->vectors = (sb_vec3 *)sbi_alloc(&recording->allocator, reals / 3 + 1, sizeof(sb_vec3));
+    if (!scratch->ints || !scratch->vectors)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for commands of %lu numbers", (unsigned long)(ints + reals));
+    return SB_OK;
+}
+
+static void sbi_record_decode(sbi_record_cursor *cursor, const sbi_record_scratch *scratch)
+{
+    sb_real *reals = &scratch->vectors[0].x;
+    for (size_t i = 0; i < cursor->command.int_count; i++)
+        scratch->ints[i] = sbi_int_of(sbi_get_bytes(cursor->ints + 4 * i, 4));
+    for (size_t i = 0; i < cursor->command.real_count; i++)
+        reals[i] = sbi_real_of(sbi_get_bytes(cursor->reals + i * sizeof(sb_real), (int)sizeof(sb_real)));
+    cursor->command.code = cursor->rule->code;
+    cursor->command.ints = scratch->ints;
+    cursor->command.reals = reals;
+}
+
+static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
+{
+    sb_real v[3];
+    for (int k = 0; k < 3; k++)
+        v[k] = sbi_real_of(sbi_get_bytes(bytes + ((size_t)node * 3 + (size_t)k) * sizeof(sb_real),
+                                         (int)sizeof(sb_real)));
+    return sb_v3(v[0], v[1], v[2]);
+}
+
+/* Finds where the displacements leave those of the recording. */
+static void sbi_record_locate(const sb_recording *recording, const sb_body *body, const unsigned char *outcome,
+                              size_t size, sb_recording_report *report)
+{
+    int n = recording->node_count;
+    for (int k = 0; k < SBI_RECORD_RANGES && report->first_node < 0; k++)
+        if (sbi_get_bytes(outcome + 8 * (k + 1), 8) != sbi_record_range_hash(body->displacement, n, k)) {
+            report->first_node = sbi_record_range_start(n, k);
+            report->last_node = sbi_record_range_start(n, k + 1) - 1;
+        }
+    for (int i = report->first_node; size > SBI_RECORD_OUTCOME && i >= 0 && i <= report->last_node; i++) {
+        sb_vec3 then = sbi_record_position(outcome + SBI_RECORD_OUTCOME, i), now = body->displacement[i];
+        if (sbi_real_bits(then.x) != sbi_real_bits(now.x) || sbi_real_bits(then.y) != sbi_real_bits(now.y) ||
+            sbi_real_bits(then.z) != sbi_real_bits(now.z)) {
+            report->first_node = report->last_node = i;
+            report->distance = sb_v3_norm(sb_v3_sub(now, then));
+        }
+    }
+}
+
+/* Compares a step with what the recording says of it. */
+static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_body *body, sb_result actual,
+                                    sb_recording_report *report)
+{
+    const sbi_command *c = &cursor->command;
+    uint64_t expected = sbi_get_bytes(c->bytes, 8), hash = sb_body_state_hash(body);
+    char reason[256];
+    if ((int)actual == c->a && hash == expected)
+        return SB_OK;
+    report->step = report->steps;
+    report->expected = (sb_result)c->a;
+    report->actual = actual;
+    report->expected_hash = expected;
+    report->actual_hash = hash;
+    sbi_record_locate(cursor->recording, body, c->bytes, c->byte_count, report);
+    memcpy(reason, report->error.message, sizeof reason);
+    if ((int)actual != c->a)
+        return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node, "step %d gave %s, not %s: %.120s",
+                             report->step, sb_result_string(actual), sb_result_string(report->expected),
+                             actual != SB_OK ? reason : "it had failed when it was recorded");
+    if (report->first_node < 0)
+        return sbi_fail(&report->error, SB_ERROR_STATE, "step %d led to another state, with the same displacements",
+                        report->step);
+    return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node,
+                         "step %d led to other displacements, first among nodes %d to %d", report->step,
+                         report->first_node, report->last_node);
+}
+
+static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_recording_report *report)
+{
+    const sbi_record_rule *rule = cursor->rule;
+    char reason[256];
+    sb_result result;
+    memset(&report->error, 0, sizeof report->error);
+    result = rule->play(body, &cursor->command, &report->error);
+    if (sbi_record_is_solve(rule->code))
+        return sbi_record_compare(cursor, body, result, report);
+    if (result == SB_OK)
+        return SB_OK;
+    memcpy(reason, report->error.message, sizeof reason);
+    return sbi_fail(&report->error, result, "command %d (%s) was refused: %.150s", report->commands, rule->name,
+                    reason[0] ? reason : sb_result_string(result));
+}
+
+static sb_result sbi_record_run(const sb_recording *recording, sb_body *body, const sbi_record_scratch *scratch,
+                                sb_recording_report *report)
+{
+    sbi_record_cursor cursor = sbi_record_begin(recording);
+    sb_result result = sb_body_state_load(body, recording->data + SBI_RECORD_HEAD, recording->state_size,
+                                          &report->error);
+    if (result == SB_OK && recording->node_count != body->domain.node_count)
+        return sbi_fail(&report->error, SB_ERROR_STATE, "the recording is of %d nodes, the body has %d",
+                        recording->node_count, body->domain.node_count);
+    for (int i = 0; i < recording->commands && result == SB_OK; i++) {
+        if (!sbi_record_next(&cursor)) /* the image was checked when it was loaded */
+            return sbi_fail(&report->error, SB_ERROR_FORMAT, "command %d is wrong", i);
+        sbi_record_decode(&cursor, scratch);
+        result = sbi_record_play(&cursor, body, report);
+        if (result != SB_OK)
+            return result;
+        report->commands++;
+        report->steps += sbi_record_is_solve(cursor.rule->code);
+    }
+    return result;
+}
+
+static void sbi_record_clear_error(sb_error *error)
+{
+    memset(error, 0, sizeof *error);
+    error->element = error->node = -1;
+}
+
+SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report)
+{
+    sb_recording_report own;
+    sbi_record_scratch scratch = {NULL, NULL};
+    sb_result result;
+    report = report ? report : &own;
+    memset(report, 0, sizeof *report);
+    report->step = report->first_node = report->last_node = -1;
+    report->distance = -1;
+    sbi_record_clear_error(&report->error);
+    if (!recording || !body || recording->body == body)
+        return sbi_fail(&report->error, SB_ERROR_ARGUMENT,
+                        "sb_recording_replay needs a recording and a body that is not the one being recorded");
+    result = sbi_record_take_scratch(recording, &scratch, &report->error);
+    if (result == SB_OK)
+        result = sbi_record_run(recording, body, &scratch, report);
+    if (result == SB_OK)
+        sbi_record_clear_error(&report->error);
+    sbi_free(&recording->allocator, scratch.ints);
+    sbi_free(&recording->allocator, scratch.vectors);
     return result;
 }
 

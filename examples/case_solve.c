@@ -9,6 +9,7 @@
 
 #include "case_reader.h"
 
+#include <sys/stat.h>
 #include <time.h>
 
 #if defined(_WIN32)
@@ -365,6 +366,45 @@ static int can_write(const char *path)
     return 1;
 }
 
+/* 1 when both paths lead to one file that exists, by whatever names and links. */
+static int is_same_file(const char *a, const char *b)
+{
+#if defined(_WIN32)
+    char full_a[_MAX_PATH], full_b[_MAX_PATH];
+    return _fullpath(full_a, a, _MAX_PATH) && _fullpath(full_b, b, _MAX_PATH) && _stricmp(full_a, full_b) == 0;
+#else
+    struct stat of_a, of_b;
+    return stat(a, &of_a) == 0 && stat(b, &of_b) == 0 && of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino;
+#endif
+}
+
+/* 1 when writing to the path would destroy an input of the case: itself, its mesh, a list. */
+static int is_input(const run *r, const char *path)
+{
+    static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE};
+    const case_file *c = &r->file;
+    int found = is_same_file(path, r->case_path);
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        for (int k = 0; k < 4; k++) {
+            const char *name = k == 3 ? (s->form->kind == CASE_MESH ? s->path : NULL)
+                                      : (s->given & CASE_BIT(lists[k]) ? s->text[lists[k]] : NULL);
+            char *input = name ? case_input_path(c, name) : NULL;
+            found |= input && is_same_file(path, input);
+            free(input);
+        }
+    }
+    return found;
+}
+
+/* 1 when the path can be written without harm; otherwise says why. */
+static int check_output(run *r, int line, const char *path)
+{
+    if (is_input(r, path))
+        return case_fail(&r->file, line, "%.500s is read by this case: it would be overwritten", path);
+    return can_write(path) || case_fail(&r->file, line, "cannot write %.500s", path);
+}
+
 static int check_outputs(run *r)
 {
     case_file *c = &r->file;
@@ -375,14 +415,12 @@ static int check_outputs(run *r)
         if (s->form->kind != CASE_OUTPUT)
             continue;
         path = output_path(r, s->path);
-        ok = path && can_write(path);
-        if (!ok)
-            case_fail(c, s->line, "cannot write %.500s", path ? path : s->path);
+        ok = path ? check_output(r, s->line, path) : case_fail_memory(c, s->line);
         free(path);
         if (!ok)
             return 0;
     }
-    return !r->vtk_path || can_write(r->vtk_path) || case_fail(c, 0, "cannot write %.500s", r->vtk_path);
+    return !r->vtk_path || check_output(r, 0, r->vtk_path);
 }
 
 static int write_output(run *r, const case_statement *s)

@@ -168,6 +168,18 @@ wrong_line 'an output without file' 'output reaction' 'word is missing'
 wrong_line 'a probe out of range' 'output probe 8 u' 'node 8 is not in the mesh'
 wrong_line 'frequencies of a static case' 'output frequencies f' 'does not go with solve static'
 wrong_line 'an output into nowhere' 'output reaction nowhere/r' 'cannot write'
+# ... by whatever name it is reached
+cat cube.vtk z0 >inputs
+ln -s z0 linked
+for name in cube.vtk z0 wrong.case linked; do
+    wrong_line "an output over its input $name" "output reaction ../$name" 'is read by this case'
+done
+cat cube.vtk z0 | cmp -s - inputs
+result 'inputs are as they were' $?
+say 'mesh cube.vtk' "$material" "$symmetry" "$static" >wrong.case
+(cd .. && "$program" case/wrong.case -o case/../case/cube.vtk -p case/out/ >stdout 2>stderr)
+[ $? = 2 ] && grep -q 'cube.vtk is read by this case' ../stderr && cat cube.vtk z0 | cmp -s - inputs
+result 'refuses -o over the mesh' $?
 
 wrong_solve 'no solve' '' 'there is no solve'
 wrong_solve 'an unknown solve' 'solve quickly' "unknown solve 'quickly'; known: static euler newmark"

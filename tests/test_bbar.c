@@ -45,7 +45,7 @@ static sb_result hold(sb_body *body, const sb_vec3 *u)
 
 static sb_real energy_at(sb_body *body, const sb_vec3 *u)
 {
-    sb_energy energy = {0, 0};
+    sb_energy energy = {0, 0, 0};
     CHECK_OK(sb_body_set_displacements(body, u));
     CHECK_OK(sb_body_energy(body, &energy));
     return energy.elastic;

@@ -24,9 +24,67 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
+{
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
 /* ---- creation: arguments ---- */
 
-static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
 {
     if (!sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
@@ -64,7 +122,7 @@ static sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error
     return SB_OK;
 }
 
-static sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
     sb_result result = sb_material_check(material, error);
     if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
@@ -405,7 +463,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-static void sbi_body_materials_changed(sb_body *body)
+SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
@@ -476,7 +534,7 @@ SBI_API int sbi_body_max_newton(const sb_body *body)
 }
 
 /* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-static sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
 {
     int needed = body->max_newton > 1;
     for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
@@ -575,6 +633,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sb_allocator allocator;
     if (!body)
         return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
         sbi_free(&allocator, body->loads[i].memory);
@@ -841,6 +900,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
         body->materials[i] = *material;
     sbi_body_materials_changed(body);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
@@ -864,6 +924,7 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
     body->materials[at] = *material;
     sbi_body_materials_changed(body);
     sbi_assembly_forget(&body->assembly, at, body->displacement);
+    sbi_body_tell_material(body, 0, region, material);
     return SB_OK;
 }
 
@@ -874,17 +935,20 @@ SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
     if (!sb_v3_is_finite(gravity))
         return SB_ERROR_NOT_FINITE;
     body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
     return SB_OK;
 }
 
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
+    const sb_real damping[2] = {alpha, beta};
     if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
         return SB_ERROR_ARGUMENT;
     if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
         return SB_ERROR_UNSUPPORTED;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
     return SB_OK;
 }
 
@@ -894,6 +958,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
         return SB_ERROR_ARGUMENT;
     body->tolerance = tolerance;
     body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
     return SB_OK;
 }
 
@@ -982,15 +1047,10 @@ static int sbi_body_row_length(const sb_body *body, int node)
     return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
 }
 
-/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
- * node listed twice counts twice). */
-static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int needed = body->support_used, most = body->matrix.block_count, capacity;
+    int most = body->matrix.block_count, capacity;
     void *blocks;
-    for (int i = 0; i < count; i++)
-        if (!body->fixed[nodes[i]])
-            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
     if (needed <= body->support_capacity)
         return SB_OK;
     capacity = needed > most / 2 ? most : needed + needed / 2;
@@ -1001,6 +1061,17 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     body->support_blocks = (sb_real(*)[9])blocks;
     body->support_capacity = capacity;
     return SB_OK;
+}
+
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
+static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+{
+    int needed = body->support_used, most = body->matrix.block_count;
+    for (int i = 0; i < count; i++)
+        if (!body->fixed[nodes[i]])
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    return sbi_body_reserve_support_blocks(body, needed);
 }
 
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
@@ -1032,6 +1103,11 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
                                                 body->target[node]);
     }
+    if (result == SB_OK && !targets)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (result == SB_OK && count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
+                      stride == 0 ? 3 : 3 * (size_t)count);
     return result;
 }
 
@@ -1067,6 +1143,7 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
             body->reaction[nodes[i]] =
                 sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
+    sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
 }
 
@@ -1104,6 +1181,8 @@ SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displac
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_DISPLACEMENTS, 0, 0, NULL, 0, &body->displacement[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -1115,6 +1194,8 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
         return SB_ERROR_NOT_FINITE;
     memmove(body->velocity, velocities, (size_t)body->domain.node_count * sizeof(sb_vec3));
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_VELOCITIES, 0, 0, NULL, 0, &body->velocity[0].x,
+                  3 * (size_t)body->domain.node_count);
     return SB_OK;
 }
 
@@ -1146,6 +1227,7 @@ SB_API void sb_body_reset(sb_body *body)
     sbi_body_update_positions(body);
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_RESET, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* ---- readings ---- */

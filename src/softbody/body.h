@@ -116,8 +116,9 @@ SB_API const unsigned char *sb_body_supports(const sb_body *body);
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body);     /* [node_count] (m), valid until destroyed */
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count] (m) */
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
-/* Overwrites the state (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
- * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to rounding, not to the last bit: solver warm starts are not part of it. */
+/* Overwrites the motion (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
+ * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to
+ * rounding, not to the last bit: solver warm starts are not part of it (sb_body_state_load has them). */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
 /* Back to the reference shape at rest, with nothing remembered; supports, loads and materials stay. */

@@ -41,8 +41,44 @@ typedef struct sbi_step_guard {
     double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
+/* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
+ * row in the replay table of record.c. Codes stand in files: never change one. */
+typedef enum sbi_command_code {
+    SBI_COMMAND_DESTROY = 0,       /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,      /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_GRAVITY = 2,       /* reals: 3 */
+    SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
+    SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
+    SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
+    SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
+    SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
+    SBI_COMMAND_CLEAR_LOADS = 10,
+    SBI_COMMAND_DISPLACEMENTS = 11,/* reals: one vector per node */
+    SBI_COMMAND_VELOCITIES = 12,   /* reals: one vector per node */
+    SBI_COMMAND_RESET = 13,
+    SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
+    SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
+    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress;
+                                    * reals: tolerance */
+    SBI_COMMAND_COUNT
+} sbi_command_code;
+
+typedef struct sbi_command {
+    sbi_command_code code;
+    int a, b;
+    const int *ints;
+    const sb_real *reals;
+    const unsigned char *bytes;
+    size_t int_count, real_count, byte_count;
+} sbi_command;
+
 struct sb_body {
     sb_allocator allocator;
+    /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
+    void (*observe)(void *observer, const sbi_command *command);
+    void *observer;
     sb_jobs jobs;
     sb_clock clock;
 
@@ -123,7 +159,8 @@ struct sb_body {
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;              /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
-    int saved_force_current;
+    int saved_force_current, saved_unknots;
+    sbi_precond_memory saved_precond;
     sb_vec3 *converged;          /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
@@ -160,6 +197,23 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* Tells the observer, if there is one, of a command without bytes. */
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count);
+
+/* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
+enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
+
+/* The parts of creation that loading a state needs, too. Checks: */
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* memory, which only ever grows: */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
+/* and what follows from the materials. */
+SBI_API void sbi_body_materials_changed(sb_body *body);
 
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);

@@ -24,6 +24,7 @@ SB_API const char *sb_result_string(sb_result result)
     case SB_ERROR_DIVERGED: return "SB_ERROR_DIVERGED";
     case SB_ERROR_NOT_CONVERGED: return "SB_ERROR_NOT_CONVERGED";
     case SB_ERROR_INDEFINITE: return "SB_ERROR_INDEFINITE";
+    case SB_ERROR_STATE: return "SB_ERROR_STATE";
     }
     return "unknown sb_result";
 }

@@ -19,12 +19,16 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
             return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
+    if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
+                      uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
 {
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
 /* ---- faces ---- */
@@ -104,6 +108,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
             if (pass == 1)
                 sbi_load_add_traction(body, &face, &rule, traction);
         }
+    sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
 

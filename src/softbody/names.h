@@ -176,6 +176,21 @@
 #define sb_body_solve_static sb_body_solve_static_f32
 #define sb_default_modes_options sb_default_modes_options_f32
 #define sb_body_modes sb_body_modes_f32
+#define sb_body_state_size sb_body_state_size_f32
+#define sb_body_state_save sb_body_state_save_f32
+#define sb_body_state_load sb_body_state_load_f32
+#define sb_body_state_save_file sb_body_state_save_file_f32
+#define sb_body_state_load_file sb_body_state_load_file_f32
+#define sb_body_state_hash sb_body_state_hash_f32
+#define sb_recording_start sb_recording_start_f32
+#define sb_recording_stop sb_recording_stop_f32
+#define sb_recording_destroy sb_recording_destroy_f32
+#define sb_recording_get_info sb_recording_get_info_f32
+#define sb_recording_save sb_recording_save_f32
+#define sb_recording_load sb_recording_load_f32
+#define sb_recording_save_file sb_recording_save_file_f32
+#define sb_recording_load_file sb_recording_load_file_f32
+#define sb_recording_replay sb_recording_replay_f32
 #endif
 #endif
 

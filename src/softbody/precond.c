@@ -1049,6 +1049,28 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
 
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
+{
+    sbi_precond_memory memory;
+    memory.shift = preconditioner->shift;
+    memory.successes = preconditioner->successes;
+    memory.wait = preconditioner->wait;
+    return memory;
+}
+
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
+{
+    preconditioner->shift = memory.shift;
+    preconditioner->successes = memory.successes;
+    preconditioner->wait = memory.wait;
+}
+
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
+{
+    return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&
+           memory.wait >= SBI_PRECOND_RELAX_FIRST && memory.wait <= SBI_PRECOND_RELAX_LAST;
+}
+
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
 {
     sb_preconditioner_info info;

@@ -80,6 +80,16 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
                                      double size);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
+
+/* What updates remember of the ones before: all that is not made anew from the matrix. */
+typedef struct sbi_precond_memory {
+    double shift;
+    int successes, wait;
+} sbi_precond_memory;
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
+/* The memory must be valid. */
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 #endif
 
 #endif /* SB_PRECOND_H */

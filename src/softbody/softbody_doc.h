@@ -28,8 +28,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra; no
- * saved state that continues to the same bits (displacements and velocities can be set, which continues up to rounding).
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -95,6 +94,8 @@
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
  * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
+ * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
+ * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
@@ -178,5 +179,5 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step.
+ * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
  */

@@ -808,6 +808,8 @@ static void sbi_step_save(sb_body *b)
     if (b->elimination)
         sbi_elimination_save(b->elimination, b->start);
     b->saved_force_current = b->force_current;
+    b->saved_unknots = b->assembly.unknots;
+    b->saved_precond = sbi_precond_get_memory(b->precond);
     sbi_assembly_save_rotations(&b->assembly);
 }
 
@@ -820,6 +822,8 @@ static void sbi_step_undo(sb_body *b)
     if (b->elimination)
         sbi_elimination_restore(b->elimination);
     b->force_current = b->saved_force_current;
+    b->assembly.unknots = b->saved_unknots;
+    sbi_precond_set_memory(b->precond, b->saved_precond);
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
 }
@@ -1005,8 +1009,8 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
     newton.line_search = !newton.linearised && !body->domain.single_rotation;
-    sbi_step_watch_knots(body, newton.linearised);
     sbi_step_save(body);
+    sbi_step_watch_knots(body, newton.linearised);
     result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
     if (result != SB_OK) {
         sbi_step_undo(body);
@@ -1018,6 +1022,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     }
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
     info->seconds_total = sbi_step_now(body) - begin;
+    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return sbi_step_report(info, result);
 }
 
@@ -1128,6 +1133,12 @@ static void sbi_static_commit(sbi_newton *newton)
     b->acceleration_known = 0;
 }
 
+static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
+{
+    const int ints[4] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress};
+    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 4, &options->tolerance, 1);
+}
+
 SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info)
 {
     sb_static_options defaults = sb_default_static_options();
@@ -1153,8 +1164,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
     newton.line_search = !body->domain.single_rotation;
-    sbi_step_watch_knots(body, 0);
     sbi_step_save(body);
+    sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
     result = sbi_static_run(&newton, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
@@ -1168,5 +1179,6 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
     info->seconds_total = sbi_step_now(body) - begin;
+    sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
 }

@@ -1,0 +1,90 @@
+/* state: saves what a body is at and brings it back, to the last bit. Floor 3. */
+#ifndef SB_STATE_H
+#define SB_STATE_H
+
+#include "body.h"
+
+/* A saved state holds all that steps and setters change: motion, supports, loads, materials, settings, reactions and
+ * the solvers' warm starts. What follows a load is what followed the save, bit for bit, also in another body, process
+ * or machine. It does not hold the mesh: a state is loaded into a body that was made from the same mesh with the same
+ * integration, mass, preconditioner and single_rotation, in the same precision.
+ *
+ * The bytes are little-endian everywhere:
+ *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
+ *     parts: number (4) and values; the first tells the body's make,
+ *     checksum of all bytes before it (8). */
+
+/* Bytes that sb_body_state_save writes for this body; supports and materials do not change it. 0: more than size_t
+ * holds. Cost: proportional to the body. */
+SB_API size_t sb_body_state_size(const sb_body *body);
+
+/* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.
+ * SB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). */
+SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t size);
+
+/* Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:
+ * SB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other
+ * version or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;
+ * SB_ERROR_MEMORY when more supports or first iterated steps need room that the allocator does not give. On failure the
+ * body is as it was. Where supports and materials need no more room than they did before, nothing is allocated. */
+SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
+
+/* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or
+ * written; no part of a file that could not be written whole stays behind. */
+SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error);
+SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error);
+
+/* 64 bits that differ when anything a saved state holds does: equal for equal runs, whatever the machine or the number
+ * of threads. No allocation; cost: proportional to the body. */
+SB_API uint64_t sb_body_state_hash(const sb_body *body);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- internal: files of checked bytes -------------------------------------------------------------------- */
+
+enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
+
+/* One step of the hash: words in order. */
+SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
+{
+    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
+    return hash ^ (hash >> 32);
+}
+
+/* Little-endian numbers of 1 to 8 bytes. */
+SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
+}
+SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
+{
+    uint64_t value = 0;
+    for (int i = 0; i < bytes; i++)
+        value |= (uint64_t)from[i] << (8 * i);
+    return value;
+}
+/* The low 32 bits of a number as a signed integer, and back. */
+SB_INLINE int sbi_int_of(uint64_t word)
+{
+    uint32_t bits = (uint32_t)word;
+    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
+}
+/* The bits of a real, and back. */
+SBI_API uint64_t sbi_real_bits(sb_real value);
+SBI_API sb_real sbi_real_of(uint64_t bits);
+
+/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
+ * magic: 8 bytes. */
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
+/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error);
+SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
+/* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
+ * and one byte after the end that the head tells. */
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error);
+#endif
+
+#endif /* SB_STATE_H */
