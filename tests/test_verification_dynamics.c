@@ -449,7 +449,7 @@ static void test_pendulum_energy(void)
     sb_body *body = pendulum(&mesh, 1e6, VERIFY_PI / 2);
     double scale = (double)sb_body_mass(body) * gravity / 2, worst = 0, most = 0;
     for (int s = 0; s < 200; s++) {
-        sb_energy energy = {0, 0};
+        sb_energy energy = {0, 0, 0};
         double sum;
         step(body, 0.005, 1);
         CHECK_OK(sb_body_energy(body, &energy));

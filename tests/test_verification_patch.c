@@ -172,7 +172,7 @@ static double forces_of(const verify_element *element, sb_material material, dou
     sb_mesh mesh = anywhere(element->type);
     sb_body *body = verify_body(&mesh, element, material);
     sb_vec3 *u = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
-    sb_energy energy = {0, 0};
+    sb_energy energy = {0, 0, 0};
     for (int i = 0; i < mesh.node_count; i++)
         u[i] = sb_v3_sub(moved(mesh.nodes[i], amplitude, angle), mesh.nodes[i]);
     CHECK_OK(sb_body_set_displacements(body, u));
@@ -277,7 +277,7 @@ static void test_mass(void)
         sb_body_def def;
         sb_body *body;
         sb_vec3 *v, momentum;
-        sb_energy energy = {0, 0};
+        sb_energy energy = {0, 0, 0};
         if (!verify_suits(verify_elements + e, SB_LINEAR))
             continue;
         mesh = verify_box(verify_elements[e].type, 2, 2, 2, a, b, c);
