@@ -109,6 +109,9 @@
  * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
  * incompressibility (nu above 0.49); hex8 for structured blocks. def.single_rotation makes tet10 cheaper.
  *
+ * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
+ * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
+ *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
  *     ```c fragment
@@ -184,7 +187,11 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
+<<<<<<< HEAD
  * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
+=======
+ * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, modes.
+>>>>>>> integrators
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -4189,7 +4196,8 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
 SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
 
 /* ---- loads that follow the body ----
- * Each adder makes one load and gives it an id (> 0, never used again), which the functions below take: they return
+ * Each adder makes one load and gives it an id (> 0, never used again; the place for it may be NULL), which the
+ * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
  * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
@@ -20412,7 +20420,8 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
-    *load_id = load->id;
+    if (load_id)
+        *load_id = load->id;
 }
 
 /* ---- pressure ---- */
@@ -20460,9 +20469,9 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
 {
     sbi_load load;
     sb_result result;
-    if (!body || !load_id || face_count < 1 || corners < 3 || corners > 4 || !faces)
+    if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "sb_body_add_pressure needs a body, faces of 3 or 4 corners, and a place for the id");
+                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
     result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
@@ -20597,8 +20606,8 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     sb_result result;
     int *starts;
     sb_real *ones;
-    if (!body || !nodes || count < 1 || !load_id)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body, nodes, and a place for the id");
+    if (!body || !nodes || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
         if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
@@ -20653,8 +20662,8 @@ SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, c
                                      const sb_vec3 *targets, int *load_id, sb_error *error)
 {
     sb_result result;
-    if (!body || !load_id)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body and a place for the id");
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body");
     result = sbi_load_check_mapping(body, mapping, error);
     if (result == SB_OK)
         result = sbi_load_check_stiffness(stiffness, mapping->row_count, uniform, error);

@@ -104,6 +104,9 @@
  * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
  * incompressibility (nu above 0.49); hex8 for structured blocks. def.single_rotation makes tet10 cheaper.
  *
+ * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
+ * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
+ *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
  *     ```c fragment
@@ -179,5 +182,6 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
+ * decompositions), element, mesh, meshgen, meshio, material, material_fit, sparse, precond, pcg, domain, body, load,
+ * constraint, step, modes, state, record.
  */
