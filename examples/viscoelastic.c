@@ -29,8 +29,8 @@ typedef struct model {
 
 /* ---- the specimen ---------------------------------------------------------------------------------------------- */
 
-/* A cube of 1 mm: so small that inertia has no say. */
-static const double edge = 1e-3;
+/* A cube of 0.1 mm: so small that inertia has no say. */
+static const double edge = 1e-4;
 static const double density = 1060; /* kg/m^3 */
 
 static int complain(const char *what, const sb_error *error)

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs examples/hello.c, custom_element.c and demo.c as a user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic and liver_models as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -148,6 +148,39 @@ check "nothing is left of it" is_gone no-such-folder
 expect 3 'frame [0-9]*: the step failed' demo --material neo_hookean_isochoric --young 10 --dt 0.1 --frames 10 \
     --no-vtk -o soft
 check "the element is named" grep -q 'element [0-9].*SB_ERROR' output.txt
+
+# ---- viscoelastic ----
+expect 0 'usage: viscoelastic' viscoelastic --help
+expect 0 'Kim et al. 2005' viscoelastic -o curves --points 30
+check "a chart" grep -q '</svg>' curves.svg
+check "a curve for each model in both panels" [ "$(grep -c '<path fill="none"' curves.svg)" = 8 ]
+check "a line for each time" [ "$(wc -l <curves.csv)" = 42 ]
+check "what is left of a stress is what the Prony terms leave" awk '
+    /^Jordan/ { if ($(NF - 3) > 15 && $(NF - 3) < 20) good++ }
+    /^simplified/ { if ($(NF - 3) > 99.9 && $(NF - 3) < 100.1) good++ } END { exit good != 2 }' output.txt
+expect 2 'must be after --ramp' viscoelastic --ramp 100 --end 10
+expect 2 '--stretch needs a number from' viscoelastic --stretch 0
+expect 2 'speed is one word too many' viscoelastic speed
+expect 2 'cannot be written' viscoelastic -o no-such-folder/x
+
+# ---- liver_models ----
+# Under breathing the linear model is far off, all others are close to the reference (thesis, table 4.4).
+ranking() {
+    awk '/^distance/ { table = 1 } table && / \/ / { name = $1; sub(/^[A-Za-z -]*(2[0-9]*)?[^0-9]*/, ""); most[name] = $1 }
+        END { exit !(most["linear"] > 2.5 * most["Jordan"] && most["linear"] > 2.5 * most["Kim"] &&
+                     most["linear"] > 5 * most["simplified"] && most["linear"] > 5 * most["corotated"]) }' output.txt
+}
+expect 0 'usage: liver_models' liver_models --help
+mkdir -p livers
+expect 0 'respiration_5.vtk' liver_models --cells 6 --steps 4 -o livers
+check "linear is far off, the others are close" ranking
+check "a VTK file for each model and pattern" [ "$(ls livers | wc -l)" -eq 12 ]
+expect_data 0 'simplified neo-Hookean' liver_models volumes/liver_a_tet10_1k.vtk --steps 3
+expect 2 'no-such-file.vtk' liver_models no-such-file.vtk
+expect_data 2 'is a surface' liver_models surfaces/liver_a.obj
+expect_data 2 'nan_coordinate.vtk:9: ' liver_models bad/nan_coordinate.vtk
+expect 2 'no-such-folder' liver_models --cells 4 --steps 1 -o no-such-folder
+expect 2 '--steps needs a whole number' liver_models --steps none
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

@@ -191,7 +191,8 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
-    *load_id = load->id;
+    if (load_id)
+        *load_id = load->id;
 }
 
 /* ---- pressure ---- */
@@ -239,9 +240,9 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
 {
     sbi_load load;
     sb_result result;
-    if (!body || !load_id || face_count < 1 || corners < 3 || corners > 4 || !faces)
+    if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "sb_body_add_pressure needs a body, faces of 3 or 4 corners, and a place for the id");
+                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
     result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
@@ -407,8 +408,8 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     sb_result result;
     int *starts;
     sb_real *ones;
-    if (!body || !nodes || count < 1 || !load_id)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body, nodes, and a place for the id");
+    if (!body || !nodes || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
         if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
@@ -463,8 +464,8 @@ SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, c
                                      const sb_vec3 *targets, int *load_id, sb_error *error)
 {
     sb_result result;
-    if (!body || !load_id)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body and a place for the id");
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body");
     result = sbi_load_check_mapping(body, mapping, error);
     if (result == SB_OK)
         result = sbi_load_check_stiffness(stiffness, mapping->row_count, uniform, error);

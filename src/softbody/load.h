@@ -14,7 +14,8 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
 SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
 
 /* ---- loads that follow the body ----
- * Each adder makes one load and gives it an id (> 0, never used again), which the functions below take: they return
+ * Each adder makes one load and gives it an id (> 0, never used again; the place for it may be NULL), which the
+ * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
  * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended

@@ -19,8 +19,8 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
- *     SB_ELEMENT         SB_TET4, SB_TET10 or SB_HEX8: compile the loops of this element only. Other elements are
- *                        refused with SB_ERROR_UNSUPPORTED. Default: all.
+ *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
+ *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
@@ -28,7 +28,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra.
+ * No collision detection, cutting, needles, surface meshing or rendering in this version.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -87,22 +87,32 @@
  *
  * Units are SI: metre, kilogram, second, newton, pascal. Files in millimetres: sb_load_options.scale = 0.001.
  *
- * sb_mesh      nodes and elements of one type: tet4, tet10, hex8 (volumes), tri3, tri6, quad4 (surfaces), with
- *              VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them (sb_mesh_beam, _cylinder,
- *              _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
- * sb_material  a model and its parameters; made by sb_material_corotated() and others.
+ * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
+ *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
+ *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ *              An element of your own is an sb_element_table (see examples/custom_element.c).
+ * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
+ *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
+ *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
- * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
+ * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
+ *              moving points and mapped points drawn to targets follow the body and have ids.
+ * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
- * sb_material_neo_hookean, _neo_hookean_isochoric and _svk to agree with textbooks and industrial solvers.
+ * sb_material_neo_hookean, _neo_hookean_isochoric, _mooney_rivlin, _reduced_polynomial and _svk to agree with textbooks
+ * and industrial solvers.
  *
  * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
- * incompressibility (nu above 0.49); hex8 for structured blocks. def.single_rotation makes tet10 cheaper.
+ * incompressibility (nu above 0.49); hex8 for structured blocks, with SB_INTEGRATION_BBAR when nearly incompressible;
+ * hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 cheaper.
+ *
+ * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
+ * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
@@ -153,6 +163,50 @@
  *     sb_mesh_free(&organ);
  *     ```
  *
+ * A tool on a spring, whose force is read each frame; the liver remembers; a moment is saved and come back to:
+ *
+ *     ```c fragment
+ *     sb_mesh block = {0};
+ *     sb_error error;
+ *     if (sb_mesh_beam(SB_HEX8, 6, 3, 3, sb_v3(0.1, 0.05, 0.05), NULL, &block, &error) != SB_OK)
+ *         return 1;
+ *     sb_body_def def = sb_default_body_def();
+ *     def.mesh = &block;
+ *     def.integration = SB_INTEGRATION_BBAR;               // this liver is nearly incompressible
+ *     def.material = sb_material_preset(SB_LIVER_KIM, 1060);
+ *     sb_body *body = NULL;
+ *     if (sb_body_create(&def, &body, &error) != SB_OK)
+ *         return 1;
+ *     for (int i = 0; i < block.node_count; i++)
+ *         if (block.nodes[i].x == 0)
+ *             sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+ *
+ *     int tip = block.node_count - 1, spring;
+ *     sb_real stiffness = 20;                              // N/m
+ *     sb_vec3 tool = block.nodes[tip], force = {0, 0, 0};
+ *     if (sb_body_add_springs(body, &tip, 1, &stiffness, 1, &tool, &spring, &error) != SB_OK)
+ *         return 1;
+ *     size_t size = sb_body_state_size(body);
+ *     void *moment = malloc(size);
+ *     if (!moment || sb_body_state_save(body, moment, size) != SB_OK)
+ *         return 1;
+ *     for (int attempt = 0; attempt < 2; attempt++) {      // the second brings the same bits
+ *         for (int frame = 1; frame <= 30; frame++) {
+ *             tool = sb_v3_add(block.nodes[tip], sb_v3(0, 0, (sb_real)(-0.0005 * frame)));
+ *             sb_body_move_springs(body, spring, &tool);
+ *             if (sb_body_step(body, (sb_real)(1.0 / 60), NULL) != SB_OK)
+ *                 return 1;
+ *             sb_body_spring_forces(body, spring, &force); // on the tissue (N); the tool feels the opposite
+ *         }
+ *         printf("attempt %d: the tool feels %.4f N\n", attempt, -(double)force.z);
+ *         if (sb_body_state_load(body, moment, size, &error) != SB_OK)
+ *             return 1;
+ *     }
+ *     free(moment);
+ *     sb_body_destroy(body);
+ *     sb_mesh_free(&block);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -179,5 +233,6 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
+ * decompositions), element, mesh, meshgen, meshio, material, material_fit, sparse, precond, pcg, domain, body, load,
+ * constraint, step, modes, state, record.
  */
