@@ -1,4 +1,4 @@
-/* softbody.h 0.2.0: soft-tissue simulation, from an organ's mesh to forces and pictures
+/* softbody.h 0.1.0: soft-tissue simulation, from an organ's mesh to forces and pictures
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/softbody/: edit there, then run `make headers`. */
 
@@ -24,8 +24,8 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
- *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
- *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
+ *     SB_ELEMENT         SB_TET4, SB_TET10 or SB_HEX8: compile the loops of this element only. Other elements are
+ *                        refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
@@ -33,7 +33,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version.
+ * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -92,32 +92,22 @@
  *
  * Units are SI: metre, kilogram, second, newton, pascal. Files in millimetres: sb_load_options.scale = 0.001.
  *
- * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
- *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
- *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
- *              An element of your own is an sb_element_table (see examples/custom_element.c).
- * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
- *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
- *              add fibres and relaxation.
+ * sb_mesh      nodes and elements of one type: tet4, tet10, hex8 (volumes), tri3, tri6, quad4 (surfaces), with
+ *              VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them (sb_mesh_beam, _cylinder,
+ *              _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ * sb_material  a model and its parameters; made by sb_material_corotated() and others.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
- * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
- *              moving points and mapped points drawn to targets follow the body and have ids.
- * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
+ * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
- * sb_material_neo_hookean, _neo_hookean_isochoric, _mooney_rivlin, _reduced_polynomial and _svk to agree with textbooks
- * and industrial solvers.
+ * sb_material_neo_hookean, _neo_hookean_isochoric and _svk to agree with textbooks and industrial solvers.
  *
  * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
- * incompressibility (nu above 0.49); hex8 for structured blocks, with SB_INTEGRATION_BBAR when nearly incompressible;
- * hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 cheaper.
- *
- * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
- * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
+ * incompressibility (nu above 0.49); hex8 for structured blocks. def.single_rotation makes tet10 cheaper.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
@@ -168,50 +158,6 @@
  *     sb_mesh_free(&organ);
  *     ```
  *
- * A tool on a spring, whose force is read each frame; the liver remembers; a moment is saved and come back to:
- *
- *     ```c fragment
- *     sb_mesh block = {0};
- *     sb_error error;
- *     if (sb_mesh_beam(SB_HEX8, 6, 3, 3, sb_v3(0.1, 0.05, 0.05), NULL, &block, &error) != SB_OK)
- *         return 1;
- *     sb_body_def def = sb_default_body_def();
- *     def.mesh = &block;
- *     def.integration = SB_INTEGRATION_BBAR;               // this liver is nearly incompressible
- *     def.material = sb_material_preset(SB_LIVER_KIM, 1060);
- *     sb_body *body = NULL;
- *     if (sb_body_create(&def, &body, &error) != SB_OK)
- *         return 1;
- *     for (int i = 0; i < block.node_count; i++)
- *         if (block.nodes[i].x == 0)
- *             sb_body_fix_nodes(body, &i, 1, SB_XYZ);
- *
- *     int tip = block.node_count - 1, spring;
- *     sb_real stiffness = 20;                              // N/m
- *     sb_vec3 tool = block.nodes[tip], force = {0, 0, 0};
- *     if (sb_body_add_springs(body, &tip, 1, &stiffness, 1, &tool, &spring, &error) != SB_OK)
- *         return 1;
- *     size_t size = sb_body_state_size(body);
- *     void *moment = malloc(size);
- *     if (!moment || sb_body_state_save(body, moment, size) != SB_OK)
- *         return 1;
- *     for (int attempt = 0; attempt < 2; attempt++) {      // the second brings the same bits
- *         for (int frame = 1; frame <= 30; frame++) {
- *             tool = sb_v3_add(block.nodes[tip], sb_v3(0, 0, (sb_real)(-0.0005 * frame)));
- *             sb_body_move_springs(body, spring, &tool);
- *             if (sb_body_step(body, (sb_real)(1.0 / 60), NULL) != SB_OK)
- *                 return 1;
- *             sb_body_spring_forces(body, spring, &force); // on the tissue (N); the tool feels the opposite
- *         }
- *         printf("attempt %d: the tool feels %.4f N\n", attempt, -(double)force.z);
- *         if (sb_body_state_load(body, moment, size, &error) != SB_OK)
- *             return 1;
- *     }
- *     free(moment);
- *     sb_body_destroy(body);
- *     sb_mesh_free(&block);
- *     ```
- *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -238,8 +184,7 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, material_fit, sparse, precond, pcg, domain, body, load,
- * constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -488,9 +433,9 @@
 
 
 #define SB_VERSION_MAJOR 0
-#define SB_VERSION_MINOR 2
+#define SB_VERSION_MINOR 1
 #define SB_VERSION_PATCH 0
-#define SB_VERSION_STRING "0.2.0"
+#define SB_VERSION_STRING "0.1.0"
 
 #if defined(__FAST_MATH__) && !defined(SB_ALLOW_FAST_MATH)
 #error "softbody.h: -ffast-math breaks determinism and NaN checks; define SB_ALLOW_FAST_MATH to insist"
@@ -4244,8 +4189,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
 SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
 
 /* ---- loads that follow the body ----
- * Each adder makes one load and gives it an id (> 0, never used again; the place for it may be NULL), which the
- * functions below take: they return
+ * Each adder makes one load and gives it an id (> 0, never used again), which the functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
  * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
@@ -4587,18 +4531,20 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 #define SB_STATE_H
 
 
-/* A saved state holds all that steps and setters change: motion, supports, loads, materials, settings, reactions and
- * the solvers' warm starts. What follows a load is what followed the save, bit for bit, also in another body, process
- * or machine. It does not hold the mesh: a state is loaded into a body that was made from the same mesh with the same
- * integration, mass, preconditioner and single_rotation, in the same precision.
+/* A saved state holds all that steps and setters change: motion, supports, loads of every kind, constraints, materials,
+ * fibres and what Prony terms remember, settings, reactions and the solvers' warm starts. What follows a load is what
+ * followed the save, bit for bit, also in another body, process or machine. Loads and constraints come back with the
+ * numbers they had, those added since go, those removed since return. It does not hold the mesh: a state is loaded into
+ * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
+ * preconditioner and single_rotation, in the same precision.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
  *     parts: number (4) and values; the first tells the body's make,
  *     checksum of all bytes before it (8). */
 
-/* Bytes that sb_body_state_save writes for this body; supports and materials do not change it. 0: more than size_t
- * holds. Cost: proportional to the body. */
+/* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports and
+ * other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body. */
 SB_API size_t sb_body_state_size(const sb_body *body);
 
 /* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.
@@ -4608,8 +4554,8 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 /* Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:
  * SB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other
  * version or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;
- * SB_ERROR_MEMORY when more supports or first iterated steps need room that the allocator does not give. On failure the
- * body is as it was. Where supports and materials need no more room than they did before, nothing is allocated. */
+ * SB_ERROR_MEMORY when more room is needed than the allocator gives. On failure the body is as it was. Where supports,
+ * materials, loads and constraints need no more room and have the rows they had, nothing is allocated. */
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
 
 /* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or
@@ -4741,7 +4687,7 @@ typedef struct sb_recording_report {
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
  * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
  * recording what there is is played. report may be NULL. Takes memory from the recording's allocator for the longest
- * list of arguments. */
+ * list of arguments, and for constraints from the body's. */
 SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report);
 
 #endif /* SB_RECORD_H */
@@ -17622,6 +17568,7 @@ typedef struct sbi_elimination {
     int *positions;        /* block of `matrix` for each pair of masters of each block of the full matrix */
     sb_matrix matrix;      /* T^T A T */
     sb_preconditioner *precond;
+    sbi_precond_memory saved_precond;
     void *memory;
 } sbi_elimination;
 
@@ -17659,7 +17606,8 @@ SBI_API void sbi_elimination_expand(const sbi_elimination *e, sb_vec3 *increment
 /* Zeroes the slaves. */
 SBI_API void sbi_elimination_clear_slaves(const sbi_elimination *e, sb_vec3 *vector);
 
-/* What a step starts from: keeps the multipliers, for sbi_elimination_restore, and start_gap at displacement u. */
+/* What a step starts from: keeps multipliers and what the preconditioner learnt, for sbi_elimination_restore, and
+ * start_gap at displacement u. */
 SBI_API void sbi_elimination_save(sbi_elimination *e, const sb_vec3 *u);
 SBI_API void sbi_elimination_restore(sbi_elimination *e);
 /* Fills e->gap: how far each slave is from where it belongs at this share of the way from the start; 1 when any is. */
@@ -18264,11 +18212,13 @@ static sb_real sbi_elimination_goal(const sbi_elimination *e, int c, const sb_ve
 SBI_API void sbi_elimination_restore(sbi_elimination *e)
 {
     memcpy(e->force, e->saved_force, (size_t)e->equations.count * sizeof(sb_real));
+    sbi_precond_set_memory(e->precond, e->saved_precond);
 }
 
 SBI_API void sbi_elimination_save(sbi_elimination *e, const sb_vec3 *u)
 {
     memcpy(e->saved_force, e->force, (size_t)e->equations.count * sizeof(sb_real));
+    e->saved_precond = sbi_precond_get_memory(e->precond);
     for (int c = 0; c < e->equations.count; c++)
         e->start_gap[c] = sbi_elimination_goal(e, c, u, 1) - sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
 }
@@ -18354,10 +18304,25 @@ typedef enum sbi_command_code {
     SBI_COMMAND_RESET = 13,
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
-    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress;
-                                    * reals: tolerance */
+    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
+                                    * instantaneous; reals: tolerance */
+    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away; reals: one vector per element */
+    SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
+    SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
+    SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
+    SBI_COMMAND_ADD_MAPPING = 21,  /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
+    SBI_COMMAND_POINTS = 22,       /* a: load, b: its kind; reals: points */
+    SBI_COMMAND_STIFFNESS = 23,    /* a: load, b: uniform; ints: its kind; reals: stiffness */
+    SBI_COMMAND_REMOVE_LOAD = 24,  /* a: load */
+    SBI_COMMAND_ADD_CONSTRAINTS = 25,    /* a: count; ints: starts (from any number), unknowns; reals: values,
+                                          * coefficients */
+    SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
+    SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
+    SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
 typedef struct sbi_command {
     sbi_command_code code;
@@ -18366,6 +18331,10 @@ typedef struct sbi_command {
     const sb_real *reals;
     const unsigned char *bytes;
     size_t int_count, real_count, byte_count;
+    const int *more_ints;
+    size_t more_int_count;
+    const sb_real *more_reals[2];
+    size_t more_real_counts[2];
 } sbi_command;
 
 struct sb_body {
@@ -18482,6 +18451,10 @@ typedef struct sbi_body_pattern {
  * range): nothing was made. Takes nothing when every row fits already. */
 SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                         sbi_body_pattern *pattern, sb_error *error);
+/* The rest of a pattern whose rows (extra_...) are there, for supports that may be still to come (fixed[node_count]);
+ * no elimination. On failure the pattern is freed, rows included. */
+SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                          sb_error *error);
 /* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
 SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
 /* Gives it up. */
@@ -18494,6 +18467,12 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
+/* The same for any command. */
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
+
+/* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
+SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                                sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
 enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
@@ -18608,6 +18587,12 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
     command.reals = reals;
     command.real_count = real_count;
     body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (body->observe)
+        body->observe(body->observer, command);
 }
 
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
@@ -18857,6 +18842,8 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     body->assembly.fibres = copy;
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, 0, NULL, 0, fibres ? &fibres[0].x : NULL,
+                  fibres ? 3 * (size_t)count : 0);
     return SB_OK;
 }
 
@@ -19320,7 +19307,8 @@ static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *patte
         pattern->pair_start = (int *)sbi_arena_take(arena, blocks + 1, sizeof(int));
 }
 
-static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                            sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
@@ -19328,7 +19316,7 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_patter
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i] && body->node_component[i] >= 0)
+        if (fixed[i] && body->node_component[i] >= 0)
             pattern->support_used += row_start[i + 1] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
@@ -19370,28 +19358,38 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     return setup;
 }
 
+SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                          sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_result result;
+    settings.kind = sb_preconditioner_get_info(body->precond).kind;
+    settings.positions = body->reference;
+    result = sbi_body_make_extended_matrix(body, pattern, error);
+    if (result == SB_OK)
+        result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result != SB_OK)
+        sbi_body_free_pattern(body, pattern);
+    return result;
+}
+
 SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                         sbi_body_pattern *pattern, sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
     sb_result result;
     memset(pattern, 0, sizeof *pattern);
     result = sbi_body_make_extra(body, cell_count, cell_start, cells, pattern, error);
     if (result != SB_OK || !pattern->needed)
         return result;
-    settings.kind = sb_preconditioner_get_info(body->precond).kind;
-    settings.positions = body->reference;
-    result = sbi_body_make_extended_matrix(body, pattern, error);
-    if (result == SB_OK)
-        result = sbi_body_make_block_arrays(body, pattern, error);
-    if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    result = sbi_body_finish_pattern(body, body->fixed, pattern, error);
     if (result == SB_OK && body->elimination) {
         sbi_elimination_setup setup = sbi_body_elimination_setup(body, &pattern->matrix);
         result = sbi_elimination_remake(body->elimination, &setup, &pattern->elimination, error);
+        if (result != SB_OK)
+            sbi_body_free_pattern(body, pattern);
     }
-    if (result != SB_OK)
-        sbi_body_free_pattern(body, pattern);
     return result;
 }
 
@@ -20444,9 +20442,8 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
 }
 
-/* Memory for a load of these rows, zeroed. */
-static sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
-                               sbi_load *load, sb_error *error)
+SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                                sbi_load *load, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
     memset(load, 0, sizeof *load);
@@ -20468,8 +20465,7 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
-    if (load_id)
-        *load_id = load->id;
+    *load_id = load->id;
 }
 
 /* ---- pressure ---- */
@@ -20517,9 +20513,9 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
 {
     sbi_load load;
     sb_result result;
-    if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
+    if (!body || !load_id || face_count < 1 || corners < 3 || corners > 4 || !faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
+                        "sb_body_add_pressure needs a body, faces of 3 or 4 corners, and a place for the id");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
     result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
@@ -20532,6 +20528,7 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
     }
     load.pressure = pressure;
     sbi_load_append(body, &load, load_id);
+    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure, 1);
     return SB_OK;
 }
 
@@ -20545,6 +20542,7 @@ SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressu
     if (!sb_is_finite(pressure))
         return SB_ERROR_NOT_FINITE;
     load->pressure = pressure;
+    sbi_body_tell(body, SBI_COMMAND_PRESSURE, load_id, 0, NULL, 0, &pressure, 1);
     return SB_OK;
 }
 
@@ -20604,6 +20602,34 @@ static void sbi_load_put_points(const sb_body *body, sbi_load *load, const sb_ve
     }
 }
 
+/* Tells of springs or a mapping as they were given. */
+static void sbi_load_tell_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping, const sb_real *stiffness,
+                               int uniform, const sb_vec3 *points)
+{
+    size_t rows = (size_t)mapping->row_count, entries = (size_t)mapping->row_start[rows];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_ADD_SPRINGS;
+    command.b = uniform != 0;
+    command.ints = mapping->nodes;
+    command.int_count = entries;
+    command.reals = &points[0].x;
+    command.real_count = 3 * rows;
+    command.more_reals[0] = stiffness;
+    command.more_real_counts[0] = uniform ? 1 : rows;
+    if (kind == SBI_LOAD_MAPPING) {
+        command.code = SBI_COMMAND_ADD_MAPPING;
+        command.a = mapping->row_count;
+        command.ints = mapping->row_start;
+        command.int_count = rows + 1;
+        command.more_ints = mapping->nodes;
+        command.more_int_count = entries;
+        command.more_reals[1] = mapping->weights;
+        command.more_real_counts[1] = entries;
+    }
+    sbi_body_tell_command(body, &command);
+}
+
 /* Adds a load of checked rows; all or nothing. */
 static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping,
                                    const sb_real *stiffness, int uniform, const sb_vec3 *points, int *load_id,
@@ -20644,6 +20670,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
         return result;
     }
     sbi_load_append(body, &load, load_id);
+    sbi_load_tell_rows(body, kind, mapping, stiffness, uniform, points);
     return SB_OK;
 }
 
@@ -20654,8 +20681,8 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     sb_result result;
     int *starts;
     sb_real *ones;
-    if (!body || !nodes || count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
+    if (!body || !nodes || count < 1 || !load_id)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body, nodes, and a place for the id");
     for (int i = 0; i < count; i++)
         if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
@@ -20710,8 +20737,8 @@ SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, c
                                      const sb_vec3 *targets, int *load_id, sb_error *error)
 {
     sb_result result;
-    if (!body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body");
+    if (!body || !load_id)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body and a place for the id");
     result = sbi_load_check_mapping(body, mapping, error);
     if (result == SB_OK)
         result = sbi_load_check_stiffness(stiffness, mapping->row_count, uniform, error);
@@ -20738,24 +20765,30 @@ static sb_result sbi_load_set_points(sb_body *body, int load_id, sbi_load_kind k
             !sb_is_finite((sb_real)((double)points[j].z - x[2])))
             result = SB_ERROR_NOT_FINITE;
     }
-    if (result == SB_OK)
-        sbi_load_put_points(body, load, points);
-    return result;
+    if (result != SB_OK)
+        return result;
+    sbi_load_put_points(body, load, points);
+    sbi_body_tell(body, SBI_COMMAND_POINTS, load_id, (int)kind, NULL, 0, &points[0].x, 3 * (size_t)load->row_count);
+    return SB_OK;
 }
 
 static sb_result sbi_load_set_stiffness(sb_body *body, int load_id, sbi_load_kind kind, const sb_real *stiffness,
                                         int uniform)
 {
     sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    const int kinds[1] = {(int)kind};
     sb_result result;
     if (!body || !stiffness)
         return SB_ERROR_ARGUMENT;
     if (!load)
         return SB_ERROR_INDEX;
     result = sbi_load_check_stiffness(stiffness, load->row_count, uniform, NULL);
-    if (result == SB_OK)
-        sbi_load_put_stiffness(load, stiffness, uniform);
-    return result;
+    if (result != SB_OK)
+        return result;
+    sbi_load_put_stiffness(load, stiffness, uniform);
+    sbi_body_tell(body, SBI_COMMAND_STIFFNESS, load_id, uniform != 0, kinds, 1, stiffness,
+                  uniform ? 1 : (size_t)load->row_count);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points)
@@ -21152,6 +21185,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     after = (size_t)(body->loads + body->load_count - (load + 1));
     memmove(load, load + 1, after * sizeof *load);
     body->load_count--;
+    sbi_body_tell(body, SBI_COMMAND_REMOVE_LOAD, load_id, 0, NULL, 0, NULL, 0);
     return SB_OK;
 }
 
@@ -21289,6 +21323,26 @@ static sb_result sbi_constraint_check(const sb_body *b, const sb_constraint_term
     return SB_OK;
 }
 
+/* Tells of the last `count` equations. */
+static void sbi_constraint_tell(sb_body *body, int count)
+{
+    const sbi_equations *q = &body->elimination->equations;
+    int first = q->count - count, term = q->start[first];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_ADD_CONSTRAINTS;
+    command.a = count;
+    command.ints = q->start + first;
+    command.int_count = (size_t)count + 1;
+    command.more_ints = q->dof + term;
+    command.more_int_count = (size_t)(q->start[q->count] - term);
+    command.reals = q->value + first;
+    command.real_count = (size_t)count;
+    command.more_reals[0] = q->coefficient + term;
+    command.more_real_counts[0] = command.more_int_count;
+    sbi_body_tell_command(body, &command);
+}
+
 SB_API sb_result sb_body_add_constraints(sb_body *body, const sb_constraint_term *terms, const int *term_counts,
                                          const sb_real *values, int count, int *first_id, sb_error *error)
 {
@@ -21321,6 +21375,8 @@ SB_API sb_result sb_body_add_constraints(sb_body *body, const sb_constraint_term
     if (first_id)
         *first_id = body->next_constraint;
     body->next_constraint += count;
+    if (count > 0)
+        sbi_constraint_tell(body, count);
     return SB_OK;
 }
 
@@ -21345,6 +21401,7 @@ SB_API sb_result sb_body_set_constraint_value(sb_body *body, int id, sb_real val
     if (!sb_is_finite(value))
         return SB_ERROR_NOT_FINITE;
     body->elimination->equations.value[c] = value;
+    sbi_body_tell(body, SBI_COMMAND_CONSTRAINT_VALUE, id, 0, NULL, 0, &value, 1);
     return SB_OK;
 }
 
@@ -21364,9 +21421,11 @@ SB_API sb_result sb_body_remove_constraints(sb_body *body, int first_id, int cou
     result = sbi_constraint_copy(body, first_id, count, 0, 0, &equations, error);
     if (result == SB_OK)
         result = sbi_constraint_install(body, &equations, error);
-    if (result == SB_OK)
-        body->acceleration_known = 0;
-    return result;
+    if (result != SB_OK)
+        return result;
+    body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_REMOVE_CONSTRAINTS, first_id, count, NULL, 0, NULL, 0);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_remove_constraint(sb_body *body, int id, sb_error *error)
@@ -21381,6 +21440,7 @@ SB_API void sb_body_clear_constraints(sb_body *body)
     sbi_elimination_free(body->elimination);
     body->elimination = NULL;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_CONSTRAINTS, 0, 0, NULL, 0, NULL, 0);
 }
 
 SB_API int sb_body_constraint_count(const sb_body *body)
@@ -23443,8 +23503,9 @@ static void sbi_static_commit(sbi_newton *newton)
 
 static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
 {
-    const int ints[4] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress};
-    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 4, &options->tolerance, 1);
+    const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
+                         options->instantaneous};
+    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 
 SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info)
@@ -24333,7 +24394,23 @@ typedef struct sbi_state_walk {
     uint64_t hash;
     sb_result result;        /* the first failure; what comes after it is 0 */
     sb_error *error;
-    sb_body_def settings;    /* of the image, once its settings were passed */
+    int differs;             /* 1: what was passed is not what the body has */
+    int store;               /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+
+    /* of the image, once CHECK has been there */
+    sb_body_def settings;
+    int last_load_id, next_constraint; /* those of what is being passed */
+    int terms;               /* most Prony terms of a material; of the body in passes over one */
+    int has_fibres;          /* 1: some material has */
+    const unsigned char *fixed; /* [node_count] */
+
+    /* what RESERVE makes and READ puts in place */
+    sbi_body_pattern pattern;
+    sb_vec3 *fibres;
+    int new_loads, load_count;
+    sbi_load *loads;
+    int new_equations;
+    sbi_elimination *elimination;
 } sbi_state_walk;
 
 static int sbi_state_is_image(const sbi_state_walk *walk) { return walk->pass >= SBI_STATE_CHECK; }
@@ -24417,7 +24494,86 @@ static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count,
     }
 }
 
+static double sbi_state_double(sbi_state_walk *walk, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = sbi_state_word(walk, bits, 8);
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* The same with the place of a value, which may be NULL in passes over an image. */
+static int sbi_state_put_int(sbi_state_walk *walk, int *place, int low, int high, const char *name)
+{
+    int value = sbi_state_int(walk, place ? *place : low, low, high, name);
+    if (walk->store && place)
+        *place = value;
+    return value;
+}
+
+static sb_real sbi_state_put_real(sbi_state_walk *walk, sb_real *place)
+{
+    sb_real value = sbi_state_real(walk, place ? *place : 0);
+    if (walk->store && place)
+        *place = value;
+    return value;
+}
+
+static void sbi_state_put_vector(sbi_state_walk *walk, sb_vec3 *place, int kind, const char *name)
+{
+    sb_vec3 value = sbi_state_vector(walk, place ? *place : sb_v3(0, 0, 0));
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && kind == SBI_STATE_FINITE && !sb_v3_is_finite(value))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved %s is not finite", name));
+    if (walk->store && place)
+        *place = value;
+}
+
+static int sbi_state_checks(const sbi_state_walk *walk)
+{
+    return walk->pass == SBI_STATE_CHECK && walk->result == SB_OK;
+}
+
 /* ---- the parts ---- */
+
+/* Numbers of a custom element: equal tables, equal elements. */
+static uint64_t sbi_state_reals_hash(uint64_t hash, const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        hash = sbi_hash_word(hash, sbi_real_bits(values[i]));
+    return hash;
+}
+
+static uint64_t sbi_state_rule_hash(uint64_t hash, const sb_element_table *table, int count, const sb_real (*points)[3],
+                                    const sb_real *weights)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
+    for (int p = 0; p < count; p++) {
+        table->shape(table->user, points[p], shape, gradient);
+        hash = sbi_hash_word(hash, sbi_real_bits(weights[p]));
+        hash = sbi_state_reals_hash(hash, points[p], 3);
+        hash = sbi_state_reals_hash(hash, shape, (size_t)table->node_count);
+        hash = sbi_state_reals_hash(hash, &gradient[0][0], 3 * (size_t)table->node_count);
+    }
+    return hash;
+}
+
+static uint64_t sbi_state_table_hash(const sb_element_table *table)
+{
+    uint64_t hash = 1;
+    if (!table)
+        return 0;
+    hash = sbi_hash_word(hash, (uint64_t)table->node_count);
+    hash = sbi_hash_word(hash, (uint64_t)table->corner_count);
+    hash = sbi_state_rule_hash(hash, table, table->point_count, table->points, table->weights);
+    hash = sbi_state_rule_hash(hash, table, table->mass_point_count, table->mass_points, table->mass_weights);
+    for (int f = 0; f < table->face_count; f++) {
+        hash = sbi_hash_word(hash, (uint64_t)table->faces[f].type);
+        for (int k = 0; k < sb_element_node_count(table->faces[f].type); k++)
+            hash = sbi_hash_word(hash, (uint64_t)table->faces[f].nodes[k]);
+    }
+    return hash;
+}
 
 /* What the body is made of, so that a state of another one is refused. */
 static uint64_t sbi_state_mesh_hash(const sb_body *body)
@@ -24447,6 +24603,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
     sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
     sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
     sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
+    sbi_state_same(walk, used ? sbi_state_table_hash(body->domain.table) : 0, "the hash of the custom element");
+    sbi_state_same(walk, (uint64_t)body->domain.mean_point, "the number of mean points");
     sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
     sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
     sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
@@ -24458,7 +24616,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
 {
     sb_body_def def = sb_default_body_def();
-    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_NEWMARK, "integrator");
+    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE,
+                                                  "integrator");
     def.gravity = sbi_state_vector(walk, body->gravity);
     def.damping_mass = sbi_state_real(walk, body->damping_mass);
     def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
@@ -24466,6 +24625,9 @@ static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
     def.newton_tolerance = sbi_state_real(walk, body->newton_tolerance);
     def.max_iterations = sbi_state_int(walk, body->max_iterations, 1, INT32_MAX, "max_iterations");
     def.max_newton = sbi_state_int(walk, body->max_newton, SB_AUTO, INT32_MAX, "max_newton");
+    def.spectral_radius = sbi_state_real(walk, body->spectral_radius);
+    def.max_substeps = sbi_state_int(walk, body->max_substeps, 1, INT32_MAX, "max_substeps");
+    def.mass = body->mass_kind;
     walk->settings = def;
     if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
         sbi_state_refuse(walk, sbi_body_check_settings(&def, walk->error));
@@ -24479,6 +24641,8 @@ static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
     body->newton_tolerance = def.newton_tolerance;
     body->max_iterations = def.max_iterations;
     body->max_newton = def.max_newton;
+    body->spectral_radius = def.spectral_radius;
+    body->max_substeps = def.max_substeps;
 }
 
 /* Room for the damping of iterated steps, should the image's settings and this material need it. */
@@ -24505,8 +24669,11 @@ static sb_material sbi_state_material(const sb_material *material, sbi_state_wal
 static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
 {
     int changed = 0;
+    walk->terms = walk->has_fibres = 0;
     for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
         sb_material material = sbi_state_material(body->materials + i, walk);
+        walk->terms = sbi_max_int(walk->terms, material.prony_count);
+        walk->has_fibres |= material.fibre_stiffness > 0;
         if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
             sbi_state_refuse(walk, sbi_body_check_material(&material, body->domain.single_rotation, walk->error));
         if (walk->pass == SBI_STATE_RESERVE)
@@ -24520,15 +24687,124 @@ static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
         sbi_body_materials_changed(body);
 }
 
+/* Unit directions, or 0. */
+static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
+{
+    int count = body->domain.cell_count, given = sbi_state_int(walk, body->fibres != NULL, 0, 1, "fibre mark");
+    if (sbi_state_checks(walk) && walk->has_fibres && !given)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL, "a saved material has fibres, but no directions "
+                                                                        "were saved"));
+    if (walk->pass == SBI_STATE_RESERVE && given && !body->fibres) {
+        walk->fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
+        if (!walk->fibres)
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements",
+                                            count));
+    }
+    if (walk->pass == SBI_STATE_READ && (given ? walk->fibres != NULL : body->fibres != NULL)) {
+        sbi_free(&body->allocator, body->fibres);
+        body->fibres = walk->fibres;
+        walk->fibres = NULL;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        body->assembly.fibres = body->fibres;
+    for (int e = 0; given && e < count && walk->result == SB_OK; e++) {
+        sb_vec3 a = sbi_state_vector(walk, body->fibres ? body->fibres[e] : sb_v3(0, 0, 0));
+        sb_real square = sb_v3_dot(a, a);
+        if (sbi_state_checks(walk) && square != 0 && !(square > (sb_real)0.99 && square < (sb_real)1.01))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, e,
+                                                    "the saved fibre of element %d is no direction", e));
+        if (walk->pass == SBI_STATE_READ)
+            body->fibres[e] = a;
+    }
+}
+
+/* ---- couplings beyond the elements ---- */
+
+/* The rows of an image, as `rows` at their beginning lists them: counts, and compares with the body's, or stores in
+ * pattern.extra_start and extra_nodes. */
+static int sbi_state_pass_extra(const sb_body *body, sbi_state_walk *walk, int rows, size_t *entries)
+{
+    int *start = walk->pattern.extra_start, same = rows == body->extra_count, last = body->domain.node_count - 1;
+    *entries = 0;
+    for (int c = 0; c < rows && walk->result == SB_OK; c++) {
+        int size = sbi_state_int(walk, 0, 1, INT32_MAX, "coupling row length");
+        same = same && body->extra_start[c + 1] - body->extra_start[c] == size;
+        for (int k = 0; k < size && walk->result == SB_OK; k++, ++*entries) {
+            int node = sbi_state_int(walk, 0, 0, last, "node of a coupling row");
+            same = same && body->extra_nodes[*entries] == node;
+            if (start)
+                walk->pattern.extra_nodes[*entries] = node;
+        }
+        if (start)
+            start[c + 1] = (int)*entries;
+    }
+    return same;
+}
+
+/* The pattern of the image's rows, unless the body has it. */
+static void sbi_state_reserve_extra(sb_body *body, sbi_state_walk *walk, int rows)
+{
+    size_t at = walk->used, entries, bytes = 0;
+    sbi_body_pattern *pattern = &walk->pattern;
+    int same = sbi_state_pass_extra(body, walk, rows, &entries);
+    if (same || walk->result != SB_OK)
+        return;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)rows + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start) {
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d coupling rows", rows));
+        return;
+    }
+    pattern->needed = 1;
+    pattern->extra_count = rows;
+    pattern->extra_nodes = pattern->extra_start + rows + 1;
+    pattern->extra_start[0] = 0;
+    walk->used = at;
+    sbi_state_pass_extra(body, walk, rows, &entries);
+    sbi_state_refuse(walk, sbi_body_finish_pattern(body, walk->fixed, pattern, walk->error));
+}
+
+/* The rows come before all that has one entry per block of the matrix. */
+static void sbi_state_extra(sb_body *body, sbi_state_walk *walk)
+{
+    int rows = sbi_state_int(walk, body->extra_count, 0, INT32_MAX - 1, "number of coupling rows");
+    size_t entries;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_extra(body, walk, rows);
+    } else if (sbi_state_is_image(walk)) {
+        if (walk->pass == SBI_STATE_READ)
+            sbi_body_take_pattern(body, &walk->pattern);
+        sbi_state_pass_extra(body, walk, rows, &entries);
+    } else {
+        for (int c = 0; c < rows; c++) {
+            int first = body->extra_start[c], end = body->extra_start[c + 1];
+            sbi_state_int(walk, end - first, 0, 0, "");
+            for (int k = first; k < end; k++)
+                sbi_state_int(walk, body->extra_nodes[k], 0, 0, "");
+        }
+    }
+}
+
+/* The matrix that the body will have. */
+static const sb_matrix *sbi_state_matrix(const sb_body *body, const sbi_state_walk *walk)
+{
+    return walk->pattern.needed ? &walk->pattern.matrix : &body->matrix;
+}
+
+/* ---- supports ---- */
+
 /* Supported axes, of which nodes without an element keep all; the others take blocks of the matrix. */
 static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
 {
-    const sb_matrix *matrix = &body->matrix;
+    const sb_matrix *matrix = sbi_state_matrix(body, walk);
     int needed = 0;
+    if (walk->pass == SBI_STATE_CHECK)
+        walk->fixed = walk->in + walk->used;
     for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
         int lonely = body->node_component[i] < 0;
         int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
-        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
+        if (sbi_state_checks(walk) && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
@@ -24536,7 +24812,8 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }
-    if (walk->pass == SBI_STATE_RESERVE && sbi_body_reserve_support_blocks(body, needed) != SB_OK)
+    if (walk->pass == SBI_STATE_RESERVE && !walk->pattern.needed &&
+        sbi_body_reserve_support_blocks(body, needed) != SB_OK)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for supports of %d blocks", needed));
     if (walk->pass == SBI_STATE_READ)
         body->support_used = needed;
@@ -24551,6 +24828,374 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->external, n, SBI_STATE_ANY, "external force");
     sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
 }
+
+/* ---- loads that follow the body ---- */
+
+/* What passing the rows of a load found out. */
+typedef struct sbi_state_rows {
+    size_t entries, pairs;
+    int same;                /* 1: rows, nodes and kind are those of the body's load */
+} sbi_state_rows;
+
+/* Whether a saved row of a pressure is a face of the surface; nodes in the order in which the body would have it. */
+static void sbi_state_check_face(const sb_body *body, sbi_state_walk *walk, int type, int size, const int *nodes)
+{
+    int corners = sb_element_corner_count((sb_element_type)type);
+    sbi_body_face face;
+    if (sb_element_node_count((sb_element_type)type) == size && (corners == 3 || corners == 4) &&
+        sbi_body_get_face(body, nodes, 0, corners, &face, NULL) == SB_OK && !face.inner && face.count == size &&
+        (int)face.type == type && memcmp(face.nodes, nodes, (size_t)size * sizeof *nodes) == 0)
+        return;
+    sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, nodes[0],
+                                         "a saved pressure acts on what is no face, at node %d", nodes[0]));
+}
+
+/* Whether the matrix has a block for every pair of the nodes of the row that begins there. */
+static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, size_t at, int size)
+{
+    const sb_matrix *matrix = sbi_state_matrix(body, walk);
+    for (int a = 0; a < size && walk->result == SB_OK; a++)
+        for (int b = 0; b < size && walk->result == SB_OK; b++) {
+            int i = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)a, 4));
+            int j = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)b, 4));
+            if (sb_matrix_find(matrix, i, j) < 0)
+                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i, "a saved row couples the nodes %d "
+                                                     "and %d, which the saved matrix does not", i, j));
+        }
+}
+
+/* Stiffness, targets and force of a row of springs or a mapping. */
+static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
+{
+    int real = load->stiffness != NULL;
+    for (int k = 0; k < 2; k++) {
+        sb_real *from = k ? load->balanced_stiffness : load->stiffness;
+        sb_real stiffness = sbi_state_put_real(walk, real ? from + j : NULL);
+        if (sbi_state_checks(walk) && (!(stiffness >= 0) || !sb_is_finite(stiffness)))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_ARGUMENT, j,
+                                                    "row %d of the saved load %d has stiffness %g", j, load->id,
+                                                    (double)stiffness));
+    }
+    sbi_state_put_vector(walk, real ? load->target + j : NULL, SBI_STATE_FINITE, "target of a load");
+    sbi_state_put_vector(walk, real ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
+    sbi_state_put_vector(walk, real ? load->force + j : NULL, SBI_STATE_ANY, "");
+}
+
+/* One row; `from`: its first entry. Returns its length. */
+static int sbi_state_row(const sb_body *body, sbi_state_walk *walk, sbi_load *load, int j, size_t from)
+{
+    int pressure = load->kind == SBI_LOAD_PRESSURE, most = pressure ? SB_MAX_FACE_NODES : INT32_MAX;
+    int size = load->row_start ? load->row_start[j + 1] - load->row_start[j] : 1, corner[SB_MAX_FACE_NODES] = {0};
+    int type = 0;
+    size_t at;
+    size = sbi_state_int(walk, size, 1, load->kind == SBI_LOAD_SPRINGS ? 1 : most, "row length of a load");
+    if (pressure)
+        type = sbi_state_int(walk, load->face_types ? (int)load->face_types[j] : 0, SB_TRI3, SB_QUAD9, "face type");
+    if (pressure && walk->store)
+        load->face_types[j] = (sb_element_type)type;
+    at = walk->used;
+    for (int k = 0; k < size && walk->result == SB_OK; k++) {
+        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0,
+                                     body->domain.node_count - 1, "node of a load");
+        if (pressure && k < SB_MAX_FACE_NODES)
+            corner[k] = node;
+    }
+    if (sbi_state_checks(walk) && pressure)
+        sbi_state_check_face(body, walk, type, size, corner);
+    if (walk->pass == SBI_STATE_RESERVE && walk->result == SB_OK && !pressure)
+        sbi_state_check_blocks(body, walk, at, size);
+    for (int k = 0; k < size && walk->result == SB_OK && !pressure; k++) {
+        sb_real weight = sbi_state_put_real(walk, load->weights ? load->weights + from + k : NULL);
+        if (sbi_state_checks(walk) && (load->kind == SBI_LOAD_SPRINGS ? weight != 1 : !sb_is_finite(weight)))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_NOT_FINITE, j,
+                                                    "row %d of the saved load %d has weight %g", j, load->id,
+                                                    (double)weight));
+    }
+    if (!pressure)
+        sbi_state_row_values(walk, load, j);
+    return size;
+}
+
+/* 1 when the body's load has the same nodes in row j, whose length was just passed; at: where the nodes stand. */
+static int sbi_state_same_row(const sbi_state_walk *walk, const sbi_load *like, int j, int size, size_t at)
+{
+    int same = like->row_start[j + 1] - like->row_start[j] == size;
+    for (int k = 0; k < size && same; k++)
+        same = like->nodes[like->row_start[j] + k] == sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)k, 4));
+    return same;
+}
+
+/* All rows of a load; like: the body's load to compare with, or NULL. */
+static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *walk, sbi_load *load,
+                                          const sbi_load *like)
+{
+    sbi_state_rows rows = {0, 0, 0};
+    rows.same = like && like->kind == load->kind && like->row_count == load->row_count;
+    for (int j = 0; j < load->row_count && walk->result == SB_OK; j++) {
+        size_t at = walk->used + (load->kind == SBI_LOAD_PRESSURE ? 8 : 4);
+        int size = sbi_state_row(body, walk, load, j, rows.entries);
+        if (walk->result != SB_OK)
+            break;
+        rows.same = rows.same && sbi_state_same_row(walk, like, j, size, at);
+        rows.entries += (size_t)size; /* each took bytes of the image, so this cannot overflow */
+        if (!sbi_size_add(&rows.pairs, (size_t)size, (size_t)size))
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long",
+                                            load->id));
+        if (walk->store)
+            load->row_start[j + 1] = (int)rows.entries;
+    }
+    return rows;
+}
+
+/* What a load has once. An image's values go into `load`, which is a copy. */
+static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
+{
+    int last = body->last_load_id;
+    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MAPPING, "load kind");
+    load->id = sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
+    load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
+    load->row_count = sbi_state_int(walk, load->row_count, 1, INT32_MAX - 1, "number of rows of a load");
+    load->pressure = sbi_state_real(walk, load->pressure);
+    load->balanced_pressure = sbi_state_real(walk, load->balanced_pressure);
+    for (int k = 0; k < 6; k++)
+        load->net[k] = sbi_state_double(walk, load->net[k]);
+    if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite",
+                                        load->id));
+}
+
+/* Room for what these rows tie. */
+static void sbi_state_reserve_ties(sb_body *body, sbi_state_walk *walk, int count, const int *start, const int *nodes,
+                                   const int *dofs, const sb_real *weights)
+{
+    sbi_body_rows rows;
+    rows.count = count;
+    rows.start = start;
+    rows.nodes = nodes;
+    rows.dofs = dofs;
+    rows.weights = weights;
+    sbi_state_refuse(walk, sbi_body_reserve_ties(body, &rows, walk->error));
+}
+
+/* Makes load i of the list to come, and fills it. */
+static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
+{
+    size_t at = walk->used;
+    sbi_state_rows rows;
+    memset(load, 0, sizeof *load);
+    sbi_state_load_head(body, walk, after, load);
+    rows = sbi_state_load_rows(body, walk, load, NULL);
+    if (walk->result == SB_OK && rows.entries > INT32_MAX)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
+    if (walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+                                             walk->error));
+    if (walk->result != SB_OK)
+        return;
+    walk->load_count++;
+    walk->used = at;
+    walk->store = 1;
+    sbi_state_load_head(body, walk, after, load);
+    sbi_state_load_rows(body, walk, load, NULL);
+    walk->store = 0;
+    if (load->kind != SBI_LOAD_PRESSURE)
+        sbi_state_reserve_ties(body, walk, load->row_count, load->row_start, load->nodes, NULL, load->weights);
+}
+
+/* A new list of loads, unless the image's have the rows of the body's. */
+static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int count)
+{
+    size_t at = walk->used;
+    int same = count == body->load_count, after = 0;
+    for (int i = 0; i < count && same && walk->result == SB_OK; i++) {
+        sbi_load load;
+        memset(&load, 0, sizeof load);
+        sbi_state_load_head(body, walk, after, &load);
+        same = load.id == body->loads[i].id && sbi_state_load_rows(body, walk, &load, body->loads + i).same;
+        after = load.id;
+    }
+    if (same || walk->result != SB_OK)
+        return;
+    walk->used = at;
+    walk->new_loads = 1;
+    walk->loads = (sbi_load *)sbi_alloc_zeroed(&body->allocator, (size_t)count + 1, sizeof(sbi_load));
+    if (!walk->loads)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d loads", count));
+    for (int i = 0; i < count && walk->result == SB_OK; i++)
+        sbi_state_make_load(body, walk, i > 0 ? walk->loads[i - 1].id : 0, walk->loads + i);
+}
+
+static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
+{
+    for (int i = 0; i < count; i++)
+        sbi_free(&body->allocator, loads[i].memory);
+    sbi_free(&body->allocator, loads);
+}
+
+static void sbi_state_take_loads(sb_body *body, sbi_state_walk *walk)
+{
+    if (!walk->new_loads)
+        return;
+    sbi_state_free_loads(body, body->loads, body->load_count);
+    body->loads = walk->loads;
+    body->load_count = walk->load_count;
+    body->load_capacity = walk->load_count + 1;
+    walk->loads = NULL;
+    walk->load_count = 0;
+}
+
+static void sbi_state_follow(sb_body *body, sbi_state_walk *walk)
+{
+    int last = sbi_state_int(walk, body->last_load_id, 0, INT32_MAX, "last load id"), after = 0;
+    int count = sbi_state_int(walk, body->load_count, 0, INT32_MAX - 1, "number of loads");
+    walk->last_load_id = last;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_follow(body, walk, count);
+        return;
+    }
+    if (walk->pass == SBI_STATE_READ) {
+        body->last_load_id = last;
+        sbi_state_take_loads(body, walk);
+    }
+    walk->store = walk->pass == SBI_STATE_READ;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sbi_load load;
+        memset(&load, 0, sizeof load);
+        if (walk->pass != SBI_STATE_CHECK)
+            load = body->loads[i];
+        sbi_state_load_head(body, walk, after, &load);
+        sbi_state_load_rows(body, walk, &load, NULL);
+        after = load.id;
+        if (walk->store) {
+            load.pattern_version = -1;
+            body->loads[i] = load;
+        }
+    }
+    walk->store = 0;
+}
+
+/* ---- constraints ---- */
+
+/* Whether a saved equation can be one: a finite quotient for every term, and a slave that is free. */
+static void sbi_state_check_equation(sbi_state_walk *walk, int id, int slave, sb_real first, sb_real value)
+{
+    if (!sb_is_finite(value) || first == 0 || !sb_is_finite(first))
+        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, slave / 3,
+                                             "the saved constraint %d has value %g and coefficient %g", id,
+                                             (double)value, (double)first));
+    else if (walk->fixed[slave / 3] >> slave % 3 & 1)
+        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
+                                             "the slave of the saved constraint %d, node %d, is supported", id,
+                                             slave / 3));
+}
+
+/* Equation c: from q in passes over a body; into it when storing; otherwise compared with it where there is one.
+ * Returns its number of terms. */
+static int sbi_state_equation(const sb_body *body, sbi_state_walk *walk, sbi_equations *q, int c, size_t from,
+                              int *after)
+{
+    int n = body->domain.node_count, last = n <= INT32_MAX / 3 ? 3 * n - 1 : -1; /* as when it was added */
+    int id = sbi_state_put_int(walk, q ? q->id + c : NULL, *after + 1, walk->next_constraint - 1, "constraint");
+    sb_real value = sbi_state_put_real(walk, q ? q->value + c : NULL), first = 0;
+    int count = sbi_state_int(walk, q && !walk->store ? q->start[c + 1] - q->start[c] : 1, 1, INT32_MAX, "term count");
+    *after = id;
+    if (q && !walk->store)
+        walk->differs |= id != q->id[c] || count != q->start[c + 1] - q->start[c];
+    for (int k = 0; k < count && walk->result == SB_OK && !walk->differs; k++) {
+        int dof = sbi_state_put_int(walk, q ? q->dof + from + k : NULL, 0, last, "unknown");
+        sb_real coefficient = sbi_state_put_real(walk, q ? q->coefficient + from + k : NULL);
+        first = k == 0 ? coefficient : first;
+        if (q)
+            walk->differs |= dof != q->dof[from + (size_t)k] || coefficient != q->coefficient[from + (size_t)k];
+        if (k == 0 && sbi_state_checks(walk))
+            sbi_state_check_equation(walk, id, dof, first, value);
+        if (sbi_state_checks(walk) && !sb_is_finite(coefficient / first))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
+                                                 "the saved constraint %d has coefficient %g", id,
+                                                 (double)coefficient));
+    }
+    if (walk->store)
+        q->start[c + 1] = (int)from + count;
+    return count;
+}
+
+/* Passes `count` equations, as above, and their forces. Stops where they differ. */
+static size_t sbi_state_equations(const sb_body *body, sbi_state_walk *walk, sbi_equations *q, sb_real *force,
+                                  int count)
+{
+    size_t terms = 0;
+    int after = -1;
+    walk->differs = 0;
+    for (int c = 0; c < count && walk->result == SB_OK && !walk->differs; c++) {
+        terms += (size_t)sbi_state_equation(body, walk, q, c, terms, &after);
+        sbi_state_put_real(walk, force ? force + c : NULL);
+    }
+    return terms;
+}
+
+/* The system condensed by the image's equations, unless the body has it. */
+static void sbi_state_reserve_equations(sb_body *body, sbi_state_walk *walk, int count)
+{
+    sbi_elimination_setup setup = sbi_body_elimination_setup(body, sbi_state_matrix(body, walk));
+    int own = sb_body_constraint_count(body);
+    size_t at = walk->used, terms;
+    sbi_equations q;
+    if (own == count && (count == 0 || !walk->pattern.needed)) {
+        sbi_state_equations(body, walk, count ? &body->elimination->equations : NULL, NULL, count);
+        if (!walk->differs || walk->result != SB_OK)
+            return;
+        walk->used = at;
+    }
+    walk->new_equations = 1;
+    terms = sbi_state_equations(body, walk, NULL, NULL, count);
+    if (count == 0 || walk->result != SB_OK)
+        return;
+    if (!sbi_equations_allocate(&body->allocator, count, terms, &q)) {
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d constraints", count));
+        return;
+    }
+    walk->used = at;
+    walk->store = 1;
+    sbi_state_equations(body, walk, &q, NULL, count);
+    walk->store = 0;
+    sbi_state_reserve_ties(body, walk, q.count, q.start, NULL, q.dof, q.coefficient);
+    if (walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_elimination_create(&setup, &q, &walk->elimination, walk->error));
+    if (walk->result != SB_OK)
+        sbi_equations_free(&q);
+}
+
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond);
+
+static void sbi_state_constraints(sb_body *body, sbi_state_walk *walk)
+{
+    int next = sbi_state_int(walk, body->next_constraint, 0, INT32_MAX, "next constraint");
+    int count = sbi_state_int(walk, sb_body_constraint_count(body), 0, INT32_MAX, "number of constraints");
+    int is_of_body = walk->pass != SBI_STATE_CHECK && walk->pass != SBI_STATE_RESERVE;
+    sbi_elimination *e;
+    walk->next_constraint = next;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_equations(body, walk, count);
+        if (count > 0 && walk->result == SB_OK)
+            sbi_state_memory_of(walk, NULL);
+        return;
+    }
+    if (walk->pass == SBI_STATE_READ && walk->new_equations) {
+        sbi_elimination_free(body->elimination);
+        body->elimination = walk->elimination;
+        walk->elimination = NULL;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        body->next_constraint = next;
+    e = is_of_body ? body->elimination : NULL;
+    walk->store = walk->pass == SBI_STATE_READ;
+    sbi_state_equations(body, walk, e ? &e->equations : NULL, e ? e->force : NULL, count);
+    walk->store = 0;
+    if (count > 0)
+        sbi_state_memory_of(walk, e ? e->precond : NULL);
+}
+
+/* ---- motion ---- */
 
 /* Motion, and the internal forces that go with it; zeros stand for forces that are not current. */
 static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
@@ -24622,21 +25267,63 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
     }
 }
 
-static void sbi_state_precond(sb_body *body, sbi_state_walk *walk)
+/* What Prony terms remember: as many terms at every point, 0 for those that its material does not have. */
+static void sbi_state_prony(sb_body *body, sbi_state_walk *walk)
 {
-    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
-    uint64_t bits;
-    memcpy(&bits, &memory.shift, sizeof bits);
-    bits = sbi_state_word(walk, bits, 8);
-    memcpy(&memory.shift, &bits, sizeof bits);
+    sbi_assembly *assembly = &body->assembly;
+    int points = body->domain.points_per_cell;
+    if (walk->pass == SBI_STATE_RESERVE)
+        sbi_state_refuse(walk, sbi_assembly_reserve_memory(assembly, walk->terms, &body->allocator, walk->error));
+    for (int e = 0; walk->terms && e < body->domain.cell_count && walk->result == SB_OK; e++) {
+        int terms = body->materials[body->cell_material[e]].prony_count;
+        size_t stride = 6 * (1 + (size_t)assembly->terms);
+        for (int p = 0; p < points; p++)
+            for (int k = 0; k < 6 * (1 + walk->terms); k++) {
+                size_t at = ((size_t)e * (size_t)points + (size_t)p) * stride + (size_t)k;
+                int is_used = walk->pass < SBI_STATE_CHECK && terms > 0 && k < 6 * (1 + terms);
+                sb_real value = sbi_state_real(walk, is_used ? assembly->history[at] : 0);
+                if (walk->pass == SBI_STATE_READ)
+                    assembly->history[at] = value;
+            }
+    }
+    if (walk->pass == SBI_STATE_READ)
+        sbi_assembly_begin_step(assembly, 0);
+}
+
+/* What an explicit body knows of its stability. */
+static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_step_guard guard;
+    guard.stable_step = sbi_state_real(walk, body->guard.stable_step);
+    guard.age = sbi_state_int(walk, body->guard.age, 0, INT32_MAX, "age of the stable step");
+    guard.ledger_open = sbi_state_int(walk, body->guard.ledger_open, 0, 1, "ledger mark");
+    guard.caution = sbi_state_int(walk, body->guard.caution, 0, SBI_EXPLICIT_CAUTION, "caution");
+    guard.calm = sbi_state_int(walk, body->guard.calm, 0, INT32_MAX - 1, "calm");
+    guard.energy = sbi_state_double(walk, body->guard.energy);
+    if (sbi_state_checks(walk) && (!(guard.stable_step >= 0) || !sb_is_finite(guard.stable_step)))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s",
+                                        (double)guard.stable_step));
+    if (walk->pass == SBI_STATE_READ)
+        body->guard = guard;
+}
+
+/* What a preconditioner learnt; NULL in passes over an image that have none yet. */
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond)
+{
+    sbi_precond_memory memory = {0, 0, 0};
+    if (precond)
+        memory = sbi_precond_get_memory(precond);
+    memory.shift = sbi_state_double(walk, memory.shift);
     memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
     memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
-    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !sbi_precond_is_memory(memory))
+    if (sbi_state_checks(walk) && !sbi_precond_is_memory(memory))
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
                                                                       "is out of range", memory.shift, memory.wait));
     if (walk->pass == SBI_STATE_READ)
-        sbi_precond_set_memory(body->precond, memory);
+        sbi_precond_set_memory(precond, memory);
 }
+
+static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_memory_of(walk, body->precond); }
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
@@ -24646,10 +25333,12 @@ typedef struct sbi_state_part {
 } sbi_state_part;
 
 static const sbi_state_part sbi_state_parts[] = {
-    {1, sbi_state_make},  {2, sbi_state_settings},  {3, sbi_state_materials}, {4, sbi_state_supports},
-    {5, sbi_state_loads}, {6, sbi_state_rotations}, {7, sbi_state_motion},    {8, sbi_state_precond},
+    {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
+    {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
+    {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
+    {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 1 };
+enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -24671,6 +25360,16 @@ static void sbi_state_run_const(const sb_body *body, sbi_state_walk *walk, sbi_s
 {
     sb_body view = *body;
     sbi_state_run(&view, walk, pass);
+}
+
+/* Gives up what RESERVE made and READ did not take. */
+static void sbi_state_drop(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_body_free_pattern(body, &walk->pattern);
+    sbi_free(&body->allocator, walk->fibres);
+    if (walk->loads)
+        sbi_state_free_loads(body, walk->loads, walk->load_count);
+    sbi_elimination_free(walk->elimination);
 }
 
 static sbi_state_walk sbi_state_begin(void)
@@ -24742,8 +25441,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
                                (unsigned long)(walk.size - walk.used));
     if (walk.result == SB_OK)
         sbi_state_run(body, &walk, SBI_STATE_RESERVE);
-    if (walk.result != SB_OK)
+    if (walk.result != SB_OK) {
+        sbi_state_drop(body, &walk);
         return walk.result;
+    }
     sbi_state_run(body, &walk, SBI_STATE_READ);
     sbi_state_tell(body, walk.in, size);
     return SB_OK;
@@ -24798,7 +25499,7 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
 
 
 enum {
-    SBI_RECORD_VERSION = 1,
+    SBI_RECORD_VERSION = 2,
     SBI_RECORD_HEAD = SBI_IMAGE_HEAD + 32,
     SBI_RECORD_COMMAND = 32,
     SBI_RECORD_RANGES = 16,
@@ -24852,6 +25553,18 @@ static void sbi_record_put_real(sb_recording *recording, sb_real value)
     sbi_record_put(recording, sbi_real_bits(value), (int)sizeof value);
 }
 
+static void sbi_record_put_ints(sb_recording *recording, const int *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        sbi_record_put(recording, (uint64_t)(uint32_t)values[i], 4);
+}
+
+static void sbi_record_put_reals(sb_recording *recording, const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        sbi_record_put_real(recording, values[i]);
+}
+
 /* First node of a range; that of range 16 is the node count. */
 static int sbi_record_range_start(int node_count, int range)
 {
@@ -24900,20 +25613,24 @@ static int sbi_record_append(sb_recording *recording, const sbi_command *command
 {
     int solve = sbi_record_is_solve(command->code);
     size_t bytes = solve ? sbi_record_outcome_size(recording) : command->byte_count, total = SBI_RECORD_COMMAND;
-    if (recording->commands == INT32_MAX || !sbi_size_add(&total, command->int_count, 4) ||
-        !sbi_size_add(&total, command->real_count, sizeof(sb_real)) || !sbi_size_add(&total, bytes, 1) ||
+    size_t ints = command->int_count, reals = command->real_count; /* all of them are in memory: no overflow */
+    ints += command->more_int_count;
+    reals += command->more_real_counts[0] + command->more_real_counts[1];
+    if (recording->commands == INT32_MAX || ints > INT32_MAX || !sbi_size_add(&total, ints, 4) ||
+        !sbi_size_add(&total, reals, sizeof(sb_real)) || !sbi_size_add(&total, bytes, 1) ||
         !sbi_record_reserve(recording, total))
         return 0;
     sbi_record_put(recording, (uint64_t)command->code, 4);
     sbi_record_put(recording, (uint64_t)(uint32_t)command->a, 4);
     sbi_record_put(recording, (uint64_t)(uint32_t)command->b, 4);
-    sbi_record_put(recording, (uint64_t)command->int_count, 4);
-    sbi_record_put(recording, (uint64_t)command->real_count, 8);
+    sbi_record_put(recording, (uint64_t)ints, 4);
+    sbi_record_put(recording, (uint64_t)reals, 8);
     sbi_record_put(recording, (uint64_t)bytes, 8);
-    for (size_t i = 0; i < command->int_count; i++)
-        sbi_record_put(recording, (uint64_t)(uint32_t)command->ints[i], 4);
-    for (size_t i = 0; i < command->real_count; i++)
-        sbi_record_put_real(recording, command->reals[i]);
+    sbi_record_put_ints(recording, command->ints, command->int_count);
+    sbi_record_put_ints(recording, command->more_ints, command->more_int_count);
+    sbi_record_put_reals(recording, command->reals, command->real_count);
+    for (int k = 0; k < 2; k++)
+        sbi_record_put_reals(recording, command->more_reals[k], command->more_real_counts[k]);
     if (solve) {
         sbi_record_put_outcome(recording, bytes);
         recording->steps++;
@@ -25045,14 +25762,15 @@ SB_API sb_result sb_recording_save_file(const sb_recording *recording, const cha
 /* ---- the commands ---- */
 
 /* How many reals a command has. */
-enum { SBI_REALS_PER_INT = -1, SBI_REALS_PER_NODE = -2, SBI_INTS_ANY = -1 };
+enum { SBI_REALS_PER_INT = -1, SBI_REALS_PER_NODE = -2, SBI_REALS_ANY = -3, SBI_INTS_ANY = -1 };
 
 /* What a command must look like, and what plays it. A room with mutators of its own adds rows here. */
 typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
+                * with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -25173,11 +25891,163 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
     options.max_newton = c->ints[1];
     options.max_iterations = c->ints[2];
     options.keep_progress = c->ints[3];
+    options.instantaneous = c->ints[4];
     options.tolerance = c->reals[0];
     result = sb_body_solve_static(body, &options, &info);
     *error = info.error;
     return result;
 }
+
+/* ---- loads that follow, and constraints: counts that the rules do not know are checked here ---- */
+
+static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_FORMAT, "%lu whole and %lu real numbers are not what it takes",
+                    (unsigned long)c->int_count, (unsigned long)c->real_count);
+}
+
+static sb_result sbi_play_fibres(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    if (c->real_count != (c->a ? 3 * (size_t)body->domain.cell_count : 0))
+        return sbi_record_refuse_counts(c, error);
+    return sb_body_set_fibres(body, c->a ? sbi_record_vectors(c) : NULL, error);
+}
+
+static sb_result sbi_play_add_pressure(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    int id;
+    if (c->a < 1 || c->int_count % (size_t)c->a != 0)
+        return sbi_record_refuse_counts(c, error);
+    return sb_body_add_pressure(body, c->ints, (int)(c->int_count / (size_t)c->a), c->a, c->reals[0], &id, error);
+}
+
+static sb_result sbi_play_pressure(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_pressure(body, c->a, c->reals[0]);
+}
+
+static sb_result sbi_play_add_springs(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t points = 3 * c->int_count;
+    int id;
+    if (c->real_count != points + (c->b ? 1 : c->int_count))
+        return sbi_record_refuse_counts(c, error);
+    return sb_body_add_springs(body, c->ints, (int)c->int_count, c->reals + points, c->b, sbi_record_vectors(c), &id,
+                               error);
+}
+
+static sb_result sbi_play_add_mapping(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = c->a > 0 ? (size_t)c->a : 0, points = 3 * rows, stiffness = c->b ? 1 : rows;
+    sb_mapping mapping;
+    int id;
+    if (rows < 1 || rows >= c->int_count || c->ints[rows] < 0 || (size_t)c->ints[rows] != c->int_count - rows - 1 ||
+        c->real_count != points + stiffness + (size_t)c->ints[rows])
+        return sbi_record_refuse_counts(c, error);
+    mapping.row_count = c->a;
+    mapping.row_start = c->ints;
+    mapping.nodes = c->ints + rows + 1;
+    mapping.weights = c->reals + points + stiffness;
+    return sb_body_add_mapping(body, &mapping, c->reals + points, c->b, sbi_record_vectors(c), &id, error);
+}
+
+/* Rows of a load; 0 when there is none. */
+static size_t sbi_record_load_rows(const sb_body *body, int id)
+{
+    for (int i = 0; i < body->load_count; i++)
+        if (body->loads[i].id == id)
+            return (size_t)body->loads[i].row_count;
+    return 0;
+}
+
+static sb_result sbi_play_points(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = sbi_record_load_rows(body, c->a);
+    if (rows > 0 && c->real_count != 3 * rows)
+        return sbi_record_refuse_counts(c, error);
+    return c->b == SBI_LOAD_SPRINGS ? sb_body_move_springs(body, c->a, sbi_record_vectors(c))
+                                    : sb_body_set_mapping_targets(body, c->a, sbi_record_vectors(c));
+}
+
+static sb_result sbi_play_stiffness(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = sbi_record_load_rows(body, c->a);
+    if (rows > 0 && c->real_count != (c->b ? 1 : rows))
+        return sbi_record_refuse_counts(c, error);
+    return c->ints[0] == SBI_LOAD_SPRINGS ? sb_body_set_spring_stiffness(body, c->a, c->reals, c->b)
+                                          : sb_body_set_mapping_stiffness(body, c->a, c->reals, c->b);
+}
+
+static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_remove_load(body, c->a);
+}
+
+/* The equations as their adder takes them: counts[count] and terms. 0 when the starts run backwards. */
+static int sbi_record_list_terms(const sbi_command *c, int *counts, sb_constraint_term *terms)
+{
+    int count = c->a;
+    size_t all = c->int_count - (size_t)count - 1;
+    for (int k = 0; k < count; k++) {
+        if (c->ints[k + 1] <= c->ints[k] || c->ints[k] < 0)
+            return 0;
+        counts[k] = c->ints[k + 1] - c->ints[k];
+    }
+    if ((size_t)(c->ints[count] - c->ints[0]) != all)
+        return 0;
+    for (size_t k = 0; k < all; k++) {
+        int dof = c->ints[(size_t)count + 1 + k];
+        terms[k].node = dof < 0 ? -1 : dof / 3;
+        terms[k].axis = dof < 0 ? 0 : dof % 3;
+        terms[k].coefficient = c->reals[(size_t)count + k];
+    }
+    return 1;
+}
+
+static sb_result sbi_play_add_constraints(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t count = c->a > 0 ? (size_t)c->a : 0, all;
+    sb_constraint_term *terms;
+    int *counts;
+    sb_result result;
+    if (count < 1 || count >= c->int_count || c->real_count != c->int_count - 1)
+        return sbi_record_refuse_counts(c, error);
+    all = c->int_count - count - 1;
+    terms = (sb_constraint_term *)sbi_alloc(&body->allocator, all + 1, sizeof *terms);
+    counts = (int *)sbi_alloc(&body->allocator, count, sizeof *counts);
+    if (!terms || !counts)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %lu constraints", (unsigned long)count);
+    else if (!sbi_record_list_terms(c, counts, terms))
+        result = sbi_record_refuse_counts(c, error);
+    else
+        result = sb_body_add_constraints(body, terms, counts, c->reals, c->a, NULL, error);
+    sbi_free(&body->allocator, terms);
+    sbi_free(&body->allocator, counts);
+    return result;
+}
+
+static sb_result sbi_play_constraint_value(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_constraint_value(body, c->a, c->reals[0]);
+}
+
+static sb_result sbi_play_remove_constraints(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sb_body_remove_constraints(body, c->a, c->b, error);
+}
+
+static sb_result sbi_play_clear_constraints(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)c;
+    (void)error;
+    sb_body_clear_constraints(body);
+    return SB_OK;
+}
+
+/* ---- the table ---- */
 
 static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_MATERIAL, "material", 3, SBI_MATERIAL_REALS, sbi_play_material},
@@ -25195,7 +26065,19 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_RESET, "reset", 0, 0, sbi_play_reset},
     {SBI_COMMAND_STATE, "state", 0, 0, sbi_play_state},
     {SBI_COMMAND_STEP, "step", 0, 1, sbi_play_step},
-    {SBI_COMMAND_STATIC, "static solve", 4, 1, sbi_play_static},
+    {SBI_COMMAND_STATIC, "static solve", 5, 1, sbi_play_static},
+    {SBI_COMMAND_FIBRES, "fibres", 0, SBI_REALS_ANY, sbi_play_fibres},
+    {SBI_COMMAND_ADD_PRESSURE, "new pressure", SBI_INTS_ANY, 1, sbi_play_add_pressure},
+    {SBI_COMMAND_PRESSURE, "pressure", 0, 1, sbi_play_pressure},
+    {SBI_COMMAND_ADD_SPRINGS, "new springs", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_springs},
+    {SBI_COMMAND_ADD_MAPPING, "new mapping", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_mapping},
+    {SBI_COMMAND_POINTS, "points", 0, SBI_REALS_ANY, sbi_play_points},
+    {SBI_COMMAND_STIFFNESS, "stiffness", 1, SBI_REALS_ANY, sbi_play_stiffness},
+    {SBI_COMMAND_REMOVE_LOAD, "remove load", 0, 0, sbi_play_remove_load},
+    {SBI_COMMAND_ADD_CONSTRAINTS, "new constraints", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_constraints},
+    {SBI_COMMAND_CONSTRAINT_VALUE, "constraint value", 0, 1, sbi_play_constraint_value},
+    {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
+    {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -25216,6 +26098,8 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
         reals = c->b ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
+    if (rule->reals == SBI_REALS_ANY)
+        reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */

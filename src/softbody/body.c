@@ -43,6 +43,12 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
     body->observe(body->observer, &command);
 }
 
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (body->observe)
+        body->observe(body->observer, command);
+}
+
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
     const sb_real moduli[SBI_MATERIAL_MODULI] = {
@@ -290,6 +296,8 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     body->assembly.fibres = copy;
     body->force_current = 0;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, 0, NULL, 0, fibres ? &fibres[0].x : NULL,
+                  fibres ? 3 * (size_t)count : 0);
     return SB_OK;
 }
 
@@ -753,7 +761,8 @@ static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *patte
         pattern->pair_start = (int *)sbi_arena_take(arena, blocks + 1, sizeof(int));
 }
 
-static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                            sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
@@ -761,7 +770,7 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, sbi_body_patter
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i] && body->node_component[i] >= 0)
+        if (fixed[i] && body->node_component[i] >= 0)
             pattern->support_used += row_start[i + 1] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
@@ -803,28 +812,38 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     return setup;
 }
 
+SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                          sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_result result;
+    settings.kind = sb_preconditioner_get_info(body->precond).kind;
+    settings.positions = body->reference;
+    result = sbi_body_make_extended_matrix(body, pattern, error);
+    if (result == SB_OK)
+        result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    if (result != SB_OK)
+        sbi_body_free_pattern(body, pattern);
+    return result;
+}
+
 SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                         sbi_body_pattern *pattern, sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
     sb_result result;
     memset(pattern, 0, sizeof *pattern);
     result = sbi_body_make_extra(body, cell_count, cell_start, cells, pattern, error);
     if (result != SB_OK || !pattern->needed)
         return result;
-    settings.kind = sb_preconditioner_get_info(body->precond).kind;
-    settings.positions = body->reference;
-    result = sbi_body_make_extended_matrix(body, pattern, error);
-    if (result == SB_OK)
-        result = sbi_body_make_block_arrays(body, pattern, error);
-    if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+    result = sbi_body_finish_pattern(body, body->fixed, pattern, error);
     if (result == SB_OK && body->elimination) {
         sbi_elimination_setup setup = sbi_body_elimination_setup(body, &pattern->matrix);
         result = sbi_elimination_remake(body->elimination, &setup, &pattern->elimination, error);
+        if (result != SB_OK)
+            sbi_body_free_pattern(body, pattern);
     }
-    if (result != SB_OK)
-        sbi_body_free_pattern(body, pattern);
     return result;
 }
 

@@ -60,10 +60,25 @@ typedef enum sbi_command_code {
     SBI_COMMAND_RESET = 13,
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
-    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress;
-                                    * reals: tolerance */
+    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
+                                    * instantaneous; reals: tolerance */
+    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away; reals: one vector per element */
+    SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
+    SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
+    SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
+    SBI_COMMAND_ADD_MAPPING = 21,  /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
+    SBI_COMMAND_POINTS = 22,       /* a: load, b: its kind; reals: points */
+    SBI_COMMAND_STIFFNESS = 23,    /* a: load, b: uniform; ints: its kind; reals: stiffness */
+    SBI_COMMAND_REMOVE_LOAD = 24,  /* a: load */
+    SBI_COMMAND_ADD_CONSTRAINTS = 25,    /* a: count; ints: starts (from any number), unknowns; reals: values,
+                                          * coefficients */
+    SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
+    SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
+    SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
 typedef struct sbi_command {
     sbi_command_code code;
@@ -72,6 +87,10 @@ typedef struct sbi_command {
     const sb_real *reals;
     const unsigned char *bytes;
     size_t int_count, real_count, byte_count;
+    const int *more_ints;
+    size_t more_int_count;
+    const sb_real *more_reals[2];
+    size_t more_real_counts[2];
 } sbi_command;
 
 struct sb_body {
@@ -188,6 +207,10 @@ typedef struct sbi_body_pattern {
  * range): nothing was made. Takes nothing when every row fits already. */
 SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                         sbi_body_pattern *pattern, sb_error *error);
+/* The rest of a pattern whose rows (extra_...) are there, for supports that may be still to come (fixed[node_count]);
+ * no elimination. On failure the pattern is freed, rows included. */
+SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                          sb_error *error);
 /* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
 SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
 /* Gives it up. */
@@ -200,6 +223,12 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
+/* The same for any command. */
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
+
+/* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
+SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                                sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
 enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };

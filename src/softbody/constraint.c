@@ -133,6 +133,26 @@ static sb_result sbi_constraint_check(const sb_body *b, const sb_constraint_term
     return SB_OK;
 }
 
+/* Tells of the last `count` equations. */
+static void sbi_constraint_tell(sb_body *body, int count)
+{
+    const sbi_equations *q = &body->elimination->equations;
+    int first = q->count - count, term = q->start[first];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_ADD_CONSTRAINTS;
+    command.a = count;
+    command.ints = q->start + first;
+    command.int_count = (size_t)count + 1;
+    command.more_ints = q->dof + term;
+    command.more_int_count = (size_t)(q->start[q->count] - term);
+    command.reals = q->value + first;
+    command.real_count = (size_t)count;
+    command.more_reals[0] = q->coefficient + term;
+    command.more_real_counts[0] = command.more_int_count;
+    sbi_body_tell_command(body, &command);
+}
+
 SB_API sb_result sb_body_add_constraints(sb_body *body, const sb_constraint_term *terms, const int *term_counts,
                                          const sb_real *values, int count, int *first_id, sb_error *error)
 {
@@ -165,6 +185,8 @@ SB_API sb_result sb_body_add_constraints(sb_body *body, const sb_constraint_term
     if (first_id)
         *first_id = body->next_constraint;
     body->next_constraint += count;
+    if (count > 0)
+        sbi_constraint_tell(body, count);
     return SB_OK;
 }
 
@@ -189,6 +211,7 @@ SB_API sb_result sb_body_set_constraint_value(sb_body *body, int id, sb_real val
     if (!sb_is_finite(value))
         return SB_ERROR_NOT_FINITE;
     body->elimination->equations.value[c] = value;
+    sbi_body_tell(body, SBI_COMMAND_CONSTRAINT_VALUE, id, 0, NULL, 0, &value, 1);
     return SB_OK;
 }
 
@@ -208,9 +231,11 @@ SB_API sb_result sb_body_remove_constraints(sb_body *body, int first_id, int cou
     result = sbi_constraint_copy(body, first_id, count, 0, 0, &equations, error);
     if (result == SB_OK)
         result = sbi_constraint_install(body, &equations, error);
-    if (result == SB_OK)
-        body->acceleration_known = 0;
-    return result;
+    if (result != SB_OK)
+        return result;
+    body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_REMOVE_CONSTRAINTS, first_id, count, NULL, 0, NULL, 0);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_remove_constraint(sb_body *body, int id, sb_error *error)
@@ -225,6 +250,7 @@ SB_API void sb_body_clear_constraints(sb_body *body)
     sbi_elimination_free(body->elimination);
     body->elimination = NULL;
     body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_CONSTRAINTS, 0, 0, NULL, 0, NULL, 0);
 }
 
 SB_API int sb_body_constraint_count(const sb_body *body)

@@ -581,11 +581,13 @@ static sb_real sbi_elimination_goal(const sbi_elimination *e, int c, const sb_ve
 SBI_API void sbi_elimination_restore(sbi_elimination *e)
 {
     memcpy(e->force, e->saved_force, (size_t)e->equations.count * sizeof(sb_real));
+    sbi_precond_set_memory(e->precond, e->saved_precond);
 }
 
 SBI_API void sbi_elimination_save(sbi_elimination *e, const sb_vec3 *u)
 {
     memcpy(e->saved_force, e->force, (size_t)e->equations.count * sizeof(sb_real));
+    e->saved_precond = sbi_precond_get_memory(e->precond);
     for (int c = 0; c < e->equations.count; c++)
         e->start_gap[c] = sbi_elimination_goal(e, c, u, 1) - sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
 }

@@ -43,6 +43,7 @@ typedef struct sbi_elimination {
     int *positions;        /* block of `matrix` for each pair of masters of each block of the full matrix */
     sb_matrix matrix;      /* T^T A T */
     sb_preconditioner *precond;
+    sbi_precond_memory saved_precond;
     void *memory;
 } sbi_elimination;
 
@@ -80,7 +81,8 @@ SBI_API void sbi_elimination_expand(const sbi_elimination *e, sb_vec3 *increment
 /* Zeroes the slaves. */
 SBI_API void sbi_elimination_clear_slaves(const sbi_elimination *e, sb_vec3 *vector);
 
-/* What a step starts from: keeps the multipliers, for sbi_elimination_restore, and start_gap at displacement u. */
+/* What a step starts from: keeps multipliers and what the preconditioner learnt, for sbi_elimination_restore, and
+ * start_gap at displacement u. */
 SBI_API void sbi_elimination_save(sbi_elimination *e, const sb_vec3 *u);
 SBI_API void sbi_elimination_restore(sbi_elimination *e);
 /* Fills e->gap: how far each slave is from where it belongs at this share of the way from the start; 1 when any is. */

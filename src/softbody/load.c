@@ -168,9 +168,8 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
 }
 
-/* Memory for a load of these rows, zeroed. */
-static sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
-                               sbi_load *load, sb_error *error)
+SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                                sbi_load *load, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
     memset(load, 0, sizeof *load);
@@ -256,6 +255,7 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
     }
     load.pressure = pressure;
     sbi_load_append(body, &load, load_id);
+    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure, 1);
     return SB_OK;
 }
 
@@ -269,6 +269,7 @@ SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressu
     if (!sb_is_finite(pressure))
         return SB_ERROR_NOT_FINITE;
     load->pressure = pressure;
+    sbi_body_tell(body, SBI_COMMAND_PRESSURE, load_id, 0, NULL, 0, &pressure, 1);
     return SB_OK;
 }
 
@@ -328,6 +329,34 @@ static void sbi_load_put_points(const sb_body *body, sbi_load *load, const sb_ve
     }
 }
 
+/* Tells of springs or a mapping as they were given. */
+static void sbi_load_tell_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping, const sb_real *stiffness,
+                               int uniform, const sb_vec3 *points)
+{
+    size_t rows = (size_t)mapping->row_count, entries = (size_t)mapping->row_start[rows];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_ADD_SPRINGS;
+    command.b = uniform != 0;
+    command.ints = mapping->nodes;
+    command.int_count = entries;
+    command.reals = &points[0].x;
+    command.real_count = 3 * rows;
+    command.more_reals[0] = stiffness;
+    command.more_real_counts[0] = uniform ? 1 : rows;
+    if (kind == SBI_LOAD_MAPPING) {
+        command.code = SBI_COMMAND_ADD_MAPPING;
+        command.a = mapping->row_count;
+        command.ints = mapping->row_start;
+        command.int_count = rows + 1;
+        command.more_ints = mapping->nodes;
+        command.more_int_count = entries;
+        command.more_reals[1] = mapping->weights;
+        command.more_real_counts[1] = entries;
+    }
+    sbi_body_tell_command(body, &command);
+}
+
 /* Adds a load of checked rows; all or nothing. */
 static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping,
                                    const sb_real *stiffness, int uniform, const sb_vec3 *points, int *load_id,
@@ -368,6 +397,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
         return result;
     }
     sbi_load_append(body, &load, load_id);
+    sbi_load_tell_rows(body, kind, mapping, stiffness, uniform, points);
     return SB_OK;
 }
 
@@ -462,24 +492,30 @@ static sb_result sbi_load_set_points(sb_body *body, int load_id, sbi_load_kind k
             !sb_is_finite((sb_real)((double)points[j].z - x[2])))
             result = SB_ERROR_NOT_FINITE;
     }
-    if (result == SB_OK)
-        sbi_load_put_points(body, load, points);
-    return result;
+    if (result != SB_OK)
+        return result;
+    sbi_load_put_points(body, load, points);
+    sbi_body_tell(body, SBI_COMMAND_POINTS, load_id, (int)kind, NULL, 0, &points[0].x, 3 * (size_t)load->row_count);
+    return SB_OK;
 }
 
 static sb_result sbi_load_set_stiffness(sb_body *body, int load_id, sbi_load_kind kind, const sb_real *stiffness,
                                         int uniform)
 {
     sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    const int kinds[1] = {(int)kind};
     sb_result result;
     if (!body || !stiffness)
         return SB_ERROR_ARGUMENT;
     if (!load)
         return SB_ERROR_INDEX;
     result = sbi_load_check_stiffness(stiffness, load->row_count, uniform, NULL);
-    if (result == SB_OK)
-        sbi_load_put_stiffness(load, stiffness, uniform);
-    return result;
+    if (result != SB_OK)
+        return result;
+    sbi_load_put_stiffness(load, stiffness, uniform);
+    sbi_body_tell(body, SBI_COMMAND_STIFFNESS, load_id, uniform != 0, kinds, 1, stiffness,
+                  uniform ? 1 : (size_t)load->row_count);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points)
@@ -876,5 +912,6 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     after = (size_t)(body->loads + body->load_count - (load + 1));
     memmove(load, load + 1, after * sizeof *load);
     body->load_count--;
+    sbi_body_tell(body, SBI_COMMAND_REMOVE_LOAD, load_id, 0, NULL, 0, NULL, 0);
     return SB_OK;
 }

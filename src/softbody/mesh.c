@@ -153,7 +153,7 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
 
 static void sbi_mesh_append_part(sb_mesh *to, const sb_mesh *part, int first_node, int first_element)
 {
-    size_t per_element = (size_t)sb_element_node_count(part->element_type);
+    size_t per_element = (size_t)sb_mesh_element_width(part);
     size_t count = per_element * (size_t)part->element_count;
     int *elements = to->elements + per_element * (size_t)first_element;
     memcpy(to->nodes + first_node, part->nodes, sizeof(sb_vec3) * (size_t)part->node_count);
@@ -174,11 +174,13 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
     if (other->element_type != mesh->element_type)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot be appended to one of %s",
                         sb_element_name(other->element_type), sb_element_name(mesh->element_type));
+    if (mesh->element_type == SB_CUSTOM && other->table != mesh->table)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the two meshes have tables of different custom elements");
     if (other->node_count > INT_MAX - mesh->node_count || other->element_count > INT_MAX - mesh->element_count)
         return sbi_fail(error, SB_ERROR_MESH, "the two meshes have more than %d nodes or elements", INT_MAX);
-    if (!sbi_mesh_allocate(&made, mesh->element_type, mesh->node_count + other->node_count,
-                           mesh->element_count + other->element_count, mesh->regions || other->regions,
-                           &mesh->allocator))
+    if (!sbi_mesh_allocate_kind(&made, sbi_mesh_element_kind(mesh), mesh->node_count + other->node_count,
+                                mesh->element_count + other->element_count, mesh->regions || other->regions,
+                                &mesh->allocator))
         return sbi_mesh_no_memory(error);
     sbi_mesh_append_part(&made, mesh, 0, 0);
     sbi_mesh_append_part(&made, other, mesh->node_count, mesh->element_count);

@@ -38,7 +38,7 @@ SB_API void sb_mesh_free(sb_mesh *mesh);
 SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
                               sb_error *error);
 
-/* Appends nodes and elements of `other`, which has the same element type, to the mesh: they get the numbers
+/* Appends nodes and elements of `other`, which has the same element type (and table), to the mesh: they get the numbers
  * after its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come
  * from mesh->allocator, the old ones go back to it; `other` may be the mesh itself. On failure
  * (SB_ERROR_ARGUMENT also for different types, _MESH for more than 2^31-1 nodes or elements, _INDEX,

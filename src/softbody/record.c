@@ -12,10 +12,12 @@
 #include <string.h>
 
 #include "body_state.h"
+#include "constraint.h"
+#include "load.h"
 #include "meshio_reader.h"
 
 enum {
-    SBI_RECORD_VERSION = 1,
+    SBI_RECORD_VERSION = 2,
     SBI_RECORD_HEAD = SBI_IMAGE_HEAD + 32,
     SBI_RECORD_COMMAND = 32,
     SBI_RECORD_RANGES = 16,
@@ -69,6 +71,18 @@ static void sbi_record_put_real(sb_recording *recording, sb_real value)
     sbi_record_put(recording, sbi_real_bits(value), (int)sizeof value);
 }
 
+static void sbi_record_put_ints(sb_recording *recording, const int *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        sbi_record_put(recording, (uint64_t)(uint32_t)values[i], 4);
+}
+
+static void sbi_record_put_reals(sb_recording *recording, const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        sbi_record_put_real(recording, values[i]);
+}
+
 /* First node of a range; that of range 16 is the node count. */
 static int sbi_record_range_start(int node_count, int range)
 {
@@ -117,20 +131,24 @@ static int sbi_record_append(sb_recording *recording, const sbi_command *command
 {
     int solve = sbi_record_is_solve(command->code);
     size_t bytes = solve ? sbi_record_outcome_size(recording) : command->byte_count, total = SBI_RECORD_COMMAND;
-    if (recording->commands == INT32_MAX || !sbi_size_add(&total, command->int_count, 4) ||
-        !sbi_size_add(&total, command->real_count, sizeof(sb_real)) || !sbi_size_add(&total, bytes, 1) ||
+    size_t ints = command->int_count, reals = command->real_count; /* all of them are in memory: no overflow */
+    ints += command->more_int_count;
+    reals += command->more_real_counts[0] + command->more_real_counts[1];
+    if (recording->commands == INT32_MAX || ints > INT32_MAX || !sbi_size_add(&total, ints, 4) ||
+        !sbi_size_add(&total, reals, sizeof(sb_real)) || !sbi_size_add(&total, bytes, 1) ||
         !sbi_record_reserve(recording, total))
         return 0;
     sbi_record_put(recording, (uint64_t)command->code, 4);
     sbi_record_put(recording, (uint64_t)(uint32_t)command->a, 4);
     sbi_record_put(recording, (uint64_t)(uint32_t)command->b, 4);
-    sbi_record_put(recording, (uint64_t)command->int_count, 4);
-    sbi_record_put(recording, (uint64_t)command->real_count, 8);
+    sbi_record_put(recording, (uint64_t)ints, 4);
+    sbi_record_put(recording, (uint64_t)reals, 8);
     sbi_record_put(recording, (uint64_t)bytes, 8);
-    for (size_t i = 0; i < command->int_count; i++)
-        sbi_record_put(recording, (uint64_t)(uint32_t)command->ints[i], 4);
-    for (size_t i = 0; i < command->real_count; i++)
-        sbi_record_put_real(recording, command->reals[i]);
+    sbi_record_put_ints(recording, command->ints, command->int_count);
+    sbi_record_put_ints(recording, command->more_ints, command->more_int_count);
+    sbi_record_put_reals(recording, command->reals, command->real_count);
+    for (int k = 0; k < 2; k++)
+        sbi_record_put_reals(recording, command->more_reals[k], command->more_real_counts[k]);
     if (solve) {
         sbi_record_put_outcome(recording, bytes);
         recording->steps++;
@@ -262,14 +280,15 @@ SB_API sb_result sb_recording_save_file(const sb_recording *recording, const cha
 /* ---- the commands ---- */
 
 /* How many reals a command has. */
-enum { SBI_REALS_PER_INT = -1, SBI_REALS_PER_NODE = -2, SBI_INTS_ANY = -1 };
+enum { SBI_REALS_PER_INT = -1, SBI_REALS_PER_NODE = -2, SBI_REALS_ANY = -3, SBI_INTS_ANY = -1 };
 
 /* What a command must look like, and what plays it. A room with mutators of its own adds rows here. */
 typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
+                * with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -390,11 +409,163 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
     options.max_newton = c->ints[1];
     options.max_iterations = c->ints[2];
     options.keep_progress = c->ints[3];
+    options.instantaneous = c->ints[4];
     options.tolerance = c->reals[0];
     result = sb_body_solve_static(body, &options, &info);
     *error = info.error;
     return result;
 }
+
+/* ---- loads that follow, and constraints: counts that the rules do not know are checked here ---- */
+
+static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_FORMAT, "%lu whole and %lu real numbers are not what it takes",
+                    (unsigned long)c->int_count, (unsigned long)c->real_count);
+}
+
+static sb_result sbi_play_fibres(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    if (c->real_count != (c->a ? 3 * (size_t)body->domain.cell_count : 0))
+        return sbi_record_refuse_counts(c, error);
+    return sb_body_set_fibres(body, c->a ? sbi_record_vectors(c) : NULL, error);
+}
+
+static sb_result sbi_play_add_pressure(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    int id;
+    if (c->a < 1 || c->int_count % (size_t)c->a != 0)
+        return sbi_record_refuse_counts(c, error);
+    return sb_body_add_pressure(body, c->ints, (int)(c->int_count / (size_t)c->a), c->a, c->reals[0], &id, error);
+}
+
+static sb_result sbi_play_pressure(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_pressure(body, c->a, c->reals[0]);
+}
+
+static sb_result sbi_play_add_springs(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t points = 3 * c->int_count;
+    int id;
+    if (c->real_count != points + (c->b ? 1 : c->int_count))
+        return sbi_record_refuse_counts(c, error);
+    return sb_body_add_springs(body, c->ints, (int)c->int_count, c->reals + points, c->b, sbi_record_vectors(c), &id,
+                               error);
+}
+
+static sb_result sbi_play_add_mapping(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = c->a > 0 ? (size_t)c->a : 0, points = 3 * rows, stiffness = c->b ? 1 : rows;
+    sb_mapping mapping;
+    int id;
+    if (rows < 1 || rows >= c->int_count || c->ints[rows] < 0 || (size_t)c->ints[rows] != c->int_count - rows - 1 ||
+        c->real_count != points + stiffness + (size_t)c->ints[rows])
+        return sbi_record_refuse_counts(c, error);
+    mapping.row_count = c->a;
+    mapping.row_start = c->ints;
+    mapping.nodes = c->ints + rows + 1;
+    mapping.weights = c->reals + points + stiffness;
+    return sb_body_add_mapping(body, &mapping, c->reals + points, c->b, sbi_record_vectors(c), &id, error);
+}
+
+/* Rows of a load; 0 when there is none. */
+static size_t sbi_record_load_rows(const sb_body *body, int id)
+{
+    for (int i = 0; i < body->load_count; i++)
+        if (body->loads[i].id == id)
+            return (size_t)body->loads[i].row_count;
+    return 0;
+}
+
+static sb_result sbi_play_points(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = sbi_record_load_rows(body, c->a);
+    if (rows > 0 && c->real_count != 3 * rows)
+        return sbi_record_refuse_counts(c, error);
+    return c->b == SBI_LOAD_SPRINGS ? sb_body_move_springs(body, c->a, sbi_record_vectors(c))
+                                    : sb_body_set_mapping_targets(body, c->a, sbi_record_vectors(c));
+}
+
+static sb_result sbi_play_stiffness(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = sbi_record_load_rows(body, c->a);
+    if (rows > 0 && c->real_count != (c->b ? 1 : rows))
+        return sbi_record_refuse_counts(c, error);
+    return c->ints[0] == SBI_LOAD_SPRINGS ? sb_body_set_spring_stiffness(body, c->a, c->reals, c->b)
+                                          : sb_body_set_mapping_stiffness(body, c->a, c->reals, c->b);
+}
+
+static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_remove_load(body, c->a);
+}
+
+/* The equations as their adder takes them: counts[count] and terms. 0 when the starts run backwards. */
+static int sbi_record_list_terms(const sbi_command *c, int *counts, sb_constraint_term *terms)
+{
+    int count = c->a;
+    size_t all = c->int_count - (size_t)count - 1;
+    for (int k = 0; k < count; k++) {
+        if (c->ints[k + 1] <= c->ints[k] || c->ints[k] < 0)
+            return 0;
+        counts[k] = c->ints[k + 1] - c->ints[k];
+    }
+    if ((size_t)(c->ints[count] - c->ints[0]) != all)
+        return 0;
+    for (size_t k = 0; k < all; k++) {
+        int dof = c->ints[(size_t)count + 1 + k];
+        terms[k].node = dof < 0 ? -1 : dof / 3;
+        terms[k].axis = dof < 0 ? 0 : dof % 3;
+        terms[k].coefficient = c->reals[(size_t)count + k];
+    }
+    return 1;
+}
+
+static sb_result sbi_play_add_constraints(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t count = c->a > 0 ? (size_t)c->a : 0, all;
+    sb_constraint_term *terms;
+    int *counts;
+    sb_result result;
+    if (count < 1 || count >= c->int_count || c->real_count != c->int_count - 1)
+        return sbi_record_refuse_counts(c, error);
+    all = c->int_count - count - 1;
+    terms = (sb_constraint_term *)sbi_alloc(&body->allocator, all + 1, sizeof *terms);
+    counts = (int *)sbi_alloc(&body->allocator, count, sizeof *counts);
+    if (!terms || !counts)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %lu constraints", (unsigned long)count);
+    else if (!sbi_record_list_terms(c, counts, terms))
+        result = sbi_record_refuse_counts(c, error);
+    else
+        result = sb_body_add_constraints(body, terms, counts, c->reals, c->a, NULL, error);
+    sbi_free(&body->allocator, terms);
+    sbi_free(&body->allocator, counts);
+    return result;
+}
+
+static sb_result sbi_play_constraint_value(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_constraint_value(body, c->a, c->reals[0]);
+}
+
+static sb_result sbi_play_remove_constraints(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sb_body_remove_constraints(body, c->a, c->b, error);
+}
+
+static sb_result sbi_play_clear_constraints(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)c;
+    (void)error;
+    sb_body_clear_constraints(body);
+    return SB_OK;
+}
+
+/* ---- the table ---- */
 
 static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_MATERIAL, "material", 3, SBI_MATERIAL_REALS, sbi_play_material},
@@ -412,7 +583,19 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_RESET, "reset", 0, 0, sbi_play_reset},
     {SBI_COMMAND_STATE, "state", 0, 0, sbi_play_state},
     {SBI_COMMAND_STEP, "step", 0, 1, sbi_play_step},
-    {SBI_COMMAND_STATIC, "static solve", 4, 1, sbi_play_static},
+    {SBI_COMMAND_STATIC, "static solve", 5, 1, sbi_play_static},
+    {SBI_COMMAND_FIBRES, "fibres", 0, SBI_REALS_ANY, sbi_play_fibres},
+    {SBI_COMMAND_ADD_PRESSURE, "new pressure", SBI_INTS_ANY, 1, sbi_play_add_pressure},
+    {SBI_COMMAND_PRESSURE, "pressure", 0, 1, sbi_play_pressure},
+    {SBI_COMMAND_ADD_SPRINGS, "new springs", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_springs},
+    {SBI_COMMAND_ADD_MAPPING, "new mapping", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_mapping},
+    {SBI_COMMAND_POINTS, "points", 0, SBI_REALS_ANY, sbi_play_points},
+    {SBI_COMMAND_STIFFNESS, "stiffness", 1, SBI_REALS_ANY, sbi_play_stiffness},
+    {SBI_COMMAND_REMOVE_LOAD, "remove load", 0, 0, sbi_play_remove_load},
+    {SBI_COMMAND_ADD_CONSTRAINTS, "new constraints", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_constraints},
+    {SBI_COMMAND_CONSTRAINT_VALUE, "constraint value", 0, 1, sbi_play_constraint_value},
+    {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
+    {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -433,6 +616,8 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
         reals = c->b ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
+    if (rule->reals == SBI_REALS_ANY)
+        reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */

@@ -68,7 +68,7 @@ typedef struct sb_recording_report {
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
  * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
  * recording what there is is played. report may be NULL. Takes memory from the recording's allocator for the longest
- * list of arguments. */
+ * list of arguments, and for constraints from the body's. */
 SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report);
 
 #endif /* SB_RECORD_H */

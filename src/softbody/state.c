@@ -5,7 +5,10 @@
 #include <string.h>
 
 #include "body_state.h"
+#include "constraint.h"
+#include "load.h"
 #include "meshio_reader.h"
+#include "step_explicit.h"
 
 /* ---- bits ---- */
 
@@ -187,7 +190,23 @@ typedef struct sbi_state_walk {
     uint64_t hash;
     sb_result result;        /* the first failure; what comes after it is 0 */
     sb_error *error;
-    sb_body_def settings;    /* of the image, once its settings were passed */
+    int differs;             /* 1: what was passed is not what the body has */
+    int store;               /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+
+    /* of the image, once CHECK has been there */
+    sb_body_def settings;
+    int last_load_id, next_constraint; /* those of what is being passed */
+    int terms;               /* most Prony terms of a material; of the body in passes over one */
+    int has_fibres;          /* 1: some material has */
+    const unsigned char *fixed; /* [node_count] */
+
+    /* what RESERVE makes and READ puts in place */
+    sbi_body_pattern pattern;
+    sb_vec3 *fibres;
+    int new_loads, load_count;
+    sbi_load *loads;
+    int new_equations;
+    sbi_elimination *elimination;
 } sbi_state_walk;
 
 static int sbi_state_is_image(const sbi_state_walk *walk) { return walk->pass >= SBI_STATE_CHECK; }
@@ -271,7 +290,86 @@ static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count,
     }
 }
 
+static double sbi_state_double(sbi_state_walk *walk, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = sbi_state_word(walk, bits, 8);
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* The same with the place of a value, which may be NULL in passes over an image. */
+static int sbi_state_put_int(sbi_state_walk *walk, int *place, int low, int high, const char *name)
+{
+    int value = sbi_state_int(walk, place ? *place : low, low, high, name);
+    if (walk->store && place)
+        *place = value;
+    return value;
+}
+
+static sb_real sbi_state_put_real(sbi_state_walk *walk, sb_real *place)
+{
+    sb_real value = sbi_state_real(walk, place ? *place : 0);
+    if (walk->store && place)
+        *place = value;
+    return value;
+}
+
+static void sbi_state_put_vector(sbi_state_walk *walk, sb_vec3 *place, int kind, const char *name)
+{
+    sb_vec3 value = sbi_state_vector(walk, place ? *place : sb_v3(0, 0, 0));
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && kind == SBI_STATE_FINITE && !sb_v3_is_finite(value))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved %s is not finite", name));
+    if (walk->store && place)
+        *place = value;
+}
+
+static int sbi_state_checks(const sbi_state_walk *walk)
+{
+    return walk->pass == SBI_STATE_CHECK && walk->result == SB_OK;
+}
+
 /* ---- the parts ---- */
+
+/* Numbers of a custom element: equal tables, equal elements. */
+static uint64_t sbi_state_reals_hash(uint64_t hash, const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        hash = sbi_hash_word(hash, sbi_real_bits(values[i]));
+    return hash;
+}
+
+static uint64_t sbi_state_rule_hash(uint64_t hash, const sb_element_table *table, int count, const sb_real (*points)[3],
+                                    const sb_real *weights)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
+    for (int p = 0; p < count; p++) {
+        table->shape(table->user, points[p], shape, gradient);
+        hash = sbi_hash_word(hash, sbi_real_bits(weights[p]));
+        hash = sbi_state_reals_hash(hash, points[p], 3);
+        hash = sbi_state_reals_hash(hash, shape, (size_t)table->node_count);
+        hash = sbi_state_reals_hash(hash, &gradient[0][0], 3 * (size_t)table->node_count);
+    }
+    return hash;
+}
+
+static uint64_t sbi_state_table_hash(const sb_element_table *table)
+{
+    uint64_t hash = 1;
+    if (!table)
+        return 0;
+    hash = sbi_hash_word(hash, (uint64_t)table->node_count);
+    hash = sbi_hash_word(hash, (uint64_t)table->corner_count);
+    hash = sbi_state_rule_hash(hash, table, table->point_count, table->points, table->weights);
+    hash = sbi_state_rule_hash(hash, table, table->mass_point_count, table->mass_points, table->mass_weights);
+    for (int f = 0; f < table->face_count; f++) {
+        hash = sbi_hash_word(hash, (uint64_t)table->faces[f].type);
+        for (int k = 0; k < sb_element_node_count(table->faces[f].type); k++)
+            hash = sbi_hash_word(hash, (uint64_t)table->faces[f].nodes[k]);
+    }
+    return hash;
+}
 
 /* What the body is made of, so that a state of another one is refused. */
 static uint64_t sbi_state_mesh_hash(const sb_body *body)
@@ -301,6 +399,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
     sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
     sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
     sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
+    sbi_state_same(walk, used ? sbi_state_table_hash(body->domain.table) : 0, "the hash of the custom element");
+    sbi_state_same(walk, (uint64_t)body->domain.mean_point, "the number of mean points");
     sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
     sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
     sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
@@ -312,7 +412,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
 {
     sb_body_def def = sb_default_body_def();
-    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_NEWMARK, "integrator");
+    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE,
+                                                  "integrator");
     def.gravity = sbi_state_vector(walk, body->gravity);
     def.damping_mass = sbi_state_real(walk, body->damping_mass);
     def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
@@ -320,6 +421,9 @@ static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
     def.newton_tolerance = sbi_state_real(walk, body->newton_tolerance);
     def.max_iterations = sbi_state_int(walk, body->max_iterations, 1, INT32_MAX, "max_iterations");
     def.max_newton = sbi_state_int(walk, body->max_newton, SB_AUTO, INT32_MAX, "max_newton");
+    def.spectral_radius = sbi_state_real(walk, body->spectral_radius);
+    def.max_substeps = sbi_state_int(walk, body->max_substeps, 1, INT32_MAX, "max_substeps");
+    def.mass = body->mass_kind;
     walk->settings = def;
     if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
         sbi_state_refuse(walk, sbi_body_check_settings(&def, walk->error));
@@ -333,6 +437,8 @@ static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
     body->newton_tolerance = def.newton_tolerance;
     body->max_iterations = def.max_iterations;
     body->max_newton = def.max_newton;
+    body->spectral_radius = def.spectral_radius;
+    body->max_substeps = def.max_substeps;
 }
 
 /* Room for the damping of iterated steps, should the image's settings and this material need it. */
@@ -359,8 +465,11 @@ static sb_material sbi_state_material(const sb_material *material, sbi_state_wal
 static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
 {
     int changed = 0;
+    walk->terms = walk->has_fibres = 0;
     for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
         sb_material material = sbi_state_material(body->materials + i, walk);
+        walk->terms = sbi_max_int(walk->terms, material.prony_count);
+        walk->has_fibres |= material.fibre_stiffness > 0;
         if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
             sbi_state_refuse(walk, sbi_body_check_material(&material, body->domain.single_rotation, walk->error));
         if (walk->pass == SBI_STATE_RESERVE)
@@ -374,15 +483,124 @@ static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
         sbi_body_materials_changed(body);
 }
 
+/* Unit directions, or 0. */
+static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
+{
+    int count = body->domain.cell_count, given = sbi_state_int(walk, body->fibres != NULL, 0, 1, "fibre mark");
+    if (sbi_state_checks(walk) && walk->has_fibres && !given)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL, "a saved material has fibres, but no directions "
+                                                                        "were saved"));
+    if (walk->pass == SBI_STATE_RESERVE && given && !body->fibres) {
+        walk->fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
+        if (!walk->fibres)
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements",
+                                            count));
+    }
+    if (walk->pass == SBI_STATE_READ && (given ? walk->fibres != NULL : body->fibres != NULL)) {
+        sbi_free(&body->allocator, body->fibres);
+        body->fibres = walk->fibres;
+        walk->fibres = NULL;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        body->assembly.fibres = body->fibres;
+    for (int e = 0; given && e < count && walk->result == SB_OK; e++) {
+        sb_vec3 a = sbi_state_vector(walk, body->fibres ? body->fibres[e] : sb_v3(0, 0, 0));
+        sb_real square = sb_v3_dot(a, a);
+        if (sbi_state_checks(walk) && square != 0 && !(square > (sb_real)0.99 && square < (sb_real)1.01))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, e,
+                                                    "the saved fibre of element %d is no direction", e));
+        if (walk->pass == SBI_STATE_READ)
+            body->fibres[e] = a;
+    }
+}
+
+/* ---- couplings beyond the elements ---- */
+
+/* The rows of an image, as `rows` at their beginning lists them: counts, and compares with the body's, or stores in
+ * pattern.extra_start and extra_nodes. */
+static int sbi_state_pass_extra(const sb_body *body, sbi_state_walk *walk, int rows, size_t *entries)
+{
+    int *start = walk->pattern.extra_start, same = rows == body->extra_count, last = body->domain.node_count - 1;
+    *entries = 0;
+    for (int c = 0; c < rows && walk->result == SB_OK; c++) {
+        int size = sbi_state_int(walk, 0, 1, INT32_MAX, "coupling row length");
+        same = same && body->extra_start[c + 1] - body->extra_start[c] == size;
+        for (int k = 0; k < size && walk->result == SB_OK; k++, ++*entries) {
+            int node = sbi_state_int(walk, 0, 0, last, "node of a coupling row");
+            same = same && body->extra_nodes[*entries] == node;
+            if (start)
+                walk->pattern.extra_nodes[*entries] = node;
+        }
+        if (start)
+            start[c + 1] = (int)*entries;
+    }
+    return same;
+}
+
+/* The pattern of the image's rows, unless the body has it. */
+static void sbi_state_reserve_extra(sb_body *body, sbi_state_walk *walk, int rows)
+{
+    size_t at = walk->used, entries, bytes = 0;
+    sbi_body_pattern *pattern = &walk->pattern;
+    int same = sbi_state_pass_extra(body, walk, rows, &entries);
+    if (same || walk->result != SB_OK)
+        return;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)rows + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start) {
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d coupling rows", rows));
+        return;
+    }
+    pattern->needed = 1;
+    pattern->extra_count = rows;
+    pattern->extra_nodes = pattern->extra_start + rows + 1;
+    pattern->extra_start[0] = 0;
+    walk->used = at;
+    sbi_state_pass_extra(body, walk, rows, &entries);
+    sbi_state_refuse(walk, sbi_body_finish_pattern(body, walk->fixed, pattern, walk->error));
+}
+
+/* The rows come before all that has one entry per block of the matrix. */
+static void sbi_state_extra(sb_body *body, sbi_state_walk *walk)
+{
+    int rows = sbi_state_int(walk, body->extra_count, 0, INT32_MAX - 1, "number of coupling rows");
+    size_t entries;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_extra(body, walk, rows);
+    } else if (sbi_state_is_image(walk)) {
+        if (walk->pass == SBI_STATE_READ)
+            sbi_body_take_pattern(body, &walk->pattern);
+        sbi_state_pass_extra(body, walk, rows, &entries);
+    } else {
+        for (int c = 0; c < rows; c++) {
+            int first = body->extra_start[c], end = body->extra_start[c + 1];
+            sbi_state_int(walk, end - first, 0, 0, "");
+            for (int k = first; k < end; k++)
+                sbi_state_int(walk, body->extra_nodes[k], 0, 0, "");
+        }
+    }
+}
+
+/* The matrix that the body will have. */
+static const sb_matrix *sbi_state_matrix(const sb_body *body, const sbi_state_walk *walk)
+{
+    return walk->pattern.needed ? &walk->pattern.matrix : &body->matrix;
+}
+
+/* ---- supports ---- */
+
 /* Supported axes, of which nodes without an element keep all; the others take blocks of the matrix. */
 static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
 {
-    const sb_matrix *matrix = &body->matrix;
+    const sb_matrix *matrix = sbi_state_matrix(body, walk);
     int needed = 0;
+    if (walk->pass == SBI_STATE_CHECK)
+        walk->fixed = walk->in + walk->used;
     for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
         int lonely = body->node_component[i] < 0;
         int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
-        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
+        if (sbi_state_checks(walk) && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
@@ -390,7 +608,8 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }
-    if (walk->pass == SBI_STATE_RESERVE && sbi_body_reserve_support_blocks(body, needed) != SB_OK)
+    if (walk->pass == SBI_STATE_RESERVE && !walk->pattern.needed &&
+        sbi_body_reserve_support_blocks(body, needed) != SB_OK)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for supports of %d blocks", needed));
     if (walk->pass == SBI_STATE_READ)
         body->support_used = needed;
@@ -405,6 +624,374 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->external, n, SBI_STATE_ANY, "external force");
     sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
 }
+
+/* ---- loads that follow the body ---- */
+
+/* What passing the rows of a load found out. */
+typedef struct sbi_state_rows {
+    size_t entries, pairs;
+    int same;                /* 1: rows, nodes and kind are those of the body's load */
+} sbi_state_rows;
+
+/* Whether a saved row of a pressure is a face of the surface; nodes in the order in which the body would have it. */
+static void sbi_state_check_face(const sb_body *body, sbi_state_walk *walk, int type, int size, const int *nodes)
+{
+    int corners = sb_element_corner_count((sb_element_type)type);
+    sbi_body_face face;
+    if (sb_element_node_count((sb_element_type)type) == size && (corners == 3 || corners == 4) &&
+        sbi_body_get_face(body, nodes, 0, corners, &face, NULL) == SB_OK && !face.inner && face.count == size &&
+        (int)face.type == type && memcmp(face.nodes, nodes, (size_t)size * sizeof *nodes) == 0)
+        return;
+    sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, nodes[0],
+                                         "a saved pressure acts on what is no face, at node %d", nodes[0]));
+}
+
+/* Whether the matrix has a block for every pair of the nodes of the row that begins there. */
+static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, size_t at, int size)
+{
+    const sb_matrix *matrix = sbi_state_matrix(body, walk);
+    for (int a = 0; a < size && walk->result == SB_OK; a++)
+        for (int b = 0; b < size && walk->result == SB_OK; b++) {
+            int i = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)a, 4));
+            int j = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)b, 4));
+            if (sb_matrix_find(matrix, i, j) < 0)
+                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i, "a saved row couples the nodes %d "
+                                                     "and %d, which the saved matrix does not", i, j));
+        }
+}
+
+/* Stiffness, targets and force of a row of springs or a mapping. */
+static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
+{
+    int real = load->stiffness != NULL;
+    for (int k = 0; k < 2; k++) {
+        sb_real *from = k ? load->balanced_stiffness : load->stiffness;
+        sb_real stiffness = sbi_state_put_real(walk, real ? from + j : NULL);
+        if (sbi_state_checks(walk) && (!(stiffness >= 0) || !sb_is_finite(stiffness)))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_ARGUMENT, j,
+                                                    "row %d of the saved load %d has stiffness %g", j, load->id,
+                                                    (double)stiffness));
+    }
+    sbi_state_put_vector(walk, real ? load->target + j : NULL, SBI_STATE_FINITE, "target of a load");
+    sbi_state_put_vector(walk, real ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
+    sbi_state_put_vector(walk, real ? load->force + j : NULL, SBI_STATE_ANY, "");
+}
+
+/* One row; `from`: its first entry. Returns its length. */
+static int sbi_state_row(const sb_body *body, sbi_state_walk *walk, sbi_load *load, int j, size_t from)
+{
+    int pressure = load->kind == SBI_LOAD_PRESSURE, most = pressure ? SB_MAX_FACE_NODES : INT32_MAX;
+    int size = load->row_start ? load->row_start[j + 1] - load->row_start[j] : 1, corner[SB_MAX_FACE_NODES] = {0};
+    int type = 0;
+    size_t at;
+    size = sbi_state_int(walk, size, 1, load->kind == SBI_LOAD_SPRINGS ? 1 : most, "row length of a load");
+    if (pressure)
+        type = sbi_state_int(walk, load->face_types ? (int)load->face_types[j] : 0, SB_TRI3, SB_QUAD9, "face type");
+    if (pressure && walk->store)
+        load->face_types[j] = (sb_element_type)type;
+    at = walk->used;
+    for (int k = 0; k < size && walk->result == SB_OK; k++) {
+        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0,
+                                     body->domain.node_count - 1, "node of a load");
+        if (pressure && k < SB_MAX_FACE_NODES)
+            corner[k] = node;
+    }
+    if (sbi_state_checks(walk) && pressure)
+        sbi_state_check_face(body, walk, type, size, corner);
+    if (walk->pass == SBI_STATE_RESERVE && walk->result == SB_OK && !pressure)
+        sbi_state_check_blocks(body, walk, at, size);
+    for (int k = 0; k < size && walk->result == SB_OK && !pressure; k++) {
+        sb_real weight = sbi_state_put_real(walk, load->weights ? load->weights + from + k : NULL);
+        if (sbi_state_checks(walk) && (load->kind == SBI_LOAD_SPRINGS ? weight != 1 : !sb_is_finite(weight)))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_NOT_FINITE, j,
+                                                    "row %d of the saved load %d has weight %g", j, load->id,
+                                                    (double)weight));
+    }
+    if (!pressure)
+        sbi_state_row_values(walk, load, j);
+    return size;
+}
+
+/* 1 when the body's load has the same nodes in row j, whose length was just passed; at: where the nodes stand. */
+static int sbi_state_same_row(const sbi_state_walk *walk, const sbi_load *like, int j, int size, size_t at)
+{
+    int same = like->row_start[j + 1] - like->row_start[j] == size;
+    for (int k = 0; k < size && same; k++)
+        same = like->nodes[like->row_start[j] + k] == sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)k, 4));
+    return same;
+}
+
+/* All rows of a load; like: the body's load to compare with, or NULL. */
+static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *walk, sbi_load *load,
+                                          const sbi_load *like)
+{
+    sbi_state_rows rows = {0, 0, 0};
+    rows.same = like && like->kind == load->kind && like->row_count == load->row_count;
+    for (int j = 0; j < load->row_count && walk->result == SB_OK; j++) {
+        size_t at = walk->used + (load->kind == SBI_LOAD_PRESSURE ? 8 : 4);
+        int size = sbi_state_row(body, walk, load, j, rows.entries);
+        if (walk->result != SB_OK)
+            break;
+        rows.same = rows.same && sbi_state_same_row(walk, like, j, size, at);
+        rows.entries += (size_t)size; /* each took bytes of the image, so this cannot overflow */
+        if (!sbi_size_add(&rows.pairs, (size_t)size, (size_t)size))
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long",
+                                            load->id));
+        if (walk->store)
+            load->row_start[j + 1] = (int)rows.entries;
+    }
+    return rows;
+}
+
+/* What a load has once. An image's values go into `load`, which is a copy. */
+static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
+{
+    int last = body->last_load_id;
+    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MAPPING, "load kind");
+    load->id = sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
+    load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
+    load->row_count = sbi_state_int(walk, load->row_count, 1, INT32_MAX - 1, "number of rows of a load");
+    load->pressure = sbi_state_real(walk, load->pressure);
+    load->balanced_pressure = sbi_state_real(walk, load->balanced_pressure);
+    for (int k = 0; k < 6; k++)
+        load->net[k] = sbi_state_double(walk, load->net[k]);
+    if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite",
+                                        load->id));
+}
+
+/* Room for what these rows tie. */
+static void sbi_state_reserve_ties(sb_body *body, sbi_state_walk *walk, int count, const int *start, const int *nodes,
+                                   const int *dofs, const sb_real *weights)
+{
+    sbi_body_rows rows;
+    rows.count = count;
+    rows.start = start;
+    rows.nodes = nodes;
+    rows.dofs = dofs;
+    rows.weights = weights;
+    sbi_state_refuse(walk, sbi_body_reserve_ties(body, &rows, walk->error));
+}
+
+/* Makes load i of the list to come, and fills it. */
+static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
+{
+    size_t at = walk->used;
+    sbi_state_rows rows;
+    memset(load, 0, sizeof *load);
+    sbi_state_load_head(body, walk, after, load);
+    rows = sbi_state_load_rows(body, walk, load, NULL);
+    if (walk->result == SB_OK && rows.entries > INT32_MAX)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
+    if (walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+                                             walk->error));
+    if (walk->result != SB_OK)
+        return;
+    walk->load_count++;
+    walk->used = at;
+    walk->store = 1;
+    sbi_state_load_head(body, walk, after, load);
+    sbi_state_load_rows(body, walk, load, NULL);
+    walk->store = 0;
+    if (load->kind != SBI_LOAD_PRESSURE)
+        sbi_state_reserve_ties(body, walk, load->row_count, load->row_start, load->nodes, NULL, load->weights);
+}
+
+/* A new list of loads, unless the image's have the rows of the body's. */
+static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int count)
+{
+    size_t at = walk->used;
+    int same = count == body->load_count, after = 0;
+    for (int i = 0; i < count && same && walk->result == SB_OK; i++) {
+        sbi_load load;
+        memset(&load, 0, sizeof load);
+        sbi_state_load_head(body, walk, after, &load);
+        same = load.id == body->loads[i].id && sbi_state_load_rows(body, walk, &load, body->loads + i).same;
+        after = load.id;
+    }
+    if (same || walk->result != SB_OK)
+        return;
+    walk->used = at;
+    walk->new_loads = 1;
+    walk->loads = (sbi_load *)sbi_alloc_zeroed(&body->allocator, (size_t)count + 1, sizeof(sbi_load));
+    if (!walk->loads)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d loads", count));
+    for (int i = 0; i < count && walk->result == SB_OK; i++)
+        sbi_state_make_load(body, walk, i > 0 ? walk->loads[i - 1].id : 0, walk->loads + i);
+}
+
+static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
+{
+    for (int i = 0; i < count; i++)
+        sbi_free(&body->allocator, loads[i].memory);
+    sbi_free(&body->allocator, loads);
+}
+
+static void sbi_state_take_loads(sb_body *body, sbi_state_walk *walk)
+{
+    if (!walk->new_loads)
+        return;
+    sbi_state_free_loads(body, body->loads, body->load_count);
+    body->loads = walk->loads;
+    body->load_count = walk->load_count;
+    body->load_capacity = walk->load_count + 1;
+    walk->loads = NULL;
+    walk->load_count = 0;
+}
+
+static void sbi_state_follow(sb_body *body, sbi_state_walk *walk)
+{
+    int last = sbi_state_int(walk, body->last_load_id, 0, INT32_MAX, "last load id"), after = 0;
+    int count = sbi_state_int(walk, body->load_count, 0, INT32_MAX - 1, "number of loads");
+    walk->last_load_id = last;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_follow(body, walk, count);
+        return;
+    }
+    if (walk->pass == SBI_STATE_READ) {
+        body->last_load_id = last;
+        sbi_state_take_loads(body, walk);
+    }
+    walk->store = walk->pass == SBI_STATE_READ;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sbi_load load;
+        memset(&load, 0, sizeof load);
+        if (walk->pass != SBI_STATE_CHECK)
+            load = body->loads[i];
+        sbi_state_load_head(body, walk, after, &load);
+        sbi_state_load_rows(body, walk, &load, NULL);
+        after = load.id;
+        if (walk->store) {
+            load.pattern_version = -1;
+            body->loads[i] = load;
+        }
+    }
+    walk->store = 0;
+}
+
+/* ---- constraints ---- */
+
+/* Whether a saved equation can be one: a finite quotient for every term, and a slave that is free. */
+static void sbi_state_check_equation(sbi_state_walk *walk, int id, int slave, sb_real first, sb_real value)
+{
+    if (!sb_is_finite(value) || first == 0 || !sb_is_finite(first))
+        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, slave / 3,
+                                             "the saved constraint %d has value %g and coefficient %g", id,
+                                             (double)value, (double)first));
+    else if (walk->fixed[slave / 3] >> slave % 3 & 1)
+        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
+                                             "the slave of the saved constraint %d, node %d, is supported", id,
+                                             slave / 3));
+}
+
+/* Equation c: from q in passes over a body; into it when storing; otherwise compared with it where there is one.
+ * Returns its number of terms. */
+static int sbi_state_equation(const sb_body *body, sbi_state_walk *walk, sbi_equations *q, int c, size_t from,
+                              int *after)
+{
+    int n = body->domain.node_count, last = n <= INT32_MAX / 3 ? 3 * n - 1 : -1; /* as when it was added */
+    int id = sbi_state_put_int(walk, q ? q->id + c : NULL, *after + 1, walk->next_constraint - 1, "constraint");
+    sb_real value = sbi_state_put_real(walk, q ? q->value + c : NULL), first = 0;
+    int count = sbi_state_int(walk, q && !walk->store ? q->start[c + 1] - q->start[c] : 1, 1, INT32_MAX, "term count");
+    *after = id;
+    if (q && !walk->store)
+        walk->differs |= id != q->id[c] || count != q->start[c + 1] - q->start[c];
+    for (int k = 0; k < count && walk->result == SB_OK && !walk->differs; k++) {
+        int dof = sbi_state_put_int(walk, q ? q->dof + from + k : NULL, 0, last, "unknown");
+        sb_real coefficient = sbi_state_put_real(walk, q ? q->coefficient + from + k : NULL);
+        first = k == 0 ? coefficient : first;
+        if (q)
+            walk->differs |= dof != q->dof[from + (size_t)k] || coefficient != q->coefficient[from + (size_t)k];
+        if (k == 0 && sbi_state_checks(walk))
+            sbi_state_check_equation(walk, id, dof, first, value);
+        if (sbi_state_checks(walk) && !sb_is_finite(coefficient / first))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
+                                                 "the saved constraint %d has coefficient %g", id,
+                                                 (double)coefficient));
+    }
+    if (walk->store)
+        q->start[c + 1] = (int)from + count;
+    return count;
+}
+
+/* Passes `count` equations, as above, and their forces. Stops where they differ. */
+static size_t sbi_state_equations(const sb_body *body, sbi_state_walk *walk, sbi_equations *q, sb_real *force,
+                                  int count)
+{
+    size_t terms = 0;
+    int after = -1;
+    walk->differs = 0;
+    for (int c = 0; c < count && walk->result == SB_OK && !walk->differs; c++) {
+        terms += (size_t)sbi_state_equation(body, walk, q, c, terms, &after);
+        sbi_state_put_real(walk, force ? force + c : NULL);
+    }
+    return terms;
+}
+
+/* The system condensed by the image's equations, unless the body has it. */
+static void sbi_state_reserve_equations(sb_body *body, sbi_state_walk *walk, int count)
+{
+    sbi_elimination_setup setup = sbi_body_elimination_setup(body, sbi_state_matrix(body, walk));
+    int own = sb_body_constraint_count(body);
+    size_t at = walk->used, terms;
+    sbi_equations q;
+    if (own == count && (count == 0 || !walk->pattern.needed)) {
+        sbi_state_equations(body, walk, count ? &body->elimination->equations : NULL, NULL, count);
+        if (!walk->differs || walk->result != SB_OK)
+            return;
+        walk->used = at;
+    }
+    walk->new_equations = 1;
+    terms = sbi_state_equations(body, walk, NULL, NULL, count);
+    if (count == 0 || walk->result != SB_OK)
+        return;
+    if (!sbi_equations_allocate(&body->allocator, count, terms, &q)) {
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d constraints", count));
+        return;
+    }
+    walk->used = at;
+    walk->store = 1;
+    sbi_state_equations(body, walk, &q, NULL, count);
+    walk->store = 0;
+    sbi_state_reserve_ties(body, walk, q.count, q.start, NULL, q.dof, q.coefficient);
+    if (walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_elimination_create(&setup, &q, &walk->elimination, walk->error));
+    if (walk->result != SB_OK)
+        sbi_equations_free(&q);
+}
+
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond);
+
+static void sbi_state_constraints(sb_body *body, sbi_state_walk *walk)
+{
+    int next = sbi_state_int(walk, body->next_constraint, 0, INT32_MAX, "next constraint");
+    int count = sbi_state_int(walk, sb_body_constraint_count(body), 0, INT32_MAX, "number of constraints");
+    int is_of_body = walk->pass != SBI_STATE_CHECK && walk->pass != SBI_STATE_RESERVE;
+    sbi_elimination *e;
+    walk->next_constraint = next;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_equations(body, walk, count);
+        if (count > 0 && walk->result == SB_OK)
+            sbi_state_memory_of(walk, NULL);
+        return;
+    }
+    if (walk->pass == SBI_STATE_READ && walk->new_equations) {
+        sbi_elimination_free(body->elimination);
+        body->elimination = walk->elimination;
+        walk->elimination = NULL;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        body->next_constraint = next;
+    e = is_of_body ? body->elimination : NULL;
+    walk->store = walk->pass == SBI_STATE_READ;
+    sbi_state_equations(body, walk, e ? &e->equations : NULL, e ? e->force : NULL, count);
+    walk->store = 0;
+    if (count > 0)
+        sbi_state_memory_of(walk, e ? e->precond : NULL);
+}
+
+/* ---- motion ---- */
 
 /* Motion, and the internal forces that go with it; zeros stand for forces that are not current. */
 static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
@@ -476,21 +1063,63 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
     }
 }
 
-static void sbi_state_precond(sb_body *body, sbi_state_walk *walk)
+/* What Prony terms remember: as many terms at every point, 0 for those that its material does not have. */
+static void sbi_state_prony(sb_body *body, sbi_state_walk *walk)
 {
-    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
-    uint64_t bits;
-    memcpy(&bits, &memory.shift, sizeof bits);
-    bits = sbi_state_word(walk, bits, 8);
-    memcpy(&memory.shift, &bits, sizeof bits);
+    sbi_assembly *assembly = &body->assembly;
+    int points = body->domain.points_per_cell;
+    if (walk->pass == SBI_STATE_RESERVE)
+        sbi_state_refuse(walk, sbi_assembly_reserve_memory(assembly, walk->terms, &body->allocator, walk->error));
+    for (int e = 0; walk->terms && e < body->domain.cell_count && walk->result == SB_OK; e++) {
+        int terms = body->materials[body->cell_material[e]].prony_count;
+        size_t stride = 6 * (1 + (size_t)assembly->terms);
+        for (int p = 0; p < points; p++)
+            for (int k = 0; k < 6 * (1 + walk->terms); k++) {
+                size_t at = ((size_t)e * (size_t)points + (size_t)p) * stride + (size_t)k;
+                int is_used = walk->pass < SBI_STATE_CHECK && terms > 0 && k < 6 * (1 + terms);
+                sb_real value = sbi_state_real(walk, is_used ? assembly->history[at] : 0);
+                if (walk->pass == SBI_STATE_READ)
+                    assembly->history[at] = value;
+            }
+    }
+    if (walk->pass == SBI_STATE_READ)
+        sbi_assembly_begin_step(assembly, 0);
+}
+
+/* What an explicit body knows of its stability. */
+static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_step_guard guard;
+    guard.stable_step = sbi_state_real(walk, body->guard.stable_step);
+    guard.age = sbi_state_int(walk, body->guard.age, 0, INT32_MAX, "age of the stable step");
+    guard.ledger_open = sbi_state_int(walk, body->guard.ledger_open, 0, 1, "ledger mark");
+    guard.caution = sbi_state_int(walk, body->guard.caution, 0, SBI_EXPLICIT_CAUTION, "caution");
+    guard.calm = sbi_state_int(walk, body->guard.calm, 0, INT32_MAX - 1, "calm");
+    guard.energy = sbi_state_double(walk, body->guard.energy);
+    if (sbi_state_checks(walk) && (!(guard.stable_step >= 0) || !sb_is_finite(guard.stable_step)))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s",
+                                        (double)guard.stable_step));
+    if (walk->pass == SBI_STATE_READ)
+        body->guard = guard;
+}
+
+/* What a preconditioner learnt; NULL in passes over an image that have none yet. */
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond)
+{
+    sbi_precond_memory memory = {0, 0, 0};
+    if (precond)
+        memory = sbi_precond_get_memory(precond);
+    memory.shift = sbi_state_double(walk, memory.shift);
     memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
     memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
-    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !sbi_precond_is_memory(memory))
+    if (sbi_state_checks(walk) && !sbi_precond_is_memory(memory))
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
                                                                       "is out of range", memory.shift, memory.wait));
     if (walk->pass == SBI_STATE_READ)
-        sbi_precond_set_memory(body->precond, memory);
+        sbi_precond_set_memory(precond, memory);
 }
+
+static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_memory_of(walk, body->precond); }
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
@@ -500,10 +1129,12 @@ typedef struct sbi_state_part {
 } sbi_state_part;
 
 static const sbi_state_part sbi_state_parts[] = {
-    {1, sbi_state_make},  {2, sbi_state_settings},  {3, sbi_state_materials}, {4, sbi_state_supports},
-    {5, sbi_state_loads}, {6, sbi_state_rotations}, {7, sbi_state_motion},    {8, sbi_state_precond},
+    {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
+    {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
+    {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
+    {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 1 };
+enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -525,6 +1156,16 @@ static void sbi_state_run_const(const sb_body *body, sbi_state_walk *walk, sbi_s
 {
     sb_body view = *body;
     sbi_state_run(&view, walk, pass);
+}
+
+/* Gives up what RESERVE made and READ did not take. */
+static void sbi_state_drop(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_body_free_pattern(body, &walk->pattern);
+    sbi_free(&body->allocator, walk->fibres);
+    if (walk->loads)
+        sbi_state_free_loads(body, walk->loads, walk->load_count);
+    sbi_elimination_free(walk->elimination);
 }
 
 static sbi_state_walk sbi_state_begin(void)
@@ -596,8 +1237,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
                                (unsigned long)(walk.size - walk.used));
     if (walk.result == SB_OK)
         sbi_state_run(body, &walk, SBI_STATE_RESERVE);
-    if (walk.result != SB_OK)
+    if (walk.result != SB_OK) {
+        sbi_state_drop(body, &walk);
         return walk.result;
+    }
     sbi_state_run(body, &walk, SBI_STATE_READ);
     sbi_state_tell(body, walk.in, size);
     return SB_OK;

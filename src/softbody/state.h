@@ -4,18 +4,20 @@
 
 #include "body.h"
 
-/* A saved state holds all that steps and setters change: motion, supports, loads, materials, settings, reactions and
- * the solvers' warm starts. What follows a load is what followed the save, bit for bit, also in another body, process
- * or machine. It does not hold the mesh: a state is loaded into a body that was made from the same mesh with the same
- * integration, mass, preconditioner and single_rotation, in the same precision.
+/* A saved state holds all that steps and setters change: motion, supports, loads of every kind, constraints, materials,
+ * fibres and what Prony terms remember, settings, reactions and the solvers' warm starts. What follows a load is what
+ * followed the save, bit for bit, also in another body, process or machine. Loads and constraints come back with the
+ * numbers they had, those added since go, those removed since return. It does not hold the mesh: a state is loaded into
+ * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
+ * preconditioner and single_rotation, in the same precision.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
  *     parts: number (4) and values; the first tells the body's make,
  *     checksum of all bytes before it (8). */
 
-/* Bytes that sb_body_state_save writes for this body; supports and materials do not change it. 0: more than size_t
- * holds. Cost: proportional to the body. */
+/* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports and
+ * other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body. */
 SB_API size_t sb_body_state_size(const sb_body *body);
 
 /* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.
@@ -25,8 +27,8 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 /* Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:
  * SB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other
  * version or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;
- * SB_ERROR_MEMORY when more supports or first iterated steps need room that the allocator does not give. On failure the
- * body is as it was. Where supports and materials need no more room than they did before, nothing is allocated. */
+ * SB_ERROR_MEMORY when more room is needed than the allocator gives. On failure the body is as it was. Where supports,
+ * materials, loads and constraints need no more room and have the rows they had, nothing is allocated. */
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
 
 /* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or

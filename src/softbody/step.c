@@ -1135,8 +1135,9 @@ static void sbi_static_commit(sbi_newton *newton)
 
 static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
 {
-    const int ints[4] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress};
-    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 4, &options->tolerance, 1);
+    const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
+                         options->instantaneous};
+    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 
 SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info)
