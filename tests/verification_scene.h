@@ -437,26 +437,39 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
     return whole;
 }
 
-/* Moves the mid-edge nodes of a cylinder around axis x out to its surface, so that its sides are curved. */
+/* Moves nodes between corners on the surface of a cylinder around axis x out to it, so that its sides are curved:
+ * `count` nodes of one element, of which the last lies between the others. */
+static inline void verify_round_node(sb_mesh *mesh, const int *element, const int *nodes, int count, double radius)
+{
+    int surface = 1;
+    for (int i = 0; i + 1 < count; i++) {
+        sb_vec3 x = mesh->nodes[element[nodes[i]]];
+        surface = surface && sqrt((double)(x.y * x.y + x.z * x.z)) > radius * (1 - 1e-6);
+    }
+    sb_vec3 *x = mesh->nodes + element[nodes[count - 1]];
+    double r = sqrt((double)(x->y * x->y + x->z * x->z));
+    if (surface && r > radius / 2) {
+        x->y *= REAL(radius / r);
+        x->z *= REAL(radius / r);
+    }
+}
+
 static inline void verify_round(sb_mesh *mesh, double radius)
 {
-    int nodes = sb_element_node_count(mesh->element_type);
-    for (int e = 0; e < mesh->element_count; e++)
-        for (int k = 0; k < sb_element_edge_count(mesh->element_type); k++) {
+    sb_element_type type = mesh->element_type;
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *element = mesh->elements + e * sb_element_node_count(type);
+        for (int k = 0; k < sb_element_edge_count(type); k++) {
             int edge[3];
-            double r[3];
-            if (sb_element_edge(mesh->element_type, k, edge) < 3)
-                return;
-            for (int i = 0; i < 3; i++) {
-                sb_vec3 x = mesh->nodes[mesh->elements[e * nodes + edge[i]]];
-                r[i] = sqrt((double)(x.y * x.y + x.z * x.z));
-            }
-            if (r[0] > radius * (1 - 1e-6) && r[1] > radius * (1 - 1e-6) && r[2] > radius / 2) {
-                sb_vec3 *x = mesh->nodes + mesh->elements[e * nodes + edge[2]];
-                x->y *= REAL(radius / r[2]);
-                x->z *= REAL(radius / r[2]);
-            }
+            if (sb_element_edge(type, k, edge) == 3)
+                verify_round_node(mesh, element, edge, 3, radius);
         }
+        for (int f = 0; f < sb_element_face_count(type); f++) {
+            int face[SB_MAX_FACE_NODES];
+            if (sb_element_face(type, f, face, NULL) == 9) /* edges first: they are on the surface by now */
+                verify_round_node(mesh, element, face, 9, radius);
+        }
+    }
 }
 
 /* ---- bodies ---- */
