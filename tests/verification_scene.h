@@ -721,4 +721,75 @@ static inline double verify_root(double (*f)(const void *user, double x), const 
     return 0.5 * (low + high);
 }
 
+/* ---- finite inflation of compressible spheres of radii 1 and 2, by quadrature of its differential equation ---- */
+
+typedef struct verify_inflation {
+    const verify_material *material;
+    double young, poisson, stretch;
+} verify_inflation;
+
+/* P_r, and P_t in *side when it is wanted. */
+static inline double verify_radial_stress(const verify_inflation *p, double radial, double hoop, double *side)
+{
+    double l[3], stress[3];
+    l[0] = radial;
+    l[1] = l[2] = hoop;
+    p->material->principal(verify_constants_of(p->young, p->poisson), l, stress);
+    if (side)
+        *side = stress[1];
+    return stress[0];
+}
+
+/* d/dR (R^2 P_r) = 2 R P_t for r(R), l_r = r', l_t = r/R: slope of (r, l_r). */
+static inline void verify_radial_slope(const verify_inflation *p, double R, const double state[2], double slope[2])
+{
+    const double step = 1e-5;
+    double radial = state[1], hoop = state[0] / R, side;
+    double stress = verify_radial_stress(p, radial, hoop, &side);
+    double by_radial = (verify_radial_stress(p, radial + step, hoop, NULL) -
+                        verify_radial_stress(p, radial - step, hoop, NULL)) /
+                       (2 * step);
+    double by_hoop = (verify_radial_stress(p, radial, hoop + step, NULL) -
+                      verify_radial_stress(p, radial, hoop - step, NULL)) /
+                     (2 * step);
+    slope[0] = radial;
+    slope[1] = (2 * (side - stress) / R - by_hoop * (radial - hoop) / R) / by_radial;
+}
+
+/* Stress at the outer radius when the sphere starts from r(1) = stretch with the radial stretch `start`. */
+static inline double verify_outer_stress(const void *user, double start)
+{
+    const int steps = 100;
+    const verify_inflation *p = (const verify_inflation *)user;
+    double state[2], h = 1.0 / steps;
+    state[0] = p->stretch;
+    state[1] = start;
+    for (int s = 0; s < steps; s++) {
+        double k[4][2], at[2], R = 1 + s * h;
+        verify_radial_slope(p, R, state, k[0]);
+        for (int stage = 1; stage < 4; stage++) {
+            double w = stage == 3 ? h : h / 2;
+            at[0] = state[0] + w * k[stage - 1][0];
+            at[1] = state[1] + w * k[stage - 1][1];
+            verify_radial_slope(p, R + w, at, k[stage]);
+        }
+        for (int i = 0; i < 2; i++)
+            state[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
+    }
+    return verify_radial_stress(p, state[1], state[0] / 2, NULL);
+}
+
+/* Pressure (Pa on the inflated area) that stretches the inner surface by `stretch`, some 1.1. */
+static inline double verify_inflation_pressure(const verify_material *material, double young, double poisson,
+                                               double stretch)
+{
+    verify_inflation p;
+    p.material = material;
+    p.young = young;
+    p.poisson = poisson;
+    p.stretch = stretch;
+    double start = verify_root(verify_outer_stress, &p, 0.68, 1.05);
+    return -verify_radial_stress(&p, start, stretch, NULL) / (stretch * stretch);
+}
+
 #endif /* VERIFICATION_SCENE_H */
