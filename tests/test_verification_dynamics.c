@@ -1,5 +1,5 @@
 /* Motion against closed forms: free flight, waves, impact, natural frequencies, damping, balance of energy
- * and momentum. Time is measured in steps whose own dispersion is known exactly where the case name says
+ * and momentum, for every integrator. Time is measured in steps whose own dispersion is known exactly where the case name says
  * so. */
 #include "verification_scene.h"
 

@@ -1,6 +1,6 @@
 /* Solids: thick cylinders and spheres under pressure, holes, columns under their own weight, Cook's membrane,
  * bonded blocks, finite inflation and torsion. Meshes have curved sides where the element has nodes for
- * them. */
+ * them. Near Poisson's ratio 1/2 the rows of tet4 and hex8 put on record by how much these lock. */
 #include "verification_scene.h"
 
 static const double young = 1e4;

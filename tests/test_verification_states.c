@@ -1,5 +1,5 @@
 /* Homogeneous states of every material in a body of every element, against closed forms in principal
- * stretches.
+ * stretches and in simple shear; the same with fibres along, across and at an angle.
  *
  * The body is a unit cube with a distorted inside: its reactions are stresses on faces of area 1, its energy
  * is W. The expected values come from the formulas of verification_scene.h, not from the library. */
