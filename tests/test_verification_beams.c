@@ -41,9 +41,9 @@ static void load_tip(sb_body *body, const sb_mesh *mesh, double h, double px, do
  * P L^3/(3 E I) + P L/(k G A), k = 5/6. */
 static void test_cantilever(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 40, 4, 4, 0.35},        {"tet10", 10, 1, 1, 0.004}, {"hex8", 40, 4, 4, 0.06},
-        {"hex8, B-bar", 40, 4, 4, 0.06}, {"hex20", 10, 1, 1, 0.003}, {"hex27", 10, 1, 1, 0.003}};
+    static const resolution meshes[] = {{"tet4", 40, 4, 4, 0.35},   {"tet10", 10, 1, 1, 0.004},
+                                        {"hex8", 40, 4, 4, 0.06},   {"hex8, B-bar", 40, 4, 4, 0.06},
+                                        {"hex20", 10, 1, 1, 0.003}, {"hex27", 10, 1, 1, 0.003}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double h = 0.1, force = 1;
         double inertia = h * h * h * h / 12;
@@ -77,9 +77,9 @@ static sb_vec3 bending_traction(const void *user, sb_vec3 x, sb_vec3 n)
 
 static void test_pure_bending(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 24, 6, 6, 0.2},         {"tet10", 4, 2, 2, 1e-8}, {"hex8", 24, 6, 6, 0.03},
-        {"hex8, B-bar", 24, 6, 6, 0.015}, {"hex20", 4, 2, 2, 1e-8}, {"hex27", 4, 2, 2, 1e-8}};
+    static const resolution meshes[] = {{"tet4", 24, 6, 6, 0.2},  {"tet10", 4, 2, 2, 1e-8},
+                                        {"hex8", 24, 6, 6, 0.03}, {"hex8, B-bar", 24, 6, 6, 0.015},
+                                        {"hex20", 4, 2, 2, 1e-8}, {"hex27", 4, 2, 2, 1e-8}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double h = 0.25, poisson = 0.3, slope = 1e4;
         const resolution *r = meshes + i;
@@ -297,9 +297,9 @@ static double square_torsion(void)
 
 static void test_square_torsion(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 4, 12, 12, 0.12},         {"tet10", 2, 4, 4, 0.007}, {"hex8", 4, 12, 12, 0.012},
-        {"hex8, B-bar", 4, 12, 12, 0.012}, {"hex20", 2, 4, 4, 0.003}, {"hex27", 2, 4, 4, 0.003}};
+    static const resolution meshes[] = {{"tet4", 4, 12, 12, 0.12},  {"tet10", 2, 4, 4, 0.007},
+                                        {"hex8", 4, 12, 12, 0.012}, {"hex8, B-bar", 4, 12, 12, 0.012},
+                                        {"hex20", 2, 4, 4, 0.003},  {"hex27", 2, 4, 4, 0.003}};
     CHECK_NEAR(square_torsion(), 0.1406, 5e-5);
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double angle = 0.01, length = 0.5, poisson = 0.3;
@@ -319,9 +319,9 @@ static void test_square_torsion(void)
 
 static void test_round_torsion(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 4, 16, 16, 0.1},          {"tet10", 2, 8, 8, 5e-4}, {"hex8", 4, 16, 16, 0.016},
-        {"hex8, B-bar", 4, 16, 16, 0.016}, {"hex20", 2, 8, 8, 3e-4}, {"hex27", 2, 8, 8, 3e-4}};
+    static const resolution meshes[] = {{"tet4", 4, 16, 16, 0.1},   {"tet10", 2, 8, 8, 5e-4},
+                                        {"hex8", 4, 16, 16, 0.016}, {"hex8, B-bar", 4, 16, 16, 0.016},
+                                        {"hex20", 2, 8, 8, 3e-4},   {"hex27", 2, 8, 8, 3e-4}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double angle = 0.01, length = 1, radius = 1, poisson = 0.3;
         const resolution *r = meshes + i;
@@ -371,8 +371,8 @@ static void disc_case(const resolution *r)
     for (int i = 0; i < mesh.node_count; i++)
         lowest = fmin(lowest, (double)sb_body_displacements(body)[i].x);
     snprintf(name, sizeof name, "clamped disc R/h = 10, weight, %d cells across", r->ny);
-    verify(name, r->element,
-           "Timoshenko and Woinowsky-Krieger 1959: qR^4/64D, shear qR^2/4kGh", "sag of the middle (m)",
+    verify(name, r->element, "Timoshenko and Woinowsky-Krieger 1959: qR^4/64D, shear qR^2/4kGh",
+           "sag of the middle (m)",
            q * pow(radius, 4) / (64 * stiffness) + q * radius * radius / (4 * 5.0 / 6 * shear * h), -lowest,
            r->bound);
     verify_free(body, &mesh);
@@ -380,7 +380,8 @@ static void disc_case(const resolution *r)
 
 static void test_disc(void)
 {
-    static const resolution meshes[] = {{"tet10", 1, 24, 24, 0.04}, {"hex20", 1, 12, 12, 0.08}, {"hex27", 1, 12, 12, 0.04}};
+    static const resolution meshes[] = {
+        {"tet10", 1, 24, 24, 0.04}, {"hex20", 1, 12, 12, 0.08}, {"hex27", 1, 12, 12, 0.04}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
         disc_case(meshes + i);
 }
@@ -423,7 +424,8 @@ static void plate_case(const resolution *r)
 
 static void test_square_plate(void)
 {
-    static const resolution meshes[] = {{"tet10", 10, 10, 1, 0.009}, {"hex20", 6, 6, 1, 3e-4}, {"hex27", 6, 6, 1, 1e-4}};
+    static const resolution meshes[] = {
+        {"tet10", 10, 10, 1, 0.009}, {"hex20", 6, 6, 1, 3e-4}, {"hex27", 6, 6, 1, 1e-4}};
     CHECK_NEAR(navier(), 0.00406, 5e-6);
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
         plate_case(meshes + i);

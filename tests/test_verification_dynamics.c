@@ -1,6 +1,6 @@
 /* Motion against closed forms: free flight, waves, impact, natural frequencies, damping, balance of energy
- * and momentum, for every integrator. Time is measured in steps whose own dispersion is known exactly where the case name says
- * so. */
+ * and momentum, for every integrator. Time is measured in steps whose own dispersion is known exactly where
+ * the case name says so. */
 #include "verification_scene.h"
 
 static const double young = 1e4, density = 1000;
@@ -93,8 +93,8 @@ static sb_vec3 angular_momentum(const sb_body *body, const sb_mesh *mesh)
     return sum;
 }
 
-/* A bar that spins freely through about three turns. All rules keep the momentum; angular momentum central difference
- * keeps exactly, the others up to their own error. */
+/* A bar that spins freely through about three turns. All rules keep the momentum; angular momentum central
+ * difference keeps exactly, the others up to their own error. */
 static void spin_case(const char *name, sb_integrator integrator, double bound)
 {
     const verify_element *element = verify_element_named("hex8");
@@ -117,7 +117,8 @@ static void test_spin(void)
 {
     spin_case("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", SB_NEWMARK, 0.002);
     spin_case("free spinning bar, 3 turns, generalised alpha dt = 5 ms, 4x2x2", SB_GENERALISED_ALPHA, 0.02);
-    spin_case("free spinning bar, 3 turns, central difference dt <= 5 ms, 4x2x2", SB_CENTRAL_DIFFERENCE, 1e-8);
+    spin_case("free spinning bar, 3 turns, central difference dt <= 5 ms, 4x2x2", SB_CENTRAL_DIFFERENCE,
+              1e-8);
 }
 
 /* ---- one-dimensional columns: exact discrete modes ---- */
@@ -222,14 +223,16 @@ static void test_chain_explicit(void)
     }
 }
 
-/* Chung and Hulbert's rule for u'' + w^2 u = 0 from u = 0, v, written down here again; returns u after `steps`. */
+/* Chung and Hulbert's rule for u'' + w^2 u = 0 from u = 0, v, written down here again; returns u after
+ * `steps`. */
 static double alpha_recursion(double radius, double w, double v, double dt, int steps)
 {
     double am = (2 * radius - 1) / (radius + 1), af = radius / (radius + 1), gamma = 0.5 - am + af;
     double beta = 0.25 * (1 - am + af) * (1 - am + af), u = 0, a = 0;
     for (int s = 0; s < steps; s++) {
         double u0 = u + dt * v + dt * dt * (0.5 - beta) * a, v0 = v + dt * (1 - gamma) * a;
-        double next = -(am * a + w * w * ((1 - af) * u0 + af * u)) / ((1 - am) + w * w * (1 - af) * beta * dt * dt);
+        double next =
+            -(am * a + w * w * ((1 - af) * u0 + af * u)) / ((1 - am) + w * w * (1 - af) * beta * dt * dt);
         u = u0 + beta * dt * dt * next;
         v = v0 + gamma * dt * next;
         a = next;
@@ -248,7 +251,8 @@ static void test_chain_alpha(void)
         int count = k ? 6 : steps; /* while there is something left */
         step(c.body, dt, count);
         snprintf(name, sizeof name, "dilatational mode of a column, 16 cells, w dt = %g", frequencies[k]);
-        verify(name, "hex8, lumped mass", "exact discrete mode, generalised alpha (Chung and Hulbert 1993), radius 0.5",
+        verify(name, "hex8, lumped mass",
+               "exact discrete mode, generalised alpha (Chung and Hulbert 1993), radius 0.5",
                k ? "tip after 6 steps/(v/w)" : "tip after 60 steps/(v/w)",
                alpha_recursion(0.5, c.frequency, 0.01, dt, count) / size, chain_tip(&c) / size, 1e-8);
         verify_free(c.body, &c.mesh);
@@ -538,8 +542,9 @@ static void test_table(void) { verify_table("verification_dynamics"); }
 
 CHECK_SUITE(verification_dynamics, {"projectile", test_projectile}, {"free spin", test_spin},
             {"chain under Newmark", test_chain_newmark}, {"chain under Euler", test_chain_euler},
-            {"chain under central difference", test_chain_explicit}, {"chain under generalised alpha", test_chain_alpha},
-            {"damping", test_damping}, {"impact", test_impact}, {"step response", test_step_response},
-            {"wave speed", test_wave_speed}, {"frequencies", test_frequencies},
-            {"torsional frequency", test_torsional_frequency}, {"pendulum", test_pendulum},
-            {"energy of a pendulum", test_pendulum_energy}, {"table", test_table});
+            {"chain under central difference", test_chain_explicit},
+            {"chain under generalised alpha", test_chain_alpha}, {"damping", test_damping},
+            {"impact", test_impact}, {"step response", test_step_response}, {"wave speed", test_wave_speed},
+            {"frequencies", test_frequencies}, {"torsional frequency", test_torsional_frequency},
+            {"pendulum", test_pendulum}, {"energy of a pendulum", test_pendulum_energy},
+            {"table", test_table});

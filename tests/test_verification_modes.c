@@ -1,5 +1,5 @@
-/* Natural frequencies against closed forms: discrete chains exactly; bars, beams, rods in torsion and blocks between
- * frictionless walls within the error of mesh and theory; a column under tension. */
+/* Natural frequencies against closed forms: discrete chains exactly; bars, beams, rods in torsion and blocks
+ * between frictionless walls within the error of mesh and theory; a column under tension. */
 #include "verification_scene.h"
 
 static const double young = 1e4, density = 1000;
@@ -33,8 +33,8 @@ static void modes_of(sb_body *body, int count, sb_mass_kind mass, int at_present
 
 /* ---- chains ---- */
 
-/* A column of n hex8 guided along x or y, held at x = 0: w^2 = 4 M/(rho h^2) s^2 with s = sin(k h/2), k = (j - 1/2) pi/L,
- * over 1 - 2/3 s^2 with the consistent mass. */
+/* A column of n hex8 guided along x or y, held at x = 0: w^2 = 4 M/(rho h^2) s^2 with s = sin(k h/2), k = (j
+ * - 1/2) pi/L, over 1 - 2/3 s^2 with the consistent mass. */
 static void test_chain(void)
 {
     static const int cells = 12;
@@ -51,18 +51,22 @@ static void test_chain(void)
             scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
             modes_of(body, 3, consistent ? SB_MASS_CONSISTENT : SB_MASS_LUMPED, 0, w, NULL);
             for (int j = 0; j < 3; j++) {
-                double s = sin((j + 0.5) * VERIFY_PI * h / 2), modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu;
+                double s = sin((j + 0.5) * VERIFY_PI * h / 2),
+                       modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu;
                 char name[80];
-                snprintf(name, sizeof name, "%s mode %d of a column, 12 cells", axis ? "shear" : "dilatational", j + 1);
-                verify(name, consistent ? "hex8, consistent mass" : "hex8, lumped mass", "exact discrete mode",
-                       "angular frequency (1/s)",
-                       2 / h * s * sqrt(modulus / density / (consistent ? 1 - 2.0 / 3 * s * s : 1)), w[j], 1e-8);
+                snprintf(name, sizeof name, "%s mode %d of a column, 12 cells",
+                         axis ? "shear" : "dilatational", j + 1);
+                verify(name, consistent ? "hex8, consistent mass" : "hex8, lumped mass",
+                       "exact discrete mode", "angular frequency (1/s)",
+                       2 / h * s * sqrt(modulus / density / (consistent ? 1 - 2.0 / 3 * s * s : 1)), w[j],
+                       1e-8);
             }
             verify_free(body, &mesh);
         }
 }
 
-/* A column held at both ends, stretched to 1.2 and guided: its modulus is dP/dl there, its length the one at rest. */
+/* A column held at both ends, stretched to 1.2 and guided: its modulus is dP/dl there, its length the one at
+ * rest. */
 static void test_stretched_column(void)
 {
     static const int cells = 12;
@@ -72,9 +76,8 @@ static void test_stretched_column(void)
     for (int m = 0; m < VERIFY_MATERIALS; m++) {
         double l[3] = {1, 1, 1}, at[4], stress[3], modulus, w[1], s = sin(VERIFY_PI * h / 2);
         sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
-        sb_body *body =
-            verify_body(&mesh, verify_element_named("hex8"), verify_materials[m].make(REAL(young), REAL(poisson),
-                                                                                      REAL(density)));
+        sb_body *body = verify_body(&mesh, verify_element_named("hex8"),
+                                    verify_materials[m].make(REAL(young), REAL(poisson), REAL(density)));
         for (int k = 0; k < 4; k++) { /* differences of fourth order */
             l[0] = stretch + (k < 2 ? k - 2 : k - 1) * step;
             verify_materials[m].principal(c, l, stress);
@@ -98,8 +101,8 @@ static void test_stretched_column(void)
 
 static void test_bar(void)
 {
-    static const resolution meshes[] = {{"tet4", 40, 1, 1, 0.0011},  {"tet10", 8, 1, 1, 1.3e-4},
-                                        {"hex8", 40, 1, 1, 0.0012},  {"hex8, B-bar", 40, 1, 1, 0.0012},
+    static const resolution meshes[] = {{"tet4", 40, 1, 1, 0.0011}, {"tet10", 8, 1, 1, 1.3e-4},
+                                        {"hex8", 40, 1, 1, 0.0012}, {"hex8, B-bar", 40, 1, 1, 0.0012},
                                         {"hex20", 8, 1, 1, 1.6e-4}, {"hex27", 8, 1, 1, 1.6e-4}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         const resolution *r = meshes + i;
@@ -113,7 +116,8 @@ static void test_bar(void)
         scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
         modes_of(body, 2, SB_MASS_CONSISTENT, 0, w, NULL);
         for (int k = 0; k < 2; k++) {
-            snprintf(name, sizeof name, "axial mode %d of a guided bar, %dx%dx%d", k + 1, r->nx, r->ny, r->nz);
+            snprintf(name, sizeof name, "axial mode %d of a guided bar, %dx%dx%d", k + 1, r->nx, r->ny,
+                     r->nz);
             verify(name, r->element, "(k - 1/2) pi (E/rho L^2)^(1/2)", "angular frequency (1/s)",
                    (k + 0.5) * VERIFY_PI * sqrt(young / density), w[k], r->bound);
         }
@@ -121,11 +125,10 @@ static void test_bar(void)
     }
 }
 
-
 static void test_cantilever(void)
 {
-    static const resolution meshes[] = {{"tet4", 40, 2, 2, 0.5},   {"tet10", 10, 1, 1, 0.0015},
-                                        {"hex8", 40, 2, 2, 0.12},  {"hex8, B-bar", 40, 2, 2, 0.12},
+    static const resolution meshes[] = {{"tet4", 40, 2, 2, 0.5},    {"tet10", 10, 1, 1, 0.0015},
+                                        {"hex8", 40, 2, 2, 0.12},   {"hex8, B-bar", 40, 2, 2, 0.12},
                                         {"hex20", 10, 1, 1, 0.002}, {"hex27", 10, 1, 1, 0.002}};
     static const double h = 0.05, beta = 1.8751040687119611;
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
@@ -162,12 +165,14 @@ static void test_free_beam(void)
         for (int k = 0; k < 6; k++)
             rigid = verify_worse(rigid, w[k] / w[6]);
         name_with_mesh(name, sizeof name, "free beam L/h = 20", r);
-        verify(name, r->element, "six rigid motions", "largest of their frequencies/first elastic", 0, rigid, 1e-5);
+        verify(name, r->element, "six rigid motions", "largest of their frequencies/first elastic", 0, rigid,
+               1e-5);
         for (int k = 0; k < 2; k++)
             verify(name, r->element,
-                   k ? "Euler-Bernoulli: 7.8532^2 (EI/rho A L^4)^(1/2)" : "Euler-Bernoulli: 4.7300^2 (EI/rho A L^4)^(1/2)",
-                   "angular frequency (1/s)", beta[k] * beta[k] * h * sqrt(young / (12 * density)), w[6 + 2 * k],
-                   r->bound);
+                   k ? "Euler-Bernoulli: 7.8532^2 (EI/rho A L^4)^(1/2)"
+                     : "Euler-Bernoulli: 4.7300^2 (EI/rho A L^4)^(1/2)",
+                   "angular frequency (1/s)", beta[k] * beta[k] * h * sqrt(young / (12 * density)),
+                   w[6 + 2 * k], r->bound);
         verify_free(body, &mesh);
     }
 }
@@ -218,10 +223,11 @@ static void test_torsion(void)
         shapes = (sb_vec3 *)malloc((size_t)(MODES * mesh.node_count) * sizeof(sb_vec3));
         scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
         modes_of(body, MODES, SB_MASS_CONSISTENT, 0, w, shapes);
-        snprintf(name, sizeof name, "torsion of a clamped round bar L/R = 5, %d cells across, %d along", r->ny, r->nx);
+        snprintf(name, sizeof name, "torsion of a clamped round bar L/R = 5, %d cells across, %d along",
+                 r->ny, r->nx);
         verify(name, r->element, "pi/2 (G/rho L^2)^(1/2)", "angular frequency (1/s)",
-               VERIFY_PI / 2 * sqrt(young / (2 * (1 + poisson)) / density), w[turning_mode(&mesh, shapes, MODES)],
-               r->bound);
+               VERIFY_PI / 2 * sqrt(young / (2 * (1 + poisson)) / density),
+               w[turning_mode(&mesh, shapes, MODES)], r->bound);
         free(shapes);
         verify_free(body, &mesh);
     }
@@ -229,26 +235,30 @@ static void test_torsion(void)
 
 /* ---- a block between frictionless walls ---- */
 
-/* u_x = a sin(l pi x) cos(m pi y) cos(n pi z) and so on is a mode of the unit cube whose faces slide on walls: shear waves
- * w^2 = mu/rho pi^2 (l^2 + m^2 + n^2) where (a, b, c) is across (l, m, n), pressure waves with lambda + 2 mu along it.
- * With nu = 0.3 the lowest are (1,1,0) in shear, three times; (1,1,1) in shear, twice; (1,0,0) in pressure, three times. */
+/* u_x = a sin(l pi x) cos(m pi y) cos(n pi z) and so on is a mode of the unit cube whose faces slide on
+ * walls: shear waves w^2 = mu/rho pi^2 (l^2 + m^2 + n^2) where (a, b, c) is across (l, m, n), pressure waves
+ * with lambda + 2 mu along it. With nu = 0.3 the lowest are (1,1,0) in shear, three times; (1,1,1) in shear,
+ * twice; (1,0,0) in pressure, three times. */
 static void test_walls(void)
 {
-    static const resolution meshes[] = {{"tet4", 6, 6, 6, 0.18},    {"tet10", 3, 3, 3, 0.03},
-                                        {"hex8", 6, 6, 6, 0.053},   {"hex8, B-bar", 6, 6, 6, 0.035},
+    static const resolution meshes[] = {{"tet4", 6, 6, 6, 0.18},   {"tet10", 3, 3, 3, 0.03},
+                                        {"hex8", 6, 6, 6, 0.053},  {"hex8, B-bar", 6, 6, 6, 0.035},
                                         {"hex20", 3, 3, 3, 0.004}, {"hex27", 3, 3, 3, 0.0035}};
     static const double poisson = 0.3;
     static const struct {
         const char *name;
         int first, last;
-    } waves[] = {{"shear (1,1,0), 3 modes", 0, 2}, {"shear (1,1,1), 2 modes", 3, 4}, {"pressure (1,0,0), 3 modes", 5, 7}};
+    } waves[] = {{"shear (1,1,0), 3 modes", 0, 2},
+                 {"shear (1,1,1), 2 modes", 3, 4},
+                 {"pressure (1,0,0), 3 modes", 5, 7}};
     verify_constants c = verify_constants_of(young, poisson);
     const double squares[3] = {2 * c.mu, 3 * c.mu, c.lambda + 2 * c.mu};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         const resolution *r = meshes + i;
         const verify_element *element = verify_element_named(r->element);
         sb_mesh mesh = verify_box(element->type, r->nx, r->ny, r->nz, 1, 1, 1);
-        sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
+        sb_body *body =
+            verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
         char name[80];
         double w[8];
         for (int axis = 0; axis < 3; axis++) {
@@ -262,7 +272,8 @@ static void test_walls(void)
             for (int j = waves[k].first; j <= waves[k].last; j++)
                 if (fabs(w[j] - expected) > fabs(worst - expected))
                     worst = w[j];
-            verify(name, r->element, waves[k].name, "angular frequency (1/s), the farthest off", expected, worst, r->bound);
+            verify(name, r->element, waves[k].name, "angular frequency (1/s), the farthest off", expected,
+                   worst, r->bound);
         }
         verify_free(body, &mesh);
     }
@@ -270,6 +281,6 @@ static void test_walls(void)
 
 static void test_table(void) { verify_table("verification_modes"); }
 
-CHECK_SUITE(verification_modes, {"chain", test_chain}, {"stretched column", test_stretched_column}, {"bar", test_bar},
-            {"cantilever", test_cantilever}, {"free beam", test_free_beam}, {"torsion", test_torsion},
-            {"block between walls", test_walls}, {"table", test_table});
+CHECK_SUITE(verification_modes, {"chain", test_chain}, {"stretched column", test_stretched_column},
+            {"bar", test_bar}, {"cantilever", test_cantilever}, {"free beam", test_free_beam},
+            {"torsion", test_torsion}, {"block between walls", test_walls}, {"table", test_table});

@@ -130,18 +130,13 @@ static void hold_everywhere(sb_body *body, int axes)
 
 static void test_cylinder(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 12, 24, 0.3, 0.008, 0.15},
-                                          {"tet10", 4, 8, 0.3, 2e-6, 0.0025},
-                                          {"hex8", 12, 24, 0.3, 0.0025, 0.1},
-                                          {"hex8, B-bar", 12, 24, 0.3, 0.0017, 0.06},
-                                          {"hex20", 4, 8, 0.3, 9e-6, 5e-4},
-                                          {"hex27", 4, 8, 0.3, 2e-6, 1.5e-5},
-                                          {"tet4", 12, 24, 0.4999, 1.3, 0.9},
-                                          {"tet10", 4, 8, 0.4999, 5e-4, 0.011},
-                                          {"hex8", 12, 24, 0.4999, 1.2, 1.2},
-                                          {"hex8, B-bar", 12, 24, 0.4999, 0.0018, 0.06},
-                                          {"hex20", 4, 8, 0.4999, 1.2e-5, 0.0025},
-                                          {"hex27", 4, 8, 0.4999, 1e-6, 4e-5}};
+    static const mesh_choice choices[] = {
+        {"tet4", 12, 24, 0.3, 0.008, 0.15},      {"tet10", 4, 8, 0.3, 2e-6, 0.0025},
+        {"hex8", 12, 24, 0.3, 0.0025, 0.1},      {"hex8, B-bar", 12, 24, 0.3, 0.0017, 0.06},
+        {"hex20", 4, 8, 0.3, 9e-6, 5e-4},        {"hex27", 4, 8, 0.3, 2e-6, 1.5e-5},
+        {"tet4", 12, 24, 0.4999, 1.3, 0.9},      {"tet10", 4, 8, 0.4999, 5e-4, 0.011},
+        {"hex8", 12, 24, 0.4999, 1.2, 1.2},      {"hex8, B-bar", 12, 24, 0.4999, 0.0018, 0.06},
+        {"hex20", 4, 8, 0.4999, 1.2e-5, 0.0025}, {"hex27", 4, 8, 0.4999, 1e-6, 4e-5}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -191,18 +186,13 @@ static double sphere_displacement(const lame *c)
 
 static void test_sphere(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 8, 8, 0.3, 0.03, 0.3},
-                                          {"tet10", 3, 3, 0.3, 8e-4, 0.05},
-                                          {"hex8", 8, 8, 0.3, 0.015, 0.25},
-                                          {"hex8, B-bar", 8, 8, 0.3, 0.009, 0.12},
-                                          {"hex20", 3, 3, 0.3, 3e-4, 0.018},
-                                          {"hex27", 3, 3, 0.3, 9e-5, 0.018},
-                                          {"tet4", 8, 8, 0.499, 1.3, 0.8},
-                                          {"tet10", 3, 3, 0.499, 0.007, 0.085},
-                                          {"hex8", 8, 8, 0.499, 1, 1},
-                                          {"hex8, B-bar", 8, 8, 0.499, 0.01, 0.12},
-                                          {"hex20", 3, 3, 0.499, 0.012, 0.018},
-                                          {"hex27", 3, 3, 0.499, 0.012, 0.018}};
+    static const mesh_choice choices[] = {
+        {"tet4", 8, 8, 0.3, 0.03, 0.3},       {"tet10", 3, 3, 0.3, 8e-4, 0.05},
+        {"hex8", 8, 8, 0.3, 0.015, 0.25},     {"hex8, B-bar", 8, 8, 0.3, 0.009, 0.12},
+        {"hex20", 3, 3, 0.3, 3e-4, 0.018},    {"hex27", 3, 3, 0.3, 9e-5, 0.018},
+        {"tet4", 8, 8, 0.499, 1.3, 0.8},      {"tet10", 3, 3, 0.499, 0.007, 0.085},
+        {"hex8", 8, 8, 0.499, 1, 1},          {"hex8, B-bar", 8, 8, 0.499, 0.01, 0.12},
+        {"hex20", 3, 3, 0.499, 0.012, 0.018}, {"hex27", 3, 3, 0.499, 0.012, 0.018}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -287,12 +277,10 @@ static sb_vec3 kirsch_traction(const void *user, sb_vec3 x, sb_vec3 n)
 
 static void test_kirsch(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 16, 24, 0.3, 0.018, 0.09},
-                                          {"tet10", 6, 8, 0.3, 0.0017, 0.04},
-                                          {"hex8", 16, 24, 0.3, 0.009, 0.05},
-                                          {"hex8, B-bar", 16, 24, 0.3, 0.006, 0.04},
-                                          {"hex20", 6, 8, 0.3, 8e-4, 0.013},
-                                          {"hex27", 6, 8, 0.3, 5e-4, 0.012}};
+    static const mesh_choice choices[] = {
+        {"tet4", 16, 24, 0.3, 0.018, 0.09}, {"tet10", 6, 8, 0.3, 0.0017, 0.04},
+        {"hex8", 16, 24, 0.3, 0.009, 0.05}, {"hex8, B-bar", 16, 24, 0.3, 0.006, 0.04},
+        {"hex20", 6, 8, 0.3, 8e-4, 0.013},  {"hex27", 6, 8, 0.3, 5e-4, 0.012}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -342,9 +330,8 @@ static void goodier_case(const mesh_choice *choice)
     verify_solve(body);
     snprintf(name, sizeof name, "spherical hole in a ball of 10 radii, octant, 3 of %dx%dx%d", choice->across,
              choice->around, choice->around);
-    verify(name, choice->element,
-           "Goodier 1933: (27 - 15 nu)/(14 - 10 nu)", "stress concentration at the equator",
-           (27 - 15 * poisson) / (14 - 10 * poisson),
+    verify(name, choice->element, "Goodier 1933: (27 - 15 nu)/(14 - 10 nu)",
+           "stress concentration at the equator", (27 - 15 * poisson) / (14 - 10 * poisson),
            nodal_stress(body, &mesh, sb_v3(1, 0, 0), 2, poisson) / tension, choice->stress_bound);
     verify_free(body, &mesh);
 }
@@ -487,16 +474,12 @@ static sb_vec3 map_cook(const void *user, double x, double y, double z)
  * 1/4. */
 static void test_cook(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 32, 32, 0.25, 0.06, 0},
-                                          {"tet10", 4, 4, 0.25, 0.036, 0},
-                                          {"tet10", 12, 12, 0.25, 0.004, 0},
-                                          {"hex8", 8, 8, 0.25, 0.15, 0},
-                                          {"hex8", 32, 32, 0.25, 0.012, 0},
-                                          {"hex8, B-bar", 32, 32, 0.25, 0.009, 0},
-                                          {"hex20", 4, 4, 0.25, 0.025, 0},
-                                          {"hex20", 12, 12, 0.25, 0.004, 0},
-                                          {"hex27", 4, 4, 0.25, 0.011, 0},
-                                          {"hex27", 12, 12, 0.25, 0.0016, 0}};
+    static const mesh_choice choices[] = {
+        {"tet4", 32, 32, 0.25, 0.06, 0},   {"tet10", 4, 4, 0.25, 0.036, 0},
+        {"tet10", 12, 12, 0.25, 0.004, 0}, {"hex8", 8, 8, 0.25, 0.15, 0},
+        {"hex8", 32, 32, 0.25, 0.012, 0},  {"hex8, B-bar", 32, 32, 0.25, 0.009, 0},
+        {"hex20", 4, 4, 0.25, 0.025, 0},   {"hex20", 12, 12, 0.25, 0.004, 0},
+        {"hex27", 4, 4, 0.25, 0.011, 0},   {"hex27", 12, 12, 0.25, 0.0016, 0}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         static const verify_plane right = {0, 48};
         const mesh_choice *choice = choices + i;
@@ -523,8 +506,8 @@ static void test_cook(void)
 
 /* ---- nearly incompressible ---- */
 
-/* A disc bonded to plates: E (1 + 2 S^2), S = R/(2h), with the bulk modulus in series. What the theory leaves out is
- * the same for all elements; the rest of a linear one's error is locking. */
+/* A disc bonded to plates: E (1 + 2 S^2), S = R/(2h), with the bulk modulus in series. What the theory leaves
+ * out is the same for all elements; the rest of a linear one's error is locking. */
 static void bonded_case(const mesh_choice *choice)
 {
     static const double radius = 1, h = 0.5, strain = 1e-3;
@@ -536,8 +519,8 @@ static void bonded_case(const mesh_choice *choice)
     double shape = radius / (2 * h), apparent = young * (1 + 2 * shape * shape), force;
     sb_mesh mesh;
     sb_body *body;
-    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(h), choice->around, choice->across, NULL,
-                                   &mesh, NULL)))
+    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(h), choice->around, choice->across,
+                                   NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
     body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
@@ -545,8 +528,8 @@ static void bonded_case(const mesh_choice *choice)
     verify_move(body, &mesh, verify_on_plane, &end, SB_XYZ, sb_v3(REAL(-strain * h), 0, 0));
     verify_solve(body);
     force = -(double)verify_reaction(body, &mesh, verify_on_plane, &end).x;
-    snprintf(name, sizeof name, "bonded disc R/h = 2, nu %g, %d cells across, %d high", poisson, choice->around,
-             choice->across);
+    snprintf(name, sizeof name, "bonded disc R/h = 2, nu %g, %d cells across, %d high", poisson,
+             choice->around, choice->across);
     verify(name, choice->element, "Gent and Lindley 1959: E (1 + 2 S^2), approximate", "apparent modulus/E",
            1 / (1 / apparent + 1 / c.bulk) / young, force / (VERIFY_PI * radius * radius * strain) / young,
            choice->bound);
@@ -555,12 +538,10 @@ static void bonded_case(const mesh_choice *choice)
 
 static void test_bonded_disc(void)
 {
-    static const mesh_choice choices[] = {{"tet4", 6, 14, 0.499, 3.5, 0},
-                                          {"tet10", 4, 10, 0.499, 0.12, 0},
-                                          {"hex8", 6, 14, 0.499, 3.2, 0},
-                                          {"hex8, B-bar", 6, 14, 0.499, 0.06, 0},
-                                          {"hex20", 4, 10, 0.499, 0.16, 0},
-                                          {"hex27", 4, 10, 0.499, 0.16, 0}};
+    static const mesh_choice choices[] = {
+        {"tet4", 6, 14, 0.499, 3.5, 0},   {"tet10", 4, 10, 0.499, 0.12, 0},
+        {"hex8", 6, 14, 0.499, 3.2, 0},   {"hex8, B-bar", 6, 14, 0.499, 0.06, 0},
+        {"hex20", 4, 10, 0.499, 0.16, 0}, {"hex27", 4, 10, 0.499, 0.16, 0}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++)
         bonded_case(choices + i);
 }
@@ -596,8 +577,8 @@ static void balloon_case(const mesh_choice *choice)
     double far = pow(1 + (pow(stretch, 3) - 1) * pow(inner / outer, 3), 1.0 / 3);
     double expected = 1 / (2 * pow(far, 4)) + 2 / far - 1 / (2 * pow(stretch, 4)) - 2 / stretch;
     double area = VERIFY_PI / 2 * pow(inner * stretch, 2);
-    snprintf(name, sizeof name, "thick sphere b/a = 2 inflated to 1.5 a, nu %g, octant, 3 of %dx%dx%d", poisson,
-             choice->across, choice->around, choice->around);
+    snprintf(name, sizeof name, "thick sphere b/a = 2 inflated to 1.5 a, nu %g, octant, 3 of %dx%dx%d",
+             poisson, choice->across, choice->around, choice->around);
     snprintf(what, sizeof what, "%s, neo_hookean_isochoric", choice->element);
     verify(name, what, "Green and Zerna 1954, sec. 3.10 (incompressible)", "pressure/mu", expected,
            inflate(body, &mesh, inner, stretch) / (area * mu), choice->bound);
@@ -626,8 +607,8 @@ static void test_inflation(void)
         sb_body *body =
             verify_body(&mesh, element, verify_materials[m].make(REAL(young), REAL(poisson), 1000));
         char what[80];
-        double force =
-            verify_inflation_pressure(verify_materials + m, young, poisson, stretch) * stretch * stretch * VERIFY_PI / 2;
+        double force = verify_inflation_pressure(verify_materials + m, young, poisson, stretch) * stretch *
+                       stretch * VERIFY_PI / 2;
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
         verify("thick sphere b/a = 2 inflated to 1.1 a, nu 0.3, octant, 3 of 3x2x2", what,
                "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test",
@@ -651,8 +632,8 @@ static void rivlin_case(const mesh_choice *choice)
     sb_mesh mesh;
     sb_body *body;
     sb_vec3 origin = sb_v3(0, 0, 0);
-    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), choice->around, choice->across,
-                                   NULL, &mesh, NULL)))
+    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), choice->around,
+                                   choice->across, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
     body = verify_body(&mesh, element, verify_make_isochoric(REAL(young), REAL(poisson), 1000));
@@ -668,7 +649,8 @@ static void rivlin_case(const mesh_choice *choice)
              choice->around);
     snprintf(what, sizeof what, "%s, neo_hookean_isochoric", choice->element);
     verify(name, what, "Rivlin 1949 (incompressible)", "torque/(mu R^3)", VERIFY_PI * twist / 2,
-           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x / mu,
+           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x /
+               mu,
            choice->bound);
     verify(name, what, "Rivlin 1949 (incompressible), Poynting effect", "axial force/(mu R^2)",
            -VERIFY_PI * twist * twist / 4,

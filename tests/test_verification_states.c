@@ -237,8 +237,8 @@ static double fibre_free(const void *user, double stretch)
     return stress[1 - s.held];
 }
 
-static sb_body *fibre_body(const sb_mesh *mesh, const verify_element *element, const verify_material *matrix, double x,
-                           double y)
+static sb_body *fibre_body(const sb_mesh *mesh, const verify_element *element, const verify_material *matrix,
+                           double x, double y)
 {
     sb_body_def def = verify_def(mesh, element,
                                  sb_material_with_fibres(matrix->make(REAL(young), REAL(poisson), REAL(1000)),
@@ -328,15 +328,14 @@ static void test_fibre_shear(void)
                 if (e == 0 || fabs(found[k] - expected[k]) > fabs(worst[k] - expected[k]))
                     worst[k] = found[k];
         }
-        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a", "P_12 (Pa)",
-               expected[0], worst[0], bound);
-        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a", "P_22 (Pa)",
-               expected[1], worst[1], bound);
+        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a",
+               "P_12 (Pa)", expected[0], worst[0], bound);
+        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a",
+               "P_22 (Pa)", expected[1], worst[1], bound);
     }
 }
 
 static void test_table(void) { verify_table("verification_states"); }
 
 CHECK_SUITE(verification_states, {"principal stretches", test_principal}, {"simple shear", test_simple_shear},
-            {"fibres", test_fibres}, {"fibres in shear", test_fibre_shear},
-            {"table", test_table});
+            {"fibres", test_fibres}, {"fibres in shear", test_fibre_shear}, {"table", test_table});

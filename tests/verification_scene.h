@@ -156,12 +156,12 @@ static inline sb_material verify_make_isochoric(sb_real young, sb_real poisson, 
     return sb_material_neo_hookean_isochoric(REAL(c.mu / 2), REAL(2 / c.bulk), density);
 }
 
-/* Share of c01 in c10 + c01 = mu/2, and c20, c30 as multiples of mu, of the materials of Mooney and Rivlin and of the
- * reduced polynomials. */
+/* Share of c01 in c10 + c01 = mu/2, and c20, c30 as multiples of mu, of the materials of Mooney and Rivlin
+ * and of the reduced polynomials. */
 static const double verify_mooney_share = 0.3, verify_c20 = 0.1, verify_c30 = 0.05;
 
-/* W = c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2, c10 + c01 = mu/2: over the neo-Hookean model of
- * the same mu, the difference of c01's two terms. */
+/* W = c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2, c10 + c01 = mu/2: over the neo-Hookean
+ * model of the same mu, the difference of c01's two terms. */
 static inline double verify_mooney_rivlin(verify_constants c, const double l[3], double stress[3])
 {
     double c01 = verify_mooney_share * c.mu / 2, volume = l[0] * l[1] * l[2], scale = pow(volume, -2.0 / 3.0);
@@ -185,12 +185,12 @@ static inline void verify_mooney_shear(verify_constants c, double g, double stre
 static inline sb_material verify_make_mooney_rivlin(sb_real young, sb_real poisson, sb_real density)
 {
     verify_constants c = verify_constants_of((double)young, (double)poisson);
-    return sb_material_mooney_rivlin(REAL((1 - verify_mooney_share) * c.mu / 2), REAL(verify_mooney_share * c.mu / 2),
-                                     REAL(2 / c.bulk), density);
+    return sb_material_mooney_rivlin(REAL((1 - verify_mooney_share) * c.mu / 2),
+                                     REAL(verify_mooney_share * c.mu / 2), REAL(2 / c.bulk), density);
 }
 
-/* W = sum_i ci0 (J^(-2/3) I1 - 3)^i + K/2 (J - 1)^2, c10 = mu/2: in the stress the factor 2 sum_i i ci0 (..)^(i-1)
- * stands for mu. */
+/* W = sum_i ci0 (J^(-2/3) I1 - 3)^i + K/2 (J - 1)^2, c10 = mu/2: in the stress the factor 2 sum_i i ci0
+ * (..)^(i-1) stands for mu. */
 static inline double verify_polynomial(verify_constants c, double c30, const double l[3], double stress[3])
 {
     double c20 = verify_c20 * c.mu, volume = l[0] * l[1] * l[2], x;
@@ -228,7 +228,8 @@ static inline void verify_polynomial_3_shear(verify_constants c, double g, doubl
 static inline sb_material verify_make_polynomial_2(sb_real young, sb_real poisson, sb_real density)
 {
     verify_constants c = verify_constants_of((double)young, (double)poisson);
-    return sb_material_reduced_polynomial(REAL(c.mu / 2), REAL(verify_c20 * c.mu), 0, REAL(2 / c.bulk), density);
+    return sb_material_reduced_polynomial(REAL(c.mu / 2), REAL(verify_c20 * c.mu), 0, REAL(2 / c.bulk),
+                                          density);
 }
 static inline sb_material verify_make_polynomial_3(sb_real young, sb_real poisson, sb_real density)
 {
@@ -437,9 +438,10 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
     return whole;
 }
 
-/* Moves nodes between corners on the surface of a cylinder around axis x out to it, so that its sides are curved:
- * `count` nodes of one element, of which the last lies between the others. */
-static inline void verify_round_node(sb_mesh *mesh, const int *element, const int *nodes, int count, double radius)
+/* Moves nodes between corners on the surface of a cylinder around axis x out to it, so that its sides are
+ * curved: `count` nodes of one element, of which the last lies between the others. */
+static inline void verify_round_node(sb_mesh *mesh, const int *element, const int *nodes, int count,
+                                     double radius)
 {
     int surface = 1;
     for (int i = 0; i + 1 < count; i++) {
@@ -656,9 +658,10 @@ static inline sb_vec3 verify_pressure(const void *user, sb_vec3 x, sb_vec3 n)
     return sb_v3_scale(REAL(-*(const double *)user), n);
 }
 
-/* Corner nodes of the boundary faces whose nodes all lie there, into faces[], `corners` at a time; returns how many
- * faces. The caller frees *faces. */
-static inline int verify_faces(const sb_mesh *mesh, verify_where where, const void *user, int corners, int **faces)
+/* Corner nodes of the boundary faces whose nodes all lie there, into faces[], `corners` at a time; returns
+ * how many faces. The caller frees *faces. */
+static inline int verify_faces(const sb_mesh *mesh, verify_where where, const void *user, int corners,
+                               int **faces)
 {
     sb_boundary boundary;
     int count = 0, nodes;
@@ -686,7 +689,8 @@ static inline int verify_face_corners(const sb_mesh *mesh)
 }
 
 /* Presses on the boundary faces there with a pressure (Pa) that follows them; returns its id. */
-static inline int verify_press(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user, double pressure)
+static inline int verify_press(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
+                               double pressure)
 {
     int corners = verify_face_corners(mesh), id = 0, *faces;
     int count = verify_faces(mesh, where, user, corners, &faces);
@@ -721,7 +725,8 @@ static inline double verify_root(double (*f)(const void *user, double x), const 
     return 0.5 * (low + high);
 }
 
-/* ---- finite inflation of compressible spheres of radii 1 and 2, by quadrature of its differential equation ---- */
+/* ---- finite inflation of compressible spheres of radii 1 and 2, by quadrature of its differential equation
+ * ---- */
 
 typedef struct verify_inflation {
     const verify_material *material;
@@ -741,7 +746,8 @@ static inline double verify_radial_stress(const verify_inflation *p, double radi
 }
 
 /* d/dR (R^2 P_r) = 2 R P_t for r(R), l_r = r', l_t = r/R: slope of (r, l_r). */
-static inline void verify_radial_slope(const verify_inflation *p, double R, const double state[2], double slope[2])
+static inline void verify_radial_slope(const verify_inflation *p, double R, const double state[2],
+                                       double slope[2])
 {
     const double step = 1e-5;
     double radial = state[1], hoop = state[0] / R, side;
