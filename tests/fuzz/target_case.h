@@ -34,9 +34,25 @@ static void fuzz_write_case_files(void)
     sb_mesh_free(&tet10);
 }
 
+/* A few modes; the body must stay as it is. */
+static void fuzz_find_modes(const case_file *c, sb_body *body)
+{
+    sb_modes_options options = sb_default_modes_options();
+    sb_real frequencies[3];
+    int count = c->solve->number[CASE_COUNT] < 3 ? (int)c->solve->number[CASE_COUNT] : 3;
+    uint64_t before = sb_body_state_hash(body);
+    options.max_iterations = 5;
+    options.mass = case_mass(c);
+    if (sb_body_modes(body, count, &options, frequencies, NULL, NULL, NULL) == SB_OK)
+        for (int i = 0; i < count; i++)
+            FUZZ_REQUIRE(sb_is_finite(frequencies[i]) && frequencies[i] >= 0);
+    FUZZ_REQUIRE(sb_body_state_hash(body) == before);
+}
+
 static void fuzz_solve_case(case_file *c, sb_body *body)
 {
     sb_static_options options;
+    double dt;
     uint64_t before;
     FUZZ_REQUIRE(sb_body_set_solver(body, (sb_real)1e-3, 50) == SB_OK);
     if (c->solve->form->code == CASE_STATIC) {
@@ -47,12 +63,17 @@ static void fuzz_solve_case(case_file *c, sb_body *body)
         fuzz_solve(body, &options);
         return;
     }
-    for (int step = 1; step <= 3 && step <= case_step_count(c); step++) {
-        double time = case_step_time(c, step, case_step_count(c));
+    if (c->solve->form->code == CASE_MODES) {
+        fuzz_find_modes(c, body);
+        return;
+    }
+    dt = case_dt(c) > 0 ? case_dt(c) : c->solve->number[CASE_END] / 10; /* auto is bounded by the cap of substeps */
+    for (int step = 1; step <= 3 && step <= case_step_count(c, dt); step++) {
+        double time = case_step_time(c, dt, step, case_step_count(c, dt));
         before = sb_body_state_hash(body);
         if (case_move_supports(c, body, time) != SB_OK)
             FUZZ_REQUIRE(sb_body_state_hash(body) != 0 || before == 0);
-        fuzz_step(body, (sb_real)c->solve->number[CASE_DT]);
+        fuzz_step(body, (sb_real)dt);
     }
 }
 
