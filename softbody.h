@@ -1,4 +1,4 @@
-/* softbody.h 0.1.0: soft-tissue simulation, from an organ's mesh to forces and pictures
+/* softbody.h 0.2.0: soft-tissue simulation, from an organ's mesh to forces and pictures
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/softbody/: edit there, then run `make headers`. */
 
@@ -24,8 +24,8 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
- *     SB_ELEMENT         SB_TET4, SB_TET10 or SB_HEX8: compile the loops of this element only. Other elements are
- *                        refused with SB_ERROR_UNSUPPORTED. Default: all.
+ *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
+ *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
@@ -33,7 +33,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version; no quadratic hexahedra.
+ * No collision detection, cutting, needles, surface meshing or rendering in this version.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -92,22 +92,32 @@
  *
  * Units are SI: metre, kilogram, second, newton, pascal. Files in millimetres: sb_load_options.scale = 0.001.
  *
- * sb_mesh      nodes and elements of one type: tet4, tet10, hex8 (volumes), tri3, tri6, quad4 (surfaces), with
- *              VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them (sb_mesh_beam, _cylinder,
- *              _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
- * sb_material  a model and its parameters; made by sb_material_corotated() and others.
+ * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
+ *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
+ *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ *              An element of your own is an sb_element_table (see examples/custom_element.c).
+ * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
+ *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
+ *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
- * loads        gravity, nodal forces, tractions; dead loads that stay until sb_body_clear_loads.
+ * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
+ *              moving points and mapped points drawn to targets follow the body and have ids.
+ * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
- * sb_material_neo_hookean, _neo_hookean_isochoric and _svk to agree with textbooks and industrial solvers.
+ * sb_material_neo_hookean, _neo_hookean_isochoric, _mooney_rivlin, _reduced_polynomial and _svk to agree with textbooks
+ * and industrial solvers.
  *
  * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
- * incompressibility (nu above 0.49); hex8 for structured blocks. def.single_rotation makes tet10 cheaper.
+ * incompressibility (nu above 0.49); hex8 for structured blocks, with SB_INTEGRATION_BBAR when nearly incompressible;
+ * hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 cheaper.
+ *
+ * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
+ * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
@@ -158,6 +168,50 @@
  *     sb_mesh_free(&organ);
  *     ```
  *
+ * A tool on a spring, whose force is read each frame; the liver remembers; a moment is saved and come back to:
+ *
+ *     ```c fragment
+ *     sb_mesh block = {0};
+ *     sb_error error;
+ *     if (sb_mesh_beam(SB_HEX8, 6, 3, 3, sb_v3(0.1, 0.05, 0.05), NULL, &block, &error) != SB_OK)
+ *         return 1;
+ *     sb_body_def def = sb_default_body_def();
+ *     def.mesh = &block;
+ *     def.integration = SB_INTEGRATION_BBAR;               // this liver is nearly incompressible
+ *     def.material = sb_material_preset(SB_LIVER_KIM, 1060);
+ *     sb_body *body = NULL;
+ *     if (sb_body_create(&def, &body, &error) != SB_OK)
+ *         return 1;
+ *     for (int i = 0; i < block.node_count; i++)
+ *         if (block.nodes[i].x == 0)
+ *             sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+ *
+ *     int tip = block.node_count - 1, spring;
+ *     sb_real stiffness = 20;                              // N/m
+ *     sb_vec3 tool = block.nodes[tip], force = {0, 0, 0};
+ *     if (sb_body_add_springs(body, &tip, 1, &stiffness, 1, &tool, &spring, &error) != SB_OK)
+ *         return 1;
+ *     size_t size = sb_body_state_size(body);
+ *     void *moment = malloc(size);
+ *     if (!moment || sb_body_state_save(body, moment, size) != SB_OK)
+ *         return 1;
+ *     for (int attempt = 0; attempt < 2; attempt++) {      // the second brings the same bits
+ *         for (int frame = 1; frame <= 30; frame++) {
+ *             tool = sb_v3_add(block.nodes[tip], sb_v3(0, 0, (sb_real)(-0.0005 * frame)));
+ *             sb_body_move_springs(body, spring, &tool);
+ *             if (sb_body_step(body, (sb_real)(1.0 / 60), NULL) != SB_OK)
+ *                 return 1;
+ *             sb_body_spring_forces(body, spring, &force); // on the tissue (N); the tool feels the opposite
+ *         }
+ *         printf("attempt %d: the tool feels %.4f N\n", attempt, -(double)force.z);
+ *         if (sb_body_state_load(body, moment, size, &error) != SB_OK)
+ *             return 1;
+ *     }
+ *     free(moment);
+ *     sb_body_destroy(body);
+ *     sb_mesh_free(&block);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -184,7 +238,8 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, sparse, precond, pcg, domain, body, step, state, record.
+ * decompositions), element, mesh, meshgen, meshio, material, material_fit, sparse, precond, pcg, domain, body, load,
+ * constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -433,9 +488,9 @@
 
 
 #define SB_VERSION_MAJOR 0
-#define SB_VERSION_MINOR 1
+#define SB_VERSION_MINOR 2
 #define SB_VERSION_PATCH 0
-#define SB_VERSION_STRING "0.1.0"
+#define SB_VERSION_STRING "0.2.0"
 
 #if defined(__FAST_MATH__) && !defined(SB_ALLOW_FAST_MATH)
 #error "softbody.h: -ffast-math breaks determinism and NaN checks; define SB_ALLOW_FAST_MATH to insist"
@@ -2232,7 +2287,7 @@ SB_API void sb_mesh_free(sb_mesh *mesh);
 SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
                               sb_error *error);
 
-/* Appends nodes and elements of `other`, which has the same element type, to the mesh: they get the numbers
+/* Appends nodes and elements of `other`, which has the same element type (and table), to the mesh: they get the numbers
  * after its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come
  * from mesh->allocator, the old ones go back to it; `other` may be the mesh itself. On failure
  * (SB_ERROR_ARGUMENT also for different types, _MESH for more than 2^31-1 nodes or elements, _INDEX,
@@ -4189,7 +4244,8 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
 SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
 
 /* ---- loads that follow the body ----
- * Each adder makes one load and gives it an id (> 0, never used again), which the functions below take: they return
+ * Each adder makes one load and gives it an id (> 0, never used again; the place for it may be NULL), which the
+ * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
  * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
@@ -5766,7 +5822,7 @@ SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator
 
 static void sbi_mesh_append_part(sb_mesh *to, const sb_mesh *part, int first_node, int first_element)
 {
-    size_t per_element = (size_t)sb_element_node_count(part->element_type);
+    size_t per_element = (size_t)sb_mesh_element_width(part);
     size_t count = per_element * (size_t)part->element_count;
     int *elements = to->elements + per_element * (size_t)first_element;
     memcpy(to->nodes + first_node, part->nodes, sizeof(sb_vec3) * (size_t)part->node_count);
@@ -5787,11 +5843,13 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
     if (other->element_type != mesh->element_type)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s cannot be appended to one of %s",
                         sb_element_name(other->element_type), sb_element_name(mesh->element_type));
+    if (mesh->element_type == SB_CUSTOM && other->table != mesh->table)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the two meshes have tables of different custom elements");
     if (other->node_count > INT_MAX - mesh->node_count || other->element_count > INT_MAX - mesh->element_count)
         return sbi_fail(error, SB_ERROR_MESH, "the two meshes have more than %d nodes or elements", INT_MAX);
-    if (!sbi_mesh_allocate(&made, mesh->element_type, mesh->node_count + other->node_count,
-                           mesh->element_count + other->element_count, mesh->regions || other->regions,
-                           &mesh->allocator))
+    if (!sbi_mesh_allocate_kind(&made, sbi_mesh_element_kind(mesh), mesh->node_count + other->node_count,
+                                mesh->element_count + other->element_count, mesh->regions || other->regions,
+                                &mesh->allocator))
         return sbi_mesh_no_memory(error);
     sbi_mesh_append_part(&made, mesh, 0, 0);
     sbi_mesh_append_part(&made, other, mesh->node_count, mesh->element_count);
@@ -20465,7 +20523,8 @@ static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
-    *load_id = load->id;
+    if (load_id)
+        *load_id = load->id;
 }
 
 /* ---- pressure ---- */
@@ -20513,9 +20572,9 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
 {
     sbi_load load;
     sb_result result;
-    if (!body || !load_id || face_count < 1 || corners < 3 || corners > 4 || !faces)
+    if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "sb_body_add_pressure needs a body, faces of 3 or 4 corners, and a place for the id");
+                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
     result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
@@ -20681,8 +20740,8 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     sb_result result;
     int *starts;
     sb_real *ones;
-    if (!body || !nodes || count < 1 || !load_id)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body, nodes, and a place for the id");
+    if (!body || !nodes || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
         if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
@@ -20737,8 +20796,8 @@ SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, c
                                      const sb_vec3 *targets, int *load_id, sb_error *error)
 {
     sb_result result;
-    if (!body || !load_id)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body and a place for the id");
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body");
     result = sbi_load_check_mapping(body, mapping, error);
     if (result == SB_OK)
         result = sbi_load_check_stiffness(stiffness, mapping->row_count, uniform, error);
