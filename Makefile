@@ -100,8 +100,8 @@ $(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C
 $(eval $(call suite,mingw,$(MINGW) -O2,-std=c99 $(C_WARNINGS),-static,.exe))
 $(eval $(call suite,wasm,$(WASM) -O2,-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm))
 
-# Takes most of the suite's time; the builds that differ in language or system only leave it out.
-SLOW = -step/10,000 -step/1,000
+# Takes most of the suite's time; the builds that differ in language or system only leave it out (SLOW= runs all).
+SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c))
 QUICK = $(or $(FILTER),$(SLOW))
 
 SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o softbody.h README.md
@@ -119,7 +119,7 @@ test-cpp: build/cpp/tests
 test-openmp: build/openmp/tests
 	build/openmp/tests $(QUICK)
 sanitize: build/sanitize/tests
-	ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(FILTER)
+	ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(QUICK)
 
 # The table of cases against closed forms: its introduction is written by hand, its rows by the tests, a section for
 # each suite. `make test` compares the list of cases with the committed one.

@@ -41,8 +41,9 @@ static void load_tip(sb_body *body, const sb_mesh *mesh, double h, double px, do
  * P L^3/(3 E I) + P L/(k G A), k = 5/6. */
 static void test_cantilever(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 40, 4, 4, 0.35}, {"tet10", 10, 1, 1, 0.004}, {"hex8", 40, 4, 4, 0.06}};
+    static const resolution meshes[] = {{"tet4", 40, 4, 4, 0.35},   {"tet10", 10, 1, 1, 0.004},
+                                        {"hex8", 40, 4, 4, 0.06},   {"hex8, B-bar", 40, 4, 4, 0.06},
+                                        {"hex20", 10, 1, 1, 0.003}, {"hex27", 10, 1, 1, 0.003}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double h = 0.1, force = 1;
         double inertia = h * h * h * h / 12;
@@ -76,8 +77,9 @@ static sb_vec3 bending_traction(const void *user, sb_vec3 x, sb_vec3 n)
 
 static void test_pure_bending(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 24, 6, 6, 0.2}, {"tet10", 4, 2, 2, 1e-8}, {"hex8", 24, 6, 6, 0.03}};
+    static const resolution meshes[] = {{"tet4", 24, 6, 6, 0.2},  {"tet10", 4, 2, 2, 1e-8},
+                                        {"hex8", 24, 6, 6, 0.03}, {"hex8, B-bar", 24, 6, 6, 0.015},
+                                        {"hex20", 4, 2, 2, 1e-8}, {"hex27", 4, 2, 2, 1e-8}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double h = 0.25, poisson = 0.3, slope = 1e4;
         const resolution *r = meshes + i;
@@ -181,14 +183,18 @@ static void test_elastica(void)
 {
     static const resolution tet10 = {"tet10", 20, 1, 1, 0.005};
     static const resolution single = {"tet10, single rotation", 20, 1, 1, 0.16};
-    static const resolution hex8 = {"hex8", 60, 3, 3, 0.07};
+    static const resolution hex[] = {{"hex8", 60, 3, 3, 0.07},
+                                     {"hex8, B-bar", 60, 3, 3, 0.07},
+                                     {"hex20", 20, 1, 1, 0.005},
+                                     {"hex27", 20, 1, 1, 0.005}};
     for (int m = 0; m < VERIFY_MATERIALS; m++)
         if (!sb_material_is_linear(verify_materials[m].make(1, 0, 1).model))
             elastica_case(&tet10, verify_materials + m, 2);
     elastica_case(&tet10, verify_materials + 1, 1);
     elastica_case(&tet10, verify_materials + 1, 5);
     elastica_case(&single, verify_materials + 1, 2);
-    elastica_case(&hex8, verify_materials + 1, 2);
+    for (size_t i = 0; i < sizeof hex / sizeof hex[0]; i++)
+        elastica_case(hex + i, verify_materials + 1, 2);
 }
 
 /* A beam rolled up by turning its end along the circle that pure bending gives: M = E I angle/L. Curvature 2
@@ -291,8 +297,9 @@ static double square_torsion(void)
 
 static void test_square_torsion(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 4, 12, 12, 0.12}, {"tet10", 2, 4, 4, 0.007}, {"hex8", 4, 12, 12, 0.012}};
+    static const resolution meshes[] = {{"tet4", 4, 12, 12, 0.12},  {"tet10", 2, 4, 4, 0.007},
+                                        {"hex8", 4, 12, 12, 0.012}, {"hex8, B-bar", 4, 12, 12, 0.012},
+                                        {"hex20", 2, 4, 4, 0.003},  {"hex27", 2, 4, 4, 0.003}};
     CHECK_NEAR(square_torsion(), 0.1406, 5e-5);
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double angle = 0.01, length = 0.5, poisson = 0.3;
@@ -312,8 +319,9 @@ static void test_square_torsion(void)
 
 static void test_round_torsion(void)
 {
-    static const resolution meshes[] = {
-        {"tet4", 4, 16, 16, 0.1}, {"tet10", 2, 8, 8, 5e-4}, {"hex8", 4, 16, 16, 0.016}};
+    static const resolution meshes[] = {{"tet4", 4, 16, 16, 0.1},   {"tet10", 2, 8, 8, 5e-4},
+                                        {"hex8", 4, 16, 16, 0.016}, {"hex8, B-bar", 4, 16, 16, 0.016},
+                                        {"hex20", 2, 8, 8, 3e-4},   {"hex27", 2, 8, 8, 3e-4}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double angle = 0.01, length = 1, radius = 1, poisson = 0.3;
         const resolution *r = meshes + i;
@@ -337,8 +345,10 @@ static void test_round_torsion(void)
 /* ---- plates ---- */
 
 /* A clamped disc under its weight: q R^4/(64 D) + q R^2/(4 k G h). */
-static void test_disc(void)
+static void disc_case(const resolution *r)
 {
+    const verify_element *element = verify_element_named(r->element);
+    char name[80];
     static const double radius = 1, h = 0.1, poisson = 0.3, gravity = 10, density = 1000;
     sb_mesh mesh;
     sb_body_def def;
@@ -346,11 +356,10 @@ static void test_disc(void)
     double q = density * gravity * h, shear = young / (2 * (1 + poisson));
     double stiffness = young * h * h * h / (12 * (1 - poisson * poisson));
     double lowest = 0;
-    if (!CHECK_OK(sb_mesh_cylinder(SB_TET10, 0, REAL(radius), REAL(h), 24, 1, NULL, &mesh, NULL)))
+    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(h), r->ny, r->nx, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
-    def = verify_def(&mesh, verify_element_named("tet10"),
-                     sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
+    def = verify_def(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
     def.gravity = sb_v3(REAL(-gravity), 0, 0);
     body = scene_body(&def);
     for (int i = 0; i < mesh.node_count; i++) {
@@ -361,11 +370,20 @@ static void test_disc(void)
     verify_solve(body);
     for (int i = 0; i < mesh.node_count; i++)
         lowest = fmin(lowest, (double)sb_body_displacements(body)[i].x);
-    verify("clamped disc R/h = 10, weight, 24 cells across", "tet10",
-           "Timoshenko and Woinowsky-Krieger 1959: qR^4/64D, shear qR^2/4kGh", "sag of the middle (m)",
+    snprintf(name, sizeof name, "clamped disc R/h = 10, weight, %d cells across", r->ny);
+    verify(name, r->element, "Timoshenko and Woinowsky-Krieger 1959: qR^4/64D, shear qR^2/4kGh",
+           "sag of the middle (m)",
            q * pow(radius, 4) / (64 * stiffness) + q * radius * radius / (4 * 5.0 / 6 * shear * h), -lowest,
-           0.04);
+           r->bound);
     verify_free(body, &mesh);
+}
+
+static void test_disc(void)
+{
+    static const resolution meshes[] = {
+        {"tet10", 1, 24, 24, 0.04}, {"hex20", 1, 12, 12, 0.08}, {"hex27", 1, 12, 12, 0.04}};
+    for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
+        disc_case(meshes + i);
 }
 
 /* Navier's series for the middle of a simply supported square plate of side 1: w D/q. */
@@ -379,30 +397,38 @@ static double navier(void)
 }
 
 /* A quarter of the plate, symmetric about x = 0 and y = 0. */
-static void test_square_plate(void)
+static void plate_case(const resolution *r)
 {
     static const double half = 0.5, h = 0.02, poisson = 0.3, q = 1;
     static const verify_plane top = {2, 0.02};
     static const sb_vec3 load = {0, 0, -1};
-    const verify_element *element = verify_element_named("tet10");
-    sb_mesh mesh = verify_box(element->type, 10, 10, 1, half, half, h);
+    const verify_element *element = verify_element_named(r->element);
+    char name[80];
+    sb_mesh mesh = verify_box(element->type, r->nx, r->ny, r->nz, half, half, h);
     sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
     double stiffness = young * h * h * h / (12 * (1 - poisson * poisson));
-    CHECK_NEAR(navier(), 0.00406, 5e-6);
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
     scene_fix_plane(body, &mesh, 1, 0, SB_Y);
     scene_fix_plane(body, &mesh, 0, half, SB_Y | SB_Z); /* the edge may turn about itself only */
     scene_fix_plane(body, &mesh, 1, half, SB_X | SB_Z);
     verify_load(body, &mesh, verify_on_plane, &top, verify_uniform, &load);
     verify_solve(body);
+    name_with_mesh(name, sizeof name, "simply supported plate a/h = 50, quarter", r);
     for (int i = 0; i < mesh.node_count; i++)
         if (mesh.nodes[i].x == 0 && mesh.nodes[i].y == 0 && mesh.nodes[i].z == 0)
-            verify("simply supported plate a/h = 50, quarter, 10x10x1", "tet10",
-                   "Navier 1820: 0.00406 qa^4/D, summed "
-                   "in the test",
+            verify(name, r->element, "Navier 1820: 0.00406 qa^4/D, summed in the test",
                    "deflection of the middle/(qa^4/D)", navier(),
-                   -(double)sb_body_displacements(body)[i].z * stiffness / q, 0.009);
+                   -(double)sb_body_displacements(body)[i].z * stiffness / q, r->bound);
     verify_free(body, &mesh);
+}
+
+static void test_square_plate(void)
+{
+    static const resolution meshes[] = {
+        {"tet10", 10, 10, 1, 0.009}, {"hex20", 6, 6, 1, 3e-4}, {"hex27", 6, 6, 1, 1e-4}};
+    CHECK_NEAR(navier(), 0.00406, 5e-6);
+    for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
+        plate_case(meshes + i);
 }
 
 static void test_table(void) { verify_table("verification_beams"); }

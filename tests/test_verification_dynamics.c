@@ -1,6 +1,6 @@
 /* Motion against closed forms: free flight, waves, impact, natural frequencies, damping, balance of energy
- * and momentum. Time is measured in steps whose own dispersion is known exactly where the case name says
- * so. */
+ * and momentum, for every integrator. Time is measured in steps whose own dispersion is known exactly where
+ * the case name says so. */
 #include "verification_scene.h"
 
 static const double young = 1e4, density = 1000;
@@ -44,26 +44,33 @@ static sb_vec3 thrown(sb_vec3 x)
     return sb_v3(3, 0, 4);
 }
 
-/* Newmark follows the parabola exactly, Euler falls g dt t/2 more than that. */
+/* Rules of second order follow the parabola exactly, Euler falls g dt t/2 more than that. */
 static void test_projectile(void)
 {
     static const double gravity = 9.81, dt = 0.01;
     static const int steps = 50;
+    static const struct {
+        const char *name;
+        sb_integrator integrator;
+    } rules[] = {{"projectile, Euler", SB_EULER},
+                 {"projectile, Newmark", SB_NEWMARK},
+                 {"projectile, generalised alpha", SB_GENERALISED_ALPHA},
+                 {"projectile, central difference", SB_CENTRAL_DIFFERENCE}};
     for (int e = 0; e < VERIFY_ELEMENTS; e++)
-        for (int newmark = 0; newmark < 2; newmark++) {
+        for (int r = 0; r < 4; r++) {
             const verify_element *element = verify_elements + e;
+            int euler = rules[r].integrator == SB_EULER;
             double t = steps * dt, height = 4 * t - gravity * t * t / 2;
             sb_mesh mesh = verify_box(element->type, 2, 2, 2, 0.1, 0.1, 0.1);
             sb_body *body =
                 moving_body(&mesh, element, sb_material_corotated(REAL(young), REAL(0.3), REAL(density)),
-                            newmark ? SB_NEWMARK : SB_EULER, SB_MASS_LUMPED, 0, 0);
+                            rules[r].integrator, SB_MASS_LUMPED, 0, 0);
             CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-gravity))));
             add_velocity(body, &mesh, thrown);
             step(body, dt, steps);
-            verify(newmark ? "projectile, Newmark" : "projectile, Euler", element->name,
-                   newmark ? "v t - g t^2/2" : "v t - g t (t + dt)/2", "height after 0.5 s (m)",
-                   newmark ? height : height - gravity * t * dt / 2, (double)sb_body_displacements(body)[0].z,
-                   1e-8);
+            verify(rules[r].name, element->name, euler ? "v t - g t (t + dt)/2" : "v t - g t^2/2",
+                   "height after 0.5 s (m)", euler ? height - gravity * t * dt / 2 : height,
+                   (double)sb_body_displacements(body)[0].z, 1e-8);
             verify_free(body, &mesh);
         }
 }
@@ -86,24 +93,32 @@ static sb_vec3 angular_momentum(const sb_body *body, const sb_mesh *mesh)
     return sum;
 }
 
-/* A bar that spins freely through about three turns. Newmark's rule keeps the momentum, and angular momentum
- * up to its own error. */
-static void test_spin(void)
+/* A bar that spins freely through about three turns. All rules keep the momentum; angular momentum central
+ * difference keeps exactly, the others up to their own error. */
+static void spin_case(const char *name, sb_integrator integrator, double bound)
 {
     const verify_element *element = verify_element_named("hex8");
     sb_mesh mesh = verify_box(SB_HEX8, 4, 2, 2, 0.2, 0.1, 0.1);
     sb_body *body = moving_body(&mesh, element, sb_material_neo_hookean(REAL(1e5), REAL(0.3), REAL(density)),
-                                SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
+                                integrator, SB_MASS_LUMPED, 0, 0);
     double before, momentum;
     add_velocity(body, &mesh, spinning);
     before = (double)angular_momentum(body, &mesh).z;
     momentum = (double)(sb_body_mass(body) * 10) * 0.1;
     step(body, 0.005, 400);
-    verify("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", "hex8, neo_hookean", "L = const",
-           "angular momentum (kg m^2/s)", before, (double)angular_momentum(body, &mesh).z, 0.002);
-    verify("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", "hex8, neo_hookean", "p = 0",
-           "momentum/(m w L/2)", 0, (double)sb_v3_norm(sb_body_momentum(body)) / momentum, 1e-8);
+    verify(name, "hex8, neo_hookean", "L = const", "angular momentum (kg m^2/s)", before,
+           (double)angular_momentum(body, &mesh).z, bound);
+    verify(name, "hex8, neo_hookean", "p = 0", "momentum/(m w L/2)", 0,
+           (double)sb_v3_norm(sb_body_momentum(body)) / momentum, 1e-8);
     verify_free(body, &mesh);
+}
+
+static void test_spin(void)
+{
+    spin_case("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", SB_NEWMARK, 0.002);
+    spin_case("free spinning bar, 3 turns, generalised alpha dt = 5 ms, 4x2x2", SB_GENERALISED_ALPHA, 0.02);
+    spin_case("free spinning bar, 3 turns, central difference dt <= 5 ms, 4x2x2", SB_CENTRAL_DIFFERENCE,
+              1e-8);
 }
 
 /* ---- one-dimensional columns: exact discrete modes ---- */
@@ -186,6 +201,62 @@ static void test_chain_euler(void)
            0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)), chain_tip(&c),
            1e-8);
     verify_free(c.body, &c.mesh);
+}
+
+/* Central difference turns the frequency w into the w_h of sin(w_h dt/2) = w dt/2 and the amplitude v/w into
+ * v dt/sin(w_h dt). */
+static void test_chain_explicit(void)
+{
+    static const int steps = 100;
+    for (int axis = 0; axis < 2; axis++) {
+        chain c = make_chain(axis, SB_CENTRAL_DIFFERENCE, SB_MASS_LUMPED, 0, 0);
+        double dt = (axis == 0 ? 0.04 : 0.02) / c.frequency, turn = 2 * asin(c.frequency * dt / 2);
+        for (int s = 0; s < steps; s++) {
+            sb_step_info info;
+            CHECK_OK(sb_body_step(c.body, REAL(dt), &info));
+            CHECK_INT(info.substeps, 1);
+        }
+        verify(axis ? "shear mode of a column, 16 cells" : "dilatational mode of a column, 16 cells",
+               "hex8, lumped mass", "exact discrete mode, central difference: sin(w_h dt/2) = w dt/2",
+               "tip after 100 steps (m)", 0.01 * dt / sin(turn) * sin(steps * turn), chain_tip(&c), 1e-8);
+        verify_free(c.body, &c.mesh);
+    }
+}
+
+/* Chung and Hulbert's rule for u'' + w^2 u = 0 from u = 0, v, written down here again; returns u after
+ * `steps`. */
+static double alpha_recursion(double radius, double w, double v, double dt, int steps)
+{
+    double am = (2 * radius - 1) / (radius + 1), af = radius / (radius + 1), gamma = 0.5 - am + af;
+    double beta = 0.25 * (1 - am + af) * (1 - am + af), u = 0, a = 0;
+    for (int s = 0; s < steps; s++) {
+        double u0 = u + dt * v + dt * dt * (0.5 - beta) * a, v0 = v + dt * (1 - gamma) * a;
+        double next =
+            -(am * a + w * w * ((1 - af) * u0 + af * u)) / ((1 - am) + w * w * (1 - af) * beta * dt * dt);
+        u = u0 + beta * dt * dt * next;
+        v = v0 + gamma * dt * next;
+        a = next;
+    }
+    return u;
+}
+
+static void test_chain_alpha(void)
+{
+    static const int steps = 60;
+    static const double frequencies[2] = {0.13, 100};
+    for (int k = 0; k < 2; k++) {
+        char name[80];
+        chain c = make_chain(0, SB_GENERALISED_ALPHA, SB_MASS_LUMPED, 0, 0);
+        double dt = frequencies[k] / c.frequency, size = 0.01 / c.frequency;
+        int count = k ? 6 : steps; /* while there is something left */
+        step(c.body, dt, count);
+        snprintf(name, sizeof name, "dilatational mode of a column, 16 cells, w dt = %g", frequencies[k]);
+        verify(name, "hex8, lumped mass",
+               "exact discrete mode, generalised alpha (Chung and Hulbert 1993), radius 0.5",
+               k ? "tip after 6 steps/(v/w)" : "tip after 60 steps/(v/w)",
+               alpha_recursion(0.5, c.frequency, 0.01, dt, count) / size, chain_tip(&c) / size, 1e-8);
+        verify_free(c.body, &c.mesh);
+    }
 }
 
 /* u'' + 2 a u' + w^2 u = 0 has the roots s = -a + i b; Newmark's rule steps by (1 + s dt/2)/(1 - s dt/2) for
@@ -471,7 +542,9 @@ static void test_table(void) { verify_table("verification_dynamics"); }
 
 CHECK_SUITE(verification_dynamics, {"projectile", test_projectile}, {"free spin", test_spin},
             {"chain under Newmark", test_chain_newmark}, {"chain under Euler", test_chain_euler},
-            {"damping", test_damping}, {"impact", test_impact}, {"step response", test_step_response},
-            {"wave speed", test_wave_speed}, {"frequencies", test_frequencies},
-            {"torsional frequency", test_torsional_frequency}, {"pendulum", test_pendulum},
-            {"energy of a pendulum", test_pendulum_energy}, {"table", test_table});
+            {"chain under central difference", test_chain_explicit},
+            {"chain under generalised alpha", test_chain_alpha}, {"damping", test_damping},
+            {"impact", test_impact}, {"step response", test_step_response}, {"wave speed", test_wave_speed},
+            {"frequencies", test_frequencies}, {"torsional frequency", test_torsional_frequency},
+            {"pendulum", test_pendulum}, {"energy of a pendulum", test_pendulum_energy},
+            {"table", test_table});

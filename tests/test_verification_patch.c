@@ -186,7 +186,7 @@ static double forces_of(const verify_element *element, sb_material material, dou
     return (double)energy.elastic;
 }
 
-enum { MOST_NODES = 200 };
+enum { MOST_NODES = 400 };
 
 static double largest(const sb_vec3 *f)
 {

@@ -1,5 +1,5 @@
 /* Homogeneous states of every material in a body of every element, against closed forms in principal
- * stretches.
+ * stretches and in simple shear; the same with fibres along, across and at an angle.
  *
  * The body is a unit cube with a distorted inside: its reactions are stresses on faces of area 1, its energy
  * is W. The expected values come from the formulas of verification_scene.h, not from the library. */
@@ -137,26 +137,24 @@ static void test_principal(void)
 /* ---- simple shear ---- */
 
 /* The surface is moved, the inside is free. The mean of P is the sum of f (x) X over the forces at the
- * surface. */
-static void solve_shear(const verify_element *element, sb_material material, double g, double stress[2])
+ * surface. Frees body and mesh. */
+static void shear_body(sb_body *body, sb_mesh *mesh, double g, double stress[2])
 {
     const double G[9] = {1, g, 0, 0, 1, 0, 0, 0, 1};
-    sb_mesh mesh = distorted_cube(element);
-    sb_body *body = verify_body(&mesh, element, material);
     stress[0] = stress[1] = 0;
-    scene_fix_boundary(body, &mesh);
-    for (int i = 0; i < mesh.node_count; i++) {
-        sb_vec3 u = sb_v3(REAL(g) * mesh.nodes[i].y, 0, 0);
+    scene_fix_boundary(body, mesh);
+    for (int i = 0; i < mesh->node_count; i++) {
+        sb_vec3 u = sb_v3(REAL(g) * mesh->nodes[i].y, 0, 0);
         if (sb_body_supports(body)[i])
             CHECK_OK(sb_body_prescribe(body, &i, 1, SB_XYZ, &u, 1));
     }
     verify_solve(body);
-    CHECK_NEAR(displacement_error(body, &mesh, G), 0, scene_tolerance(bound, 1e3));
-    for (int i = 0; i < mesh.node_count; i++) {
-        stress[0] += (double)sb_body_reactions(body)[i].x * (double)mesh.nodes[i].y;
-        stress[1] += (double)sb_body_reactions(body)[i].y * (double)mesh.nodes[i].y;
+    CHECK_NEAR(displacement_error(body, mesh, G), 0, scene_tolerance(bound, 1e3));
+    for (int i = 0; i < mesh->node_count; i++) {
+        stress[0] += (double)sb_body_reactions(body)[i].x * (double)mesh->nodes[i].y;
+        stress[1] += (double)sb_body_reactions(body)[i].y * (double)mesh->nodes[i].y;
     }
-    verify_free(body, &mesh);
+    verify_free(body, mesh);
 }
 
 static void test_simple_shear(void)
@@ -170,9 +168,11 @@ static void test_simple_shear(void)
         material->shear(verify_constants_of(young, poisson), g, expected);
         for (int e = 0; e < VERIFY_ELEMENTS; e++) {
             double found[2];
+            sb_mesh mesh;
             if (!verify_suits(verify_elements + e, made.model))
                 continue;
-            solve_shear(verify_elements + e, made, g, found);
+            mesh = distorted_cube(verify_elements + e);
+            shear_body(verify_body(&mesh, verify_elements + e, made), &mesh, g, found);
             for (int k = 0; k < 2; k++)
                 if (e == 0 || fabs(found[k] - expected[k]) > fabs(worst[k] - expected[k]))
                     worst[k] = found[k];
@@ -184,7 +184,158 @@ static void test_simple_shear(void)
     }
 }
 
+/* ---- fibres ---- */
+
+/* The matrix is one of these; k1 and k2 are of its size, so that both carry. */
+static const double fibre_k1 = 1500, fibre_k2 = 0.8;
+
+static const verify_material *const fibre_matrices[] = {verify_materials + 4, verify_materials + 5,
+                                                        verify_materials + 7};
+enum { FIBRE_MATRICES = (int)(sizeof fibre_matrices / sizeof fibre_matrices[0]) };
+
+/* dW/dI4 (Pa) of W = k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1), and W (J/m^3) itself. */
+static double fibre_law(double i4, double *energy)
+{
+    double e = i4 > 1 ? i4 - 1 : 0, growth = exp(fibre_k2 * e * e);
+    *energy = fibre_k1 / (2 * fibre_k2) * (growth - 1);
+    return fibre_k1 * e * growth;
+}
+
+/* Stress at principal stretches l with fibres along the first of them. */
+static double fibre_principal(const verify_material *matrix, const double l[3], double stress[3])
+{
+    double energy, slope = fibre_law(l[0] * l[0], &energy);
+    energy += matrix->principal(verify_constants_of(young, poisson), l, stress);
+    stress[0] += 2 * slope * l[0];
+    return energy;
+}
+
+typedef struct fibre_state {
+    const verify_material *matrix;
+    double l[3];
+    int held; /* the axis whose stretch is given; the others are free */
+} fibre_state;
+
+/* Stress on the third axis. */
+static double fibre_third(const void *user, double third)
+{
+    fibre_state s = *(const fibre_state *)user;
+    double stress[3];
+    s.l[2] = third;
+    fibre_principal(s.matrix, s.l, stress);
+    return stress[2];
+}
+
+/* Stress on the free axis of the first two, when the third is free of stress. */
+static double fibre_free(const void *user, double stretch)
+{
+    fibre_state s = *(const fibre_state *)user;
+    double stress[3];
+    s.l[1 - s.held] = stretch;
+    s.l[2] = verify_root(fibre_third, &s, 0.5, 2);
+    fibre_principal(s.matrix, s.l, stress);
+    return stress[1 - s.held];
+}
+
+static sb_body *fibre_body(const sb_mesh *mesh, const verify_element *element, const verify_material *matrix,
+                           double x, double y)
+{
+    sb_body_def def = verify_def(mesh, element,
+                                 sb_material_with_fibres(matrix->make(REAL(young), REAL(poisson), REAL(1000)),
+                                                         REAL(fibre_k1), REAL(fibre_k2)));
+    sb_vec3 *fibres = (sb_vec3 *)malloc((size_t)mesh->element_count * sizeof(sb_vec3));
+    sb_body *body;
+    for (int e = 0; e < mesh->element_count; e++)
+        fibres[e] = sb_v3(REAL(x), REAL(y), 0);
+    def.fibres = fibres;
+    body = scene_body(&def);
+    free(fibres);
+    return body;
+}
+
+/* One axis is stretched, the others are free; returns the force along it and checks shape and energy. */
+static double pull_fibres(const verify_element *element, const fibre_state *s)
+{
+    const double G[9] = {s->l[0], 0, 0, 0, s->l[1], 0, 0, 0, s->l[2]};
+    sb_mesh mesh = distorted_cube(element);
+    sb_body *body = fibre_body(&mesh, element, s->matrix, 3, 0); /* of any length */
+    sb_real pull = REAL(s->l[s->held] - 1);
+    verify_plane end = face_of(s->held, 1);
+    sb_energy found;
+    double stress[3], energy = fibre_principal(s->matrix, s->l, stress), force;
+    for (int axis = 0; axis < 3; axis++)
+        scene_fix_plane(body, &mesh, axis, 0, 1 << axis);
+    verify_move(body, &mesh, verify_on_plane, &end, 1 << s->held, sb_v3(pull, pull, pull));
+    verify_solve(body);
+    CHECK_NEAR(displacement_error(body, &mesh, G), 0, scene_tolerance(bound, 1e3));
+    CHECK_OK(sb_body_energy(body, &found));
+    CHECK_NEAR(found.elastic, energy, scene_tolerance(bound, 1e4) * energy);
+    force = (double)scene_component(verify_reaction(body, &mesh, verify_on_plane, &end), s->held);
+    verify_free(body, &mesh);
+    return force;
+}
+
+static void fibre_case(const char *name, const verify_material *matrix, int held, double stretch)
+{
+    fibre_state s;
+    double expected[3], worst = 0;
+    s.matrix = matrix;
+    s.held = held;
+    s.l[held] = stretch;
+    s.l[1 - held] = verify_root(fibre_free, &s, 0.6, 1.6);
+    s.l[2] = verify_root(fibre_third, &s, 0.5, 2);
+    fibre_principal(matrix, s.l, expected);
+    for (int e = 0; e < VERIFY_ELEMENTS; e++)
+        if (verify_suits(verify_elements + e, SB_NEO_HOOKEAN)) {
+            double force = pull_fibres(verify_elements + e, &s);
+            if (e == 0 || fabs(force - expected[held]) > fabs(worst - expected[held]))
+                worst = force;
+        }
+    verify(name, matrix->name, "Holzapfel, Gasser and Ogden 2000: P_1 += 2 W'(I4) l_1, the other axes free",
+           "force on a face of 1 m^2 (N); shape, W too", expected[held], worst, bound);
+}
+
+static void test_fibres(void)
+{
+    for (int m = 0; m < FIBRE_MATRICES; m++) {
+        fibre_case("fibres, stretch 1.4 along them", fibre_matrices[m], 0, 1.4);
+        fibre_case("fibres, stretch 0.8 along them, slack", fibre_matrices[m], 0, 0.8);
+        fibre_case("fibres, stretch 1.4 across them, slack", fibre_matrices[m], 1, 1.4);
+        fibre_case("fibres, stretch 0.7 across them", fibre_matrices[m], 1, 0.7);
+    }
+}
+
+/* Fibres at 30 degrees to the direction of a simple shear: P += 2 W'(I4) (F a) (x) a. */
+static void test_fibre_shear(void)
+{
+    static const double g = 0.5;
+    double c = cos(VERIFY_PI / 6), s = sin(VERIFY_PI / 6), moved = c + g * s, energy;
+    double slope = fibre_law(moved * moved + s * s, &energy);
+    for (int m = 0; m < FIBRE_MATRICES; m++) {
+        const verify_material *matrix = fibre_matrices[m];
+        double expected[2], worst[2] = {0, 0};
+        matrix->shear(verify_constants_of(young, poisson), g, expected);
+        expected[0] += 2 * slope * moved * s;
+        expected[1] += 2 * slope * s * s;
+        for (int e = 0; e < VERIFY_ELEMENTS; e++) {
+            double found[2];
+            sb_mesh mesh;
+            if (!verify_suits(verify_elements + e, SB_NEO_HOOKEAN))
+                continue;
+            mesh = distorted_cube(verify_elements + e);
+            shear_body(fibre_body(&mesh, verify_elements + e, matrix, c, s), &mesh, g, found);
+            for (int k = 0; k < 2; k++)
+                if (e == 0 || fabs(found[k] - expected[k]) > fabs(worst[k] - expected[k]))
+                    worst[k] = found[k];
+        }
+        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a",
+               "P_12 (Pa)", expected[0], worst[0], bound);
+        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a",
+               "P_22 (Pa)", expected[1], worst[1], bound);
+    }
+}
+
 static void test_table(void) { verify_table("verification_states"); }
 
 CHECK_SUITE(verification_states, {"principal stretches", test_principal}, {"simple shear", test_simple_shear},
-            {"table", test_table});
+            {"fibres", test_fibres}, {"fibres in shear", test_fibre_shear}, {"table", test_table});

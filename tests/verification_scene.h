@@ -22,7 +22,10 @@ static const verify_element verify_elements[] = {
     {"tet4", SB_TET4, SB_INTEGRATION_AUTO, 0, 1},
     {"tet10", SB_TET10, SB_INTEGRATION_AUTO, 0, 2},
     {"tet10, single rotation", SB_TET10, SB_INTEGRATION_AUTO, 1, 2},
-    {"hex8", SB_HEX8, SB_INTEGRATION_AUTO, 0, 1}};
+    {"hex8", SB_HEX8, SB_INTEGRATION_AUTO, 0, 1},
+    {"hex8, B-bar", SB_HEX8, SB_INTEGRATION_BBAR, 0, 1},
+    {"hex20", SB_HEX20, SB_INTEGRATION_AUTO, 0, 2},
+    {"hex27", SB_HEX27, SB_INTEGRATION_AUTO, 0, 2}};
 enum { VERIFY_ELEMENTS = (int)(sizeof verify_elements / sizeof verify_elements[0]) };
 
 static inline const verify_element *verify_element_named(const char *name)
@@ -153,6 +156,88 @@ static inline sb_material verify_make_isochoric(sb_real young, sb_real poisson, 
     return sb_material_neo_hookean_isochoric(REAL(c.mu / 2), REAL(2 / c.bulk), density);
 }
 
+/* Share of c01 in c10 + c01 = mu/2, and c20, c30 as multiples of mu, of the materials of Mooney and Rivlin
+ * and of the reduced polynomials. */
+static const double verify_mooney_share = 0.3, verify_c20 = 0.1, verify_c30 = 0.05;
+
+/* W = c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2, c10 + c01 = mu/2: over the neo-Hookean
+ * model of the same mu, the difference of c01's two terms. */
+static inline double verify_mooney_rivlin(verify_constants c, const double l[3], double stress[3])
+{
+    double c01 = verify_mooney_share * c.mu / 2, volume = l[0] * l[1] * l[2], scale = pow(volume, -2.0 / 3.0);
+    double first = l[0] * l[0] + l[1] * l[1] + l[2] * l[2];
+    double second = l[0] * l[0] * l[1] * l[1] + l[1] * l[1] * l[2] * l[2] + l[2] * l[2] * l[0] * l[0];
+    double energy = verify_isochoric(c, l, stress);
+    for (int i = 0; i < 3; i++)
+        stress[i] += 2 * c01 *
+                     (scale * scale * (first * l[i] - pow(l[i], 3) - 2 * second / (3 * l[i])) -
+                      scale * (l[i] - first / (3 * l[i])));
+    return energy + c01 * (scale * scale * second - scale * first);
+}
+
+/* P_12 = 2 (c10 + c01) g, P_22 = -(2 c10 + 4 c01) g^2/3 */
+static inline void verify_mooney_shear(verify_constants c, double g, double stress[2])
+{
+    stress[0] = c.mu * g;
+    stress[1] = -(1 + verify_mooney_share) * c.mu * g * g / 3;
+}
+
+static inline sb_material verify_make_mooney_rivlin(sb_real young, sb_real poisson, sb_real density)
+{
+    verify_constants c = verify_constants_of((double)young, (double)poisson);
+    return sb_material_mooney_rivlin(REAL((1 - verify_mooney_share) * c.mu / 2),
+                                     REAL(verify_mooney_share * c.mu / 2), REAL(2 / c.bulk), density);
+}
+
+/* W = sum_i ci0 (J^(-2/3) I1 - 3)^i + K/2 (J - 1)^2, c10 = mu/2: in the stress the factor 2 sum_i i ci0
+ * (..)^(i-1) stands for mu. */
+static inline double verify_polynomial(verify_constants c, double c30, const double l[3], double stress[3])
+{
+    double c20 = verify_c20 * c.mu, volume = l[0] * l[1] * l[2], x;
+    x = pow(volume, -2.0 / 3.0) * (l[0] * l[0] + l[1] * l[1] + l[2] * l[2]) - 3;
+    verify_constants at = c;
+    at.mu = c.mu + 4 * c20 * x + 6 * c30 * x * x;
+    verify_isochoric(at, l, stress);
+    return c.mu / 2 * x + c20 * x * x + c30 * x * x * x + 0.5 * c.bulk * (volume - 1) * (volume - 1);
+}
+
+static inline void verify_polynomial_shear(verify_constants c, double c30, double g, double stress[2])
+{
+    verify_constants at = c;
+    at.mu = c.mu + 4 * verify_c20 * c.mu * g * g + 6 * c30 * pow(g, 4);
+    verify_isochoric_shear(at, g, stress);
+}
+
+static inline double verify_polynomial_2(verify_constants c, const double l[3], double stress[3])
+{
+    return verify_polynomial(c, 0, l, stress);
+}
+static inline double verify_polynomial_3(verify_constants c, const double l[3], double stress[3])
+{
+    return verify_polynomial(c, verify_c30 * c.mu, l, stress);
+}
+static inline void verify_polynomial_2_shear(verify_constants c, double g, double stress[2])
+{
+    verify_polynomial_shear(c, 0, g, stress);
+}
+static inline void verify_polynomial_3_shear(verify_constants c, double g, double stress[2])
+{
+    verify_polynomial_shear(c, verify_c30 * c.mu, g, stress);
+}
+
+static inline sb_material verify_make_polynomial_2(sb_real young, sb_real poisson, sb_real density)
+{
+    verify_constants c = verify_constants_of((double)young, (double)poisson);
+    return sb_material_reduced_polynomial(REAL(c.mu / 2), REAL(verify_c20 * c.mu), 0, REAL(2 / c.bulk),
+                                          density);
+}
+static inline sb_material verify_make_polynomial_3(sb_real young, sb_real poisson, sb_real density)
+{
+    verify_constants c = verify_constants_of((double)young, (double)poisson);
+    return sb_material_reduced_polynomial(REAL(c.mu / 2), REAL(verify_c20 * c.mu), REAL(verify_c30 * c.mu),
+                                          REAL(2 / c.bulk), density);
+}
+
 static const verify_material verify_materials[] = {
     {"linear", sb_material_linear, verify_hooke, verify_linear_shear},
     {"corotated", sb_material_corotated, verify_hooke, verify_corotated_shear},
@@ -160,7 +245,10 @@ static const verify_material verify_materials[] = {
     {"svk", sb_material_svk, verify_svk, verify_svk_shear},
     {"neo_hookean", sb_material_neo_hookean, verify_neo_hookean, verify_linear_shear},
     {"neo_hookean_isochoric", verify_make_isochoric, verify_isochoric, verify_isochoric_shear},
-    {"stable_neo_hookean", sb_material_stable_neo_hookean, verify_stable, verify_linear_shear}};
+    {"stable_neo_hookean", sb_material_stable_neo_hookean, verify_stable, verify_linear_shear},
+    {"mooney_rivlin", verify_make_mooney_rivlin, verify_mooney_rivlin, verify_mooney_shear},
+    {"reduced_polynomial, N = 2", verify_make_polynomial_2, verify_polynomial_2, verify_polynomial_2_shear},
+    {"reduced_polynomial, N = 3", verify_make_polynomial_3, verify_polynomial_3, verify_polynomial_3_shear}};
 enum { VERIFY_MATERIALS = (int)(sizeof verify_materials / sizeof verify_materials[0]) };
 
 /* ---- meshes: images of the unit cube ---- */
@@ -350,26 +438,40 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
     return whole;
 }
 
-/* Moves the mid-edge nodes of a cylinder around axis x out to its surface, so that its sides are curved. */
+/* Moves nodes between corners on the surface of a cylinder around axis x out to it, so that its sides are
+ * curved: `count` nodes of one element, of which the last lies between the others. */
+static inline void verify_round_node(sb_mesh *mesh, const int *element, const int *nodes, int count,
+                                     double radius)
+{
+    int surface = 1;
+    for (int i = 0; i + 1 < count; i++) {
+        sb_vec3 x = mesh->nodes[element[nodes[i]]];
+        surface = surface && sqrt((double)(x.y * x.y + x.z * x.z)) > radius * (1 - 1e-6);
+    }
+    sb_vec3 *x = mesh->nodes + element[nodes[count - 1]];
+    double r = sqrt((double)(x->y * x->y + x->z * x->z));
+    if (surface && r > radius / 2) {
+        x->y *= REAL(radius / r);
+        x->z *= REAL(radius / r);
+    }
+}
+
 static inline void verify_round(sb_mesh *mesh, double radius)
 {
-    int nodes = sb_element_node_count(mesh->element_type);
-    for (int e = 0; e < mesh->element_count; e++)
-        for (int k = 0; k < sb_element_edge_count(mesh->element_type); k++) {
+    sb_element_type type = mesh->element_type;
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *element = mesh->elements + e * sb_element_node_count(type);
+        for (int k = 0; k < sb_element_edge_count(type); k++) {
             int edge[3];
-            double r[3];
-            if (sb_element_edge(mesh->element_type, k, edge) < 3)
-                return;
-            for (int i = 0; i < 3; i++) {
-                sb_vec3 x = mesh->nodes[mesh->elements[e * nodes + edge[i]]];
-                r[i] = sqrt((double)(x.y * x.y + x.z * x.z));
-            }
-            if (r[0] > radius * (1 - 1e-6) && r[1] > radius * (1 - 1e-6) && r[2] > radius / 2) {
-                sb_vec3 *x = mesh->nodes + mesh->elements[e * nodes + edge[2]];
-                x->y *= REAL(radius / r[2]);
-                x->z *= REAL(radius / r[2]);
-            }
+            if (sb_element_edge(type, k, edge) == 3)
+                verify_round_node(mesh, element, edge, 3, radius);
         }
+        for (int f = 0; f < sb_element_face_count(type); f++) {
+            int face[SB_MAX_FACE_NODES];
+            if (sb_element_face(type, f, face, NULL) == 9) /* edges first: they are on the surface by now */
+                verify_round_node(mesh, element, face, 9, radius);
+        }
+    }
 }
 
 /* ---- bodies ---- */
@@ -556,6 +658,55 @@ static inline sb_vec3 verify_pressure(const void *user, sb_vec3 x, sb_vec3 n)
     return sb_v3_scale(REAL(-*(const double *)user), n);
 }
 
+/* Corner nodes of the boundary faces whose nodes all lie there, into faces[], `corners` at a time; returns
+ * how many faces. The caller frees *faces. */
+static inline int verify_faces(const sb_mesh *mesh, verify_where where, const void *user, int corners,
+                               int **faces)
+{
+    sb_boundary boundary;
+    int count = 0, nodes;
+    *faces = NULL;
+    if (!CHECK_OK(sb_mesh_boundary(mesh, 0, NULL, &boundary, NULL)))
+        return 0;
+    nodes = sb_element_node_count(boundary.surface.element_type);
+    *faces = (int *)malloc((size_t)boundary.surface.element_count * (size_t)corners * sizeof(int));
+    for (int f = 0; f < boundary.surface.element_count; f++) {
+        const int *face = boundary.surface.elements + (size_t)f * (size_t)nodes;
+        int inside = 1;
+        for (int a = 0; a < nodes; a++)
+            inside = inside && where(user, mesh->nodes[face[a]]);
+        if (inside)
+            memcpy(*faces + (size_t)(count++ * corners), face, (size_t)corners * sizeof(int));
+    }
+    CHECK(count > 0);
+    sb_boundary_free(&boundary);
+    return count;
+}
+
+static inline int verify_face_corners(const sb_mesh *mesh)
+{
+    return sb_element_corner_count(mesh->element_type) == 8 ? 4 : 3;
+}
+
+/* Presses on the boundary faces there with a pressure (Pa) that follows them; returns its id. */
+static inline int verify_press(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
+                               double pressure)
+{
+    int corners = verify_face_corners(mesh), id = 0, *faces;
+    int count = verify_faces(mesh, where, user, corners, &faces);
+    CHECK_OK(sb_body_add_pressure(body, faces, count, corners, REAL(pressure), &id, NULL));
+    free(faces);
+    return id;
+}
+
+/* Any position. */
+static inline int verify_anywhere(const void *user, sb_vec3 x)
+{
+    (void)user;
+    (void)x;
+    return 1;
+}
+
 /* ---- roots ---- */
 
 /* Root of f between low and high, where its signs differ: bisection to rounding. */
@@ -572,6 +723,79 @@ static inline double verify_root(double (*f)(const void *user, double x), const 
             high = middle;
     }
     return 0.5 * (low + high);
+}
+
+/* ---- finite inflation of compressible spheres of radii 1 and 2, by quadrature of its differential equation
+ * ---- */
+
+typedef struct verify_inflation {
+    const verify_material *material;
+    double young, poisson, stretch;
+} verify_inflation;
+
+/* P_r, and P_t in *side when it is wanted. */
+static inline double verify_radial_stress(const verify_inflation *p, double radial, double hoop, double *side)
+{
+    double l[3], stress[3];
+    l[0] = radial;
+    l[1] = l[2] = hoop;
+    p->material->principal(verify_constants_of(p->young, p->poisson), l, stress);
+    if (side)
+        *side = stress[1];
+    return stress[0];
+}
+
+/* d/dR (R^2 P_r) = 2 R P_t for r(R), l_r = r', l_t = r/R: slope of (r, l_r). */
+static inline void verify_radial_slope(const verify_inflation *p, double R, const double state[2],
+                                       double slope[2])
+{
+    const double step = 1e-5;
+    double radial = state[1], hoop = state[0] / R, side;
+    double stress = verify_radial_stress(p, radial, hoop, &side);
+    double by_radial = (verify_radial_stress(p, radial + step, hoop, NULL) -
+                        verify_radial_stress(p, radial - step, hoop, NULL)) /
+                       (2 * step);
+    double by_hoop = (verify_radial_stress(p, radial, hoop + step, NULL) -
+                      verify_radial_stress(p, radial, hoop - step, NULL)) /
+                     (2 * step);
+    slope[0] = radial;
+    slope[1] = (2 * (side - stress) / R - by_hoop * (radial - hoop) / R) / by_radial;
+}
+
+/* Stress at the outer radius when the sphere starts from r(1) = stretch with the radial stretch `start`. */
+static inline double verify_outer_stress(const void *user, double start)
+{
+    const int steps = 100;
+    const verify_inflation *p = (const verify_inflation *)user;
+    double state[2], h = 1.0 / steps;
+    state[0] = p->stretch;
+    state[1] = start;
+    for (int s = 0; s < steps; s++) {
+        double k[4][2], at[2], R = 1 + s * h;
+        verify_radial_slope(p, R, state, k[0]);
+        for (int stage = 1; stage < 4; stage++) {
+            double w = stage == 3 ? h : h / 2;
+            at[0] = state[0] + w * k[stage - 1][0];
+            at[1] = state[1] + w * k[stage - 1][1];
+            verify_radial_slope(p, R + w, at, k[stage]);
+        }
+        for (int i = 0; i < 2; i++)
+            state[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
+    }
+    return verify_radial_stress(p, state[1], state[0] / 2, NULL);
+}
+
+/* Pressure (Pa on the inflated area) that stretches the inner surface by `stretch`, some 1.1. */
+static inline double verify_inflation_pressure(const verify_material *material, double young, double poisson,
+                                               double stretch)
+{
+    verify_inflation p;
+    p.material = material;
+    p.young = young;
+    p.poisson = poisson;
+    p.stretch = stretch;
+    double start = verify_root(verify_outer_stress, &p, 0.68, 1.05);
+    return -verify_radial_stress(&p, start, stretch, NULL) / (stretch * stretch);
 }
 
 #endif /* VERIFICATION_SCENE_H */
