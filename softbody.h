@@ -4322,13 +4322,18 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
  * steps. */
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
 SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
+/* Energy of springs and mappings at u (J), and how much of it at the body's displacement, which is where the last step
+ * ended, is new since: their points or stiffness were changed. */
+SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
+SBI_API double sbi_loads_new_energy(const sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
-/* End of a solve: keeps the readings and adds the forces to body->external. Springs act at the present displacement,
- * pressures at pressure_u (a linearised step's is the one it started from). */
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor);
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
+ * row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a linearised step's is the
+ * one it started from). */
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
 #endif
 
 #endif /* SB_LOAD_H */
@@ -4423,18 +4428,30 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
 SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
-/* Newmark and Euler: velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. */
-SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt);
+/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities balance at
+ * `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
+SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia);
 /* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
  * constraints leaves over at each node. `out_of_balance` is overwritten. */
 SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
 /* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
  * SB_ERROR_UNSUPPORTED names node and axis. */
 SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);
-/* Accelerations from forces [node_count] (N) with the lumped mass: slaves hand force and mass to their free masters
- * (row sums of T^T M T) and follow. Supported axes of `acceleration` are given, the others are written. Call after
- * sbi_constraint_explicit_check; positions then follow by sbi_elimination_follow. Allocates nothing. */
-SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration);
+/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T); 0 on
+ * supported and slave axes. */
+SBI_API void sbi_constraint_masses(sb_body *body);
+/* Accelerations from forces [node_count] (N) with these masses: slaves hand their force on and follow, by
+ * elimination->gap (m/s^2) ahead of their masters with_gaps. Supported axes of `acceleration` are given, the others are
+ * written. Call after sbi_constraint_explicit_check; positions then follow by sbi_elimination_follow. No allocation. */
+SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration, int with_gaps);
+/* elimination->gap = the acceleration (m/s^2) at which gaps get the rate to close evenly in dt. */
+SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt);
+/* v of slaves = that of their masters + share of the gaps that the step began with: with 1/dt velocities in a step of
+ * dt, with h/dt ways in a part h of it. */
+SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share);
+/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with each
+ * of its masters. */
+SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v);
 #endif
 
 #endif /* SB_CONSTRAINT_H */
@@ -4471,7 +4488,8 @@ typedef struct sb_step_info {
  * no energy there.
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
- * is found anew every 16 substeps as the body deforms. Substeps that go bad all the same (an element inverted, more
+ * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff ones
+ * make substeps short. Substeps that go bad all the same (an element inverted, more
  * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
@@ -4485,17 +4503,23 @@ typedef struct sb_step_info {
  * bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and
  * Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
- * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated. Where
- * the material does not admit that end, the step is done again with spectral radius 0, whose balance is at the end.
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated; supports
+ * and gaps of constraints are that share of their way along by then, pressures and the points of springs at their
+ * present values throughout. Where the material does not admit that end, the step is done again with spectral radius 0,
+ * whose balance is at the end. K in D is that of the start of the step, so that with beta > 0 iterated steps of nonlinear
+ * bodies (Newmark, generalised alpha) are of first order in time.
  * Central difference:
- *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'). */
+ *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext(u') - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'),
+ * and of slaves u', v', a' follow from their masters, which carry the slaves' mass lumped (row sums of T^T M T). */
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 
 /* *dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the
  * lumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.
- * Mass damping does not change it; supports are left out of account. Works for bodies of any integrator and leaves
+ * Springs, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does
+ * not change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and leaves
  * their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On failure
- * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE) *dt is untouched; error may be NULL.
+ * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for constraints
+ * that cannot be lumped) *dt is untouched; error may be NULL.
  * Bound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration. */
 SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error);
 
@@ -4561,16 +4585,18 @@ typedef struct sb_modes_info {
     double seconds;           /* with the body's clock, otherwise 0 */
 } sb_modes_info;
 
-/* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are).
- * count        1 .. degrees of freedom that no support holds
+/* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints
+ * (their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the
+ * symmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.
+ * count        1 .. degrees of freedom that no support holds and no constraint eliminates
  * options      NULL: defaults
  * frequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come
  *              out as about 0 (rounding of K x), never as NaN
  * shapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right
- *              angles in M; 0 at supported axes
+ *              angles in M; 0 at supported axes; slaves follow their masters
  * info, error  may be NULL
  * Takes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is
- * left as it is, to the last bit; loads play no part.
+ * left as it is, to the last bit.
  * Errors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE
  * (the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are
  * then untouched.
@@ -5116,13 +5142,13 @@ static void sbi_element_shape_lagrange(sb_element_type type, const sb_real xi[3]
     for (int a = 0; a < nodes; a++) {
         int at[3];
         sbi_element_box_point(type, a, at);
-        const sb_real *x = value[0] + at[0] + 1, *y = value[1] + at[1] + 1, *z = value[2] + at[2] + 1;
+        sb_real x = value[0][at[0] + 1], y = value[1][at[1] + 1], z = value[2][at[2] + 1];
         if (shape)
-            shape[a] = *x * *y * *z;
+            shape[a] = x * y * z;
         if (gradient) {
-            gradient[a][0] = slope[0][at[0] + 1] * *y * *z;
-            gradient[a][1] = *x * slope[1][at[1] + 1] * *z;
-            gradient[a][2] = dimension == 3 ? *x * *y * slope[2][at[2] + 1] : (sb_real)0;
+            gradient[a][0] = slope[0][at[0] + 1] * y * z;
+            gradient[a][1] = x * slope[1][at[1] + 1] * z;
+            gradient[a][2] = dimension == 3 ? x * y * slope[2][at[2] + 1] : (sb_real)0;
         }
     }
 }
@@ -16294,7 +16320,7 @@ typedef struct sbi_assembly {
     int viscous;                   /* 1: some material has terms now */
     int terms;                     /* most terms that the memory has room for */
     sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
-                                    * (Pa), in the order 00 11 22 01 12 02 */
+                                    * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
     sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
 
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
@@ -16353,6 +16379,11 @@ SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
 SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt);
 /* The step of dt ended at u: the memory moves on, and dt is 0 again. Returns as above. */
 SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt);
+/* Keeps the memory, and brings it back, for solves that end several steps before they may fail. */
+SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly);
+SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly);
+/* Until the next sbi_assembly_begin_step all respond at once and as if nothing had been remembered. */
+SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 /* The cells of one material (-1: all) forget: as if they had been at u for ever. */
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
 
@@ -17322,7 +17353,7 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
     if (terms <= assembly->terms)
         return SB_OK;
     stride = 6 * (1 + (size_t)terms);
-    history = (sb_real *)sbi_alloc_zeroed(allocator, points, stride * sizeof(sb_real));
+    history = (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
     if (!prestress)
         prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
     if (!history || !prestress) {
@@ -17339,6 +17370,25 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
     assembly->prestress = prestress;
     assembly->terms = terms;
     return SB_OK;
+}
+
+/* Copies the memory to the second half of its block, or back. */
+static void sbi_memory_copy(sbi_assembly *assembly, int restore)
+{
+    size_t bytes = 0, count;
+    sb_real *history = sbi_assembly_memory(assembly, &bytes);
+    count = bytes / sizeof(sb_real);
+    if (history)
+        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
+}
+
+SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
+SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
+
+SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
+{
+    if (assembly->viscous)
+        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
 }
 
 SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
@@ -17656,6 +17706,8 @@ SBI_API void sbi_elimination_free(sbi_elimination *e); /* NULL is fine */
 
 /* e->matrix = T^T A T. A linear pass, always in the same order. */
 SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matrix);
+/* diagonal = that of T^T diag(diagonal) T, 0 on slaves. */
+SBI_API void sbi_elimination_condense_diagonal(const sbi_elimination *e, sb_vec3 *diagonal);
 /* out = T^T in, in place or not; multipliers [count] or NULL: in_s / a_0 of each slave once all that follows it has
  * passed its share on. */
 SBI_API void sbi_elimination_reduce(const sbi_elimination *e, const sb_vec3 *in, sb_vec3 *out, sb_real *multipliers);
@@ -18213,6 +18265,21 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
             for (int p = 0; p < a.count; p++)
                 for (int r = 0; r < b.count; r++)
                     sbi_elimination_add_product(a.weight[p], block, b.weight[r], e->matrix.blocks[*at++]);
+        }
+}
+
+SBI_API void sbi_elimination_condense_diagonal(const sbi_elimination *e, sb_vec3 *diagonal)
+{
+    for (int i = 0; i < e->node_count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            sb_real d = sbi_elimination_get(diagonal, 3 * i + axis);
+            if (!(e->slave[i] >> axis & 1)) /* only slaves hand theirs on, and to no slave */
+                continue;
+            for (int k = 3 * e->first[i]; k < 3 * e->first[i + 1]; k++) {
+                sb_real w = e->weight[k / 3][3 * axis + k % 3];
+                *sbi_elimination_at(diagonal, 3 * e->master[k / 3] + k % 3) += w * w * d;
+            }
+            *sbi_elimination_at(diagonal, 3 * i + axis) = 0;
         }
 }
 
@@ -19726,6 +19793,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
                                                 body->target[node]);
     }
+    if (body->elimination) /* masses of slaves go to other nodes now */
+        body->guard.stable_step = 0;
     if (result == SB_OK && !targets)
         sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
     else if (result == SB_OK && count > 0)
@@ -19757,6 +19826,8 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         return result;
     if (axes < 0 || axes > SB_XYZ)
         return SB_ERROR_ARGUMENT;
+    if (body->elimination)
+        body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
         if (body->node_component[nodes[i]] >= 0) {
             int held = body->fixed[nodes[i]];
@@ -20521,6 +20592,7 @@ SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int row
 /* Appends a load for which sbi_load_reserve found room. */
 static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
+    body->guard.stable_step = 0; /* it may be stiff */
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
     if (load_id)
@@ -20600,6 +20672,7 @@ SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressu
         return SB_ERROR_INDEX;
     if (!sb_is_finite(pressure))
         return SB_ERROR_NOT_FINITE;
+    body->guard.stable_step = 0;
     load->pressure = pressure;
     sbi_body_tell(body, SBI_COMMAND_PRESSURE, load_id, 0, NULL, 0, &pressure, 1);
     return SB_OK;
@@ -20850,6 +20923,14 @@ static sb_result sbi_load_set_stiffness(sb_body *body, int load_id, sbi_load_kin
     return SB_OK;
 }
 
+/* An explicit step has to look at its stable step anew when that went well. */
+static sb_result sbi_load_stiffen(sb_body *body, sb_result result)
+{
+    if (result == SB_OK)
+        body->guard.stable_step = 0;
+    return result;
+}
+
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points)
 {
     return sbi_load_set_points(body, load_id, SBI_LOAD_SPRINGS, points);
@@ -20857,7 +20938,7 @@ SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 
 
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
 {
-    return sbi_load_set_stiffness(body, load_id, SBI_LOAD_SPRINGS, stiffness, uniform);
+    return sbi_load_stiffen(body, sbi_load_set_stiffness(body, load_id, SBI_LOAD_SPRINGS, stiffness, uniform));
 }
 
 SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets)
@@ -20867,7 +20948,7 @@ SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const s
 
 SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
 {
-    return sbi_load_set_stiffness(body, load_id, SBI_LOAD_MAPPING, stiffness, uniform);
+    return sbi_load_stiffen(body, sbi_load_set_stiffness(body, load_id, SBI_LOAD_MAPPING, stiffness, uniform));
 }
 
 SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points)
@@ -21100,6 +21181,37 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
     return work;
 }
 
+static double sbi_load_row_energy(const sbi_load *load, int row, const sb_vec3 *u)
+{
+    sb_vec3 stretch = sb_v3_sub(load->target[row], sbi_body_row_value(load, row, u));
+    return 0.5 * (double)load->stiffness[row] * (double)sb_v3_dot(stretch, stretch);
+}
+
+SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
+{
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++)
+        for (int j = 0; body->loads[l].kind != SBI_LOAD_PRESSURE && j < body->loads[l].row_count; j++)
+            sum += sbi_load_row_energy(body->loads + l, j, u);
+    return sum;
+}
+
+/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much (softer: the
+ * row gave some off), which errs on the safe side of what may come of it. */
+SBI_API double sbi_loads_new_energy(const sb_body *body)
+{
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
+            double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
+            sum += gain > 0 ? gain : 0;
+        }
+    }
+    return sum;
+}
+
 SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
@@ -21127,9 +21239,9 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
 /* ---- readings ---- */
 
 /* Adds a nodal force of a load to its net force and torque and to `sum`. */
-static void sbi_load_collect(const sb_body *body, int node, sb_vec3 f, sbi_load *load, sb_vec3 *sum)
+static void sbi_load_collect(const sb_body *body, const sb_vec3 *u, int node, sb_vec3 f, sbi_load *load, sb_vec3 *sum)
 {
-    sb_vec3 at = body->position[node];
+    sb_vec3 at = sb_v3_add(body->reference[node], u[node]);
     double fx = (double)f.x, fy = (double)f.y, fz = (double)f.z;
     load->net[0] += fx;
     load->net[1] += fy;
@@ -21140,7 +21252,7 @@ static void sbi_load_collect(const sb_body *body, int node, sb_vec3 f, sbi_load 
     sum[node] = sb_v3_add(sum[node], f);
 }
 
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor)
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
@@ -21155,13 +21267,13 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real 
                 sbi_load_gather(body, load, j, pressure_u, x, &rule);
                 sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
-                    sbi_load_collect(body, nodes[a], force[a], load, body->external);
+                    sbi_load_collect(body, row_u, nodes[a], force[a], load, body->external);
                 continue;
             }
-            load->force[j] = sbi_load_row_force(load, j, body->displacement, factor);
+            load->force[j] = sbi_load_row_force(load, j, row_u, factor);
             for (int a = 0; a < count; a++)
-                sbi_load_collect(body, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]), load,
-                                 body->external);
+                sbi_load_collect(body, row_u, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]),
+                                 load, body->external);
         }
     }
 }
@@ -21932,7 +22044,7 @@ static sb_real sbi_constraint_follow_rate(const sbi_equations *q, int c, const s
 }
 
 /* As a moving support's, the gap's rate is constant over the step: way / dt, whatever it was before. */
-SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt)
+SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia)
 {
     const sbi_elimination *e = body->elimination;
     const sbi_equations *q = &e->equations;
@@ -21940,10 +22052,39 @@ SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_rea
         int c = e->order[k], slave = q->dof[q->start[c]];
         sb_real way = e->start_gap[c], rate = way / dt;
         sb_real before = sbi_elimination_get(body->velocity, slave) - sbi_constraint_follow_rate(q, c, body->velocity);
+        sb_real change = (rate - before) / dt;
+        if (level < 1)
+            rate = (1 - level) * before + level * rate;
+        if (inertia != 1)
+            change = inertia * change + (1 - inertia) * (sbi_elimination_get(body->acceleration, slave) -
+                                                         sbi_constraint_follow_rate(q, c, body->acceleration));
+        way *= level;
         *sbi_elimination_at(body->velocity0, slave) =
             sbi_constraint_follow_rate(q, c, body->velocity0) + (rate - cv * way);
         *sbi_elimination_at(body->acceleration0, slave) =
-            sbi_constraint_follow_rate(q, c, body->acceleration0) + ((rate - before) / dt - ca * way);
+            sbi_constraint_follow_rate(q, c, body->acceleration0) + (change - ca * way);
+    }
+}
+
+SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt)
+{
+    sbi_elimination *e = body->elimination;
+    const sbi_equations *q = &e->equations;
+    for (int c = 0; c < q->count; c++) {
+        sb_real before = sbi_elimination_get(body->velocity, q->dof[q->start[c]]) -
+                         sbi_constraint_follow_rate(q, c, body->velocity);
+        e->gap[c] = (e->start_gap[c] / dt - before) / dt;
+    }
+}
+
+SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share)
+{
+    const sbi_elimination *e = body->elimination;
+    const sbi_equations *q = &e->equations;
+    for (int k = 0; k < q->count; k++) {
+        int c = e->order[k];
+        *sbi_elimination_at(v, q->dof[q->start[c]]) =
+            sbi_constraint_follow_rate(q, c, v) + e->start_gap[c] * share;
     }
 }
 
@@ -21999,42 +22140,80 @@ SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *e
     return SB_OK;
 }
 
-/* Hands force and mass of one slave axis to its free masters. */
-static void sbi_constraint_lump(sb_body *b, int node, int axis, sb_vec3 *force, sb_vec3 *mass,
-                                const sb_vec3 *acceleration)
+/* Hands the force of one slave axis to its free masters, or (force NULL) its mass. `known` is what the slave's
+ * acceleration has from supports and gaps. */
+static void sbi_constraint_lump(sb_body *b, int node, int axis, sb_vec3 *force, sb_real known)
 {
     sbi_constraint_entry entry;
-    sb_real known = 0, sum = 0, m = b->lumped_mass[node], f = sbi_elimination_get(force, 3 * node + axis);
-    for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++) {
-        if (entry.is_free)
-            sum += entry.weight;
-        else
-            known += entry.weight * sbi_elimination_get(acceleration, entry.dof);
-    }
+    sb_real sum = 0, m = b->lumped_mass[node];
     for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++)
-        if (entry.is_free) {
-            *sbi_elimination_at(force, entry.dof) += entry.weight * (f - m * known);
-            *sbi_elimination_at(mass, entry.dof) += entry.weight * m * sum;
-        }
+        sum += entry.is_free ? entry.weight : (sb_real)0;
+    for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++) {
+        if (!entry.is_free)
+            continue;
+        if (force)
+            *sbi_elimination_at(force, entry.dof) +=
+                entry.weight * (sbi_elimination_get(force, 3 * node + axis) - m * known);
+        else
+            *sbi_elimination_at(b->elimination->reduced, entry.dof) += entry.weight * m * sum;
+    }
 }
 
-SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration)
+SBI_API void sbi_constraint_masses(sb_body *body)
+{
+    sbi_elimination *e = body->elimination;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < body->domain.node_count; i++) {
+        sb_real m = body->lumped_mass[i];
+        e->reduced[i] = sbi_body_pick_axes(sbi_body_held(body, i), zero, sb_v3(m, m, m));
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3; axis++)
+            if (e->slave[i] >> axis & 1)
+                sbi_constraint_lump(body, i, axis, NULL, 0);
+}
+
+SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration, int with_gaps)
 {
     sbi_elimination *e = body->elimination;
     int n = body->domain.node_count;
     memcpy(e->work, force, (size_t)n * sizeof(sb_vec3));
+    sbi_constraint_masses(body);
     for (int i = 0; i < n; i++)
-        e->reduced[i] = sb_v3(body->lumped_mass[i], body->lumped_mass[i], body->lumped_mass[i]);
+        acceleration[i] = sbi_body_pick_axes(body->fixed[i], acceleration[i], sb_v3(0, 0, 0));
+    sbi_elimination_expand(e, acceleration, with_gaps);
     for (int i = 0; i < n; i++)
         for (int axis = 0; axis < 3; axis++)
             if (e->slave[i] >> axis & 1)
-                sbi_constraint_lump(body, i, axis, e->work, e->reduced, acceleration);
+                sbi_constraint_lump(body, i, axis, e->work, sbi_elimination_get(acceleration, 3 * i + axis));
     for (int i = 0; i < n; i++)
         for (int axis = 0; axis < 3; axis++)
-            if (!((body->fixed[i] | e->slave[i]) >> axis & 1))
+            if (!(sbi_body_held(body, i) >> axis & 1))
                 *sbi_elimination_at(acceleration, 3 * i + axis) =
                     sbi_elimination_get(e->work, 3 * i + axis) / sbi_elimination_get(e->reduced, 3 * i + axis);
-    sbi_elimination_expand(e, acceleration, 0);
+    sbi_elimination_expand(e, acceleration, with_gaps);
+}
+
+/* m/2 (S sum w v^2 - (sum w v)^2) over the free masters of each slave axis, S the sum of their weights. */
+SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v)
+{
+    double energy = 0;
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            sbi_constraint_entry entry;
+            double weights = 0, mean = 0, square = 0;
+            for (int k = 0; body->elimination->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry);
+                 k++) {
+                double rate = (double)sbi_elimination_get(v, entry.dof);
+                if (!entry.is_free)
+                    continue;
+                weights += (double)entry.weight;
+                mean += (double)entry.weight * rate;
+                square += (double)entry.weight * rate * rate;
+            }
+            energy += 0.5 * (double)body->lumped_mass[i] * (weights * square - mean * mean);
+        }
+    return energy;
 }
 
 /* ==== src/softbody/step_explicit.h ==== */
@@ -22053,9 +22232,9 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
 
 /* Takes note of a call that went well; after a run of them the next may be bolder. */
 SBI_API void sbi_explicit_calm(sb_body *body, int caution);
-/* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
- * is none. Overwrites the body's work vectors. */
-SBI_API sb_real sbi_explicit_bound(sb_body *body);
+/* The stable step (s) of a stiffness with the masses of all axes (kg; 0: the axis stays out), NULL: the body's lumped
+ * ones; not positive or not finite when there is none. Overwrites the body's work vectors. */
+SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const sb_vec3 *masses);
 
 #endif /* SB_STEP_EXPLICIT_H */
 
@@ -22067,10 +22246,20 @@ SBI_API sb_real sbi_explicit_bound(sb_body *body);
  * frequency at the present shape and is looked at again as the shape changes; and a ledger of energy. A body has no
  * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
  * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
- * the most cautious one arrives at opens a new ledger. */
+ * the most cautious one arrives at opens a new ledger. Energy is that of the motion, of the body and of its springs; to
+ * the rest of the forces the ledger gives credit for their work.
+ *
+ * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
+ * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
+ * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest relaxation
+ * time at the latest.
+ *
+ * Constrained bodies move in the unknowns that are no slaves, u = T u' + b, with masses and forces handed on; see
+ * sbi_constraint_explicit. */
 
 #include <math.h>
 #include <string.h>
+
 
 enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain per sweep is below 1 % then */
 
@@ -22091,6 +22280,8 @@ typedef struct sbi_explicit {
     const sbi_explicit_plan *plan;
     int last_resort;          /* 1: the energy at the start of the call counts, whatever the ledger says */
     double start_energy;      /* then (J) */
+    double springs;           /* energy of springs and mappings at the present shape (J) */
+    sb_real dt, h;            /* the call's time and the last substep (s) */
 } sbi_explicit;
 
 static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
@@ -22103,14 +22294,23 @@ static double sbi_explicit_noise(const sb_body *b)
 
 /* ---- the stable step ---- */
 
-/* y = M^-1 |K| x; returns the largest y_i / x_i, which no eigenvalue of M^-1 K exceeds. */
-static sb_real sbi_explicit_sweep(const sb_body *b, const sb_vec3 *x, sb_vec3 *y)
+/* 1/m of each axis of a node; 0 where there is no equation of motion, as at nodes of no element. */
+static sb_vec3 sbi_explicit_inverse_mass(const sb_body *b, const sb_vec3 *masses, int i)
 {
-    const sb_matrix *matrix = &b->matrix;
+    sb_real m = b->lumped_mass[i];
+    sb_vec3 all = masses ? masses[i] : sb_v3(m, m, m);
+    return sb_v3(all.x > 0 ? 1 / all.x : (sb_real)0, all.y > 0 ? 1 / all.y : (sb_real)0,
+                 all.z > 0 ? 1 / all.z : (sb_real)0);
+}
+
+/* y = M^-1 |K| x; returns the largest y_i / x_i, which no eigenvalue of M^-1 K exceeds. */
+static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, const sb_vec3 *masses, const sb_vec3 *x,
+                                  sb_vec3 *y)
+{
     sb_real largest = 0;
     for (int i = 0; i < matrix->row_count; i++) {
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        if (!(b->lumped_mass[i] > 0)) { /* of no element: no equation of motion */
+        sb_vec3 sum = sb_v3(0, 0, 0), inverse = sbi_explicit_inverse_mass(b, masses, i);
+        if (!(inverse.x + inverse.y + inverse.z > 0)) {
             y[i] = sum;
             continue;
         }
@@ -22121,7 +22321,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_vec3 *x, sb_vec3 *y
             sum.y += sb_abs(m[3]) * v.x + sb_abs(m[4]) * v.y + sb_abs(m[5]) * v.z;
             sum.z += sb_abs(m[6]) * v.x + sb_abs(m[7]) * v.y + sb_abs(m[8]) * v.z;
         }
-        y[i] = sb_v3_scale(1 / b->lumped_mass[i], sum);
+        y[i] = sb_v3(inverse.x * sum.x, inverse.y * sum.y, inverse.z * sum.z);
         if (!sb_v3_is_finite(y[i]))
             return y[i].x + y[i].y + y[i].z;
         largest = x[i].x > 0 ? sb_max(largest, y[i].x / x[i].x) : largest;
@@ -22142,23 +22342,23 @@ static void sbi_explicit_normalise(const sb_vec3 *y, int count, sb_vec3 *x)
 }
 
 /* Every sweep gives a bound: the least of them counts. */
-SBI_API sb_real sbi_explicit_bound(sb_body *b)
+SBI_API sb_real sbi_explicit_bound(sb_body *b, const sb_matrix *matrix, const sb_vec3 *masses)
 {
     sb_real least = SB_REAL_MAX, rounding = 1 + 64 * SB_EPSILON;
-    for (int i = 0; i < b->matrix.row_count; i++)
+    for (int i = 0; i < matrix->row_count; i++)
         b->work[i] = sb_v3(1, 1, 1);
     for (int sweep = 0; sweep < SBI_EXPLICIT_SWEEPS; sweep++) {
-        sb_real bound = sbi_explicit_sweep(b, b->work, b->work2);
+        sb_real bound = sbi_explicit_sweep(b, matrix, masses, b->work, b->work2);
         if (!sb_is_finite(bound))
             return bound;
         least = sb_min(least, bound);
-        sbi_explicit_normalise(b->work2, b->matrix.row_count, b->work);
+        sbi_explicit_normalise(b->work2, matrix->row_count, b->work);
     }
     return 2 / sb_sqrt(least * rounding);
 }
 
 /* The stable step at the present displacement, whose rotations are up to date. The positive part of the tangent bounds
- * the tangent. */
+ * the tangent; that of pressures has no sign and comes as it is. */
 static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *error)
 {
     sb_real found;
@@ -22166,7 +22366,15 @@ static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *err
     if (bad >= 0)
         return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    found = sbi_explicit_bound(b);
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, SB_TANGENT_EXACT, 1, &b->matrix);
+    if (b->elimination) {
+        sbi_elimination_condense(b->elimination, &b->matrix);
+        sbi_constraint_masses(b);
+        found = sbi_explicit_bound(b, &b->elimination->matrix, b->elimination->reduced);
+    } else {
+        found = sbi_explicit_bound(b, &b->matrix, NULL);
+    }
     if (!(found > 0) || !sb_is_finite(found))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the stiffness is beyond what numbers can hold");
     *dt = found;
@@ -22179,6 +22387,10 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
     int bad = -1;
     if (!body || !dt)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_stable_step needs a body and a place for dt");
+    if (body->elimination)
+        result = sbi_constraint_explicit_check(body, error);
+    if (result != SB_OK)
+        return result;
     if (body->force_current)
         return sbi_explicit_stable_step(body, dt, error);
     sbi_assembly_save_rotations(&body->assembly); /* forces leave traces in the warm starts */
@@ -22199,7 +22411,35 @@ static double sbi_explicit_kinetic(const sb_body *b)
     double sum = 0;
     for (int i = 0; i < b->domain.node_count; i++)
         sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(b->velocity[i], b->velocity[i]);
-    return sum;
+    return b->elimination ? sum + sbi_constraint_lumped_energy(b, b->velocity) : sum;
+}
+
+/* Elastic energy (J) as the ledger has it: of bodies with Prony terms the long-term one; to open a ledger with, the
+ * present one where that is more. Returns -1 or the first inadmissible cell. */
+static int sbi_explicit_elastic(sb_body *b, int opens, double *energy)
+{
+    sb_real now = 0, later = 0;
+    int bad = sbi_assembly_energy(&b->assembly, b->displacement, &now);
+    if (bad < 0 && b->assembly.viscous) {
+        sbi_assembly_begin_step(&b->assembly, (sb_real)INFINITY);
+        bad = sbi_assembly_energy(&b->assembly, b->displacement, &later);
+        sbi_assembly_begin_step(&b->assembly, 0);
+        now = opens ? sb_max(now, later) : later;
+    }
+    *energy = (double)now;
+    return bad;
+}
+
+/* What is left, after the substeps since the last look, of energy that Prony terms may hold: it goes down with at least
+ * twice the rate of the longest relaxation time. */
+static double sbi_explicit_remains(const sbi_explicit *x)
+{
+    const sb_body *b = x->body;
+    sb_real longest = 0;
+    for (int i = 0; i < b->material_count; i++)
+        for (int k = 0; k < b->materials[i].prony_count; k++)
+            longest = sb_max(longest, b->materials[i].prony_tau[k]);
+    return longest > 0 ? (double)sb_exp(-(sb_real)b->guard.age * x->h / longest) : 0;
 }
 
 /* Whether an energy agrees with the ledger; false for NaN. */
@@ -22221,15 +22461,15 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 {
     sb_body *b = x->body;
     sb_step_info *info = x->info;
-    double begin = sbi_explicit_now(b), energy;
-    sb_real elastic = 0;
-    int bad = sbi_assembly_energy(&b->assembly, b->displacement, &elastic);
+    double begin = sbi_explicit_now(b), energy = 0, lost;
+    int opens = !b->guard.ledger_open || (x->last_resort && info->substeps == 0);
+    int bad = sbi_explicit_elastic(b, opens, &energy);
     sb_result result;
     if (bad >= 0)
         return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    energy = (double)elastic + sbi_explicit_kinetic(b);
-    if (!b->guard.ledger_open || (x->last_resort && info->substeps == 0)) {
+    energy += sbi_explicit_kinetic(b) + x->springs;
+    if (opens) {
         x->start_energy = energy;
         b->guard.energy = energy;
         b->guard.ledger_open = 1;
@@ -22237,7 +22477,9 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
     result = sbi_explicit_audit(x, energy);
     if (result != SB_OK)
         return result;
-    b->guard.energy = energy < b->guard.energy ? energy : b->guard.energy;
+    lost = b->guard.energy - energy;
+    if (lost > 0)
+        b->guard.energy = b->assembly.viscous ? energy + lost * sbi_explicit_remains(x) : energy;
     b->guard.age = 0;
     result = sbi_explicit_stable_step(b, &b->guard.stable_step, &info->error);
     info->seconds_tangent += sbi_explicit_now(b) - begin;
@@ -22246,11 +22488,13 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 
 /* ---- motion ---- */
 
-/* internal = forces at the present displacement. What else depends on the shape belongs here too. */
+/* Forces at the present displacement: internal, and follower those of the loads that depend on it. */
 static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
 {
     double begin = sbi_explicit_now(b);
     int bad = -1;
+    if (b->load_count)
+        sbi_loads_force(b, b->displacement, 1);
     if (!b->force_current)
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
     b->force_current = bad < 0;
@@ -22261,6 +22505,12 @@ static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
     return SB_OK;
 }
 
+/* All loads on a node. */
+static sb_vec3 sbi_explicit_load(const sb_body *b, int i)
+{
+    return b->load_count ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
+}
+
 /* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
  * = f_ext - f_int. */
 static sb_vec3 sbi_explicit_acceleration(const sb_body *b, int i, sb_vec3 v, sb_real share)
@@ -22268,77 +22518,142 @@ static sb_vec3 sbi_explicit_acceleration(const sb_body *b, int i, sb_vec3 v, sb_
     sb_vec3 free_of_damping;
     if (!(b->lumped_mass[i] > 0))
         return sb_v3(0, 0, 0);
-    free_of_damping = sb_v3_scale(1 / b->lumped_mass[i], sb_v3_sub(b->external[i], b->internal[i]));
+    free_of_damping = sb_v3_scale(1 / b->lumped_mass[i], sb_v3_sub(sbi_explicit_load(b, i), b->internal[i]));
     return sb_v3_scale(1 / (1 + b->damping_mass * share), sb_v3_madd(free_of_damping, -b->damping_mass, v));
 }
 
-/* Accelerations under the present loads. Supported axes run evenly to their targets through the whole call: their
- * velocity jumps at its start, which may bring energy in, and their acceleration is the mean that this amounts to. */
+/* The same of a constrained body, for all nodes at velocities v; supported axes have theirs already. */
+static void sbi_explicit_constrained(sb_body *b, const sb_vec3 *v, sb_real share)
+{
+    sb_real scale = 1 / (1 + b->damping_mass * share);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 force = sb_v3_sub(sbi_explicit_load(b, i), b->internal[i]);
+        b->work[i] = sb_v3_scale(scale, sb_v3_madd(force, -b->damping_mass * b->lumped_mass[i], v[i]));
+    }
+    sbi_constraint_explicit(b, b->work, b->acceleration, 1);
+}
+
+/* Accelerations under the present loads. Supported axes run evenly to their targets through the whole call, and so do
+ * the gaps of constraints: their velocity jumps at its start, which may bring energy in, and their acceleration is the
+ * mean that this amounts to. */
 static void sbi_explicit_begin(sb_body *b, sb_real dt)
 {
+    double before = sbi_explicit_kinetic(b), jump;
     for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = b->velocity[i], a = sbi_explicit_acceleration(b, i, v, 0);
-        if (b->fixed[i]) {
-            sb_vec3 rate = sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i]));
-            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
-            b->velocity[i] = sbi_body_pick_axes(b->fixed[i], rate, v);
-            a = sbi_body_pick_axes(b->fixed[i], change, a);
-            b->guard.energy += 0.5 * (double)b->lumped_mass[i] *
-                               (double)sb_max(0, sb_v3_dot(b->velocity[i], b->velocity[i]) - sb_v3_dot(v, v));
-        }
-        b->acceleration[i] = a;
+        sb_vec3 v = b->velocity[i], rate = sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i]));
+        sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], change, sbi_explicit_acceleration(b, i, v, 0));
     }
+    if (b->elimination) {
+        sbi_constraint_gap_rates(b, dt);
+        sbi_explicit_constrained(b, b->velocity, 0);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->velocity[i] = sbi_body_pick_axes(
+            b->fixed[i], sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i])), b->velocity[i]);
+    if (b->elimination)
+        sbi_constraint_follow(b, b->velocity, 1 / dt);
+    jump = sbi_explicit_kinetic(b) - before;
+    b->guard.energy += jump > 0 ? jump : 0;
+    if (b->load_count)
+        b->guard.energy += sbi_loads_new_energy(b);
 }
 
-/* Displacements a substep of h on, `done` of the call's way for supports; moves in increment. Returns the work (J) of
- * loads and, at the forces before, half of that of supports. */
-static double sbi_explicit_move(sb_body *b, sb_real h, sb_real done)
-{
-    const sb_vec3 zero = sb_v3(0, 0, 0);
-    double work = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
-        sb_vec3 next = sb_v3_madd(b->displacement[i], h, half), go;
-        if (b->fixed[i]) {
-            sb_vec3 goal = b->target[i];
-            if (done < 1)
-                goal = sb_v3_madd(b->start[i], done, sb_v3_sub(goal, b->start[i]));
-            next = sbi_body_pick_axes(b->fixed[i], goal, next);
-        }
-        go = sb_v3_sub(next, b->displacement[i]);
-        work += (double)sb_v3_dot(b->external[i], sbi_body_pick_axes(b->fixed[i], zero, go)) +
-                0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], go, zero));
-        b->increment[i] = go;
-        b->displacement[i] = next;
-    }
-    b->force_current = 0;
-    return work;
-}
-
-/* Velocities and accelerations at the end of the substep. Returns the other half of the work of supports. */
-static double sbi_explicit_accelerate(sb_body *b, sb_real h)
-{
-    const sb_vec3 zero = sb_v3(0, 0, 0);
-    double work = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
-        sb_vec3 a = sbi_explicit_acceleration(b, i, half, h / 2);
-        work += 0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], b->increment[i], zero));
-        b->velocity[i] = sbi_body_pick_axes(b->fixed[i], b->velocity[i], sb_v3_madd(half, h / 2, a));
-        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], b->acceleration[i], a);
-    }
-    return work;
-}
-
-/* One substep of h. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
-static sb_result sbi_explicit_substep(const sbi_explicit *x, sb_real h, sb_real done)
+/* rhs = the part of the substep's moves, in increment, that supports and closing gaps bring about. */
+static void sbi_explicit_find_driven(const sbi_explicit *x)
 {
     sb_body *b = x->body;
-    double work = sbi_explicit_move(b, h, done);
-    sb_result result = sbi_explicit_force(b, x->info);
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sbi_body_pick_axes(b->fixed[i], b->increment[i], zero);
+    if (b->elimination)
+        sbi_constraint_follow(b, b->rhs, x->h / x->dt);
+}
+
+/* Half of the work (J) of loads on the moves that are free, and of internal forces on driven ones, at the forces of
+ * either end of the substep. The work of springs is in it on free moves only: supports do the rest. */
+static double sbi_explicit_half_work(const sb_body *b)
+{
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        work += 0.5 * (double)sb_v3_dot(sbi_explicit_load(b, i), sb_v3_sub(b->increment[i], b->rhs[i])) +
+                0.5 * (double)sb_v3_dot(b->internal[i], b->rhs[i]);
+    return work;
+}
+
+/* Displacements after the substep, `done` of the call's way for supports and gaps; moves in increment. Returns half of
+ * the work. */
+static double sbi_explicit_move(const sbi_explicit *x, sb_real done)
+{
+    sb_body *b = x->body;
+    sb_real h = x->h;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]), goal = b->target[i];
+        if (b->fixed[i] && done < 1)
+            goal = sb_v3_madd(b->start[i], done, sb_v3_sub(goal, b->start[i]));
+        b->increment[i] = b->displacement[i];
+        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], goal, sb_v3_madd(b->displacement[i], h, half));
+    }
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, done);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->increment[i]);
+    b->force_current = 0;
+    sbi_explicit_find_driven(x);
+    return sbi_explicit_half_work(b);
+}
+
+/* Velocities and accelerations at the end of the substep. */
+static void sbi_explicit_accelerate(const sbi_explicit *x)
+{
+    sb_body *b = x->body;
+    sb_real h = x->h;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
+        b->velocity[i] = sbi_body_pick_axes(b->fixed[i], b->velocity[i], half);
+        if (!b->elimination)
+            b->acceleration[i] =
+                sbi_body_pick_axes(b->fixed[i], b->acceleration[i], sbi_explicit_acceleration(b, i, half, h / 2));
+    }
+    if (b->elimination)
+        sbi_explicit_constrained(b, b->velocity, h / 2);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->velocity[i] =
+            sbi_body_pick_axes(b->fixed[i], b->velocity[i], sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]));
+    if (b->elimination)
+        sbi_constraint_follow(b, b->velocity, 1 / x->dt);
+}
+
+/* Work (J) that the mass of slaves takes on the moves that drive them. */
+static double sbi_explicit_inertial_work(const sb_body *b)
+{
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        work += (double)b->lumped_mass[i] *
+                (double)sb_v3_dot(sbi_body_pick_axes(b->elimination->slave[i], b->acceleration[i], sb_v3(0, 0, 0)),
+                                  b->rhs[i]);
+    return work;
+}
+
+/* One substep. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
+static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
+{
+    sb_body *b = x->body;
+    double work = sbi_explicit_move(x, done), springs;
+    sb_result result;
+    sbi_assembly_end_step(&b->assembly, b->displacement, x->h);
+    result = sbi_explicit_force(b, x->info);
     if (result != SB_OK)
         return result;
-    work += sbi_explicit_accelerate(b, h);
+    work += sbi_explicit_half_work(b);
+    sbi_explicit_accelerate(x);
+    if (b->elimination)
+        work += sbi_explicit_inertial_work(b);
+    if (b->load_count) {
+        springs = sbi_loads_energy(b, b->displacement);
+        work += springs - x->springs; /* what they gave is theirs, not new */
+        x->springs = springs;
+    }
     b->guard.energy += work > 0 ? work : 0;
     b->guard.age++;
     x->info->substeps++;
@@ -22358,9 +22673,12 @@ static void sbi_explicit_reactions(sb_body *b)
     const sb_vec3 zero = sb_v3(0, 0, 0);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 inertia = sb_v3_madd(b->acceleration[i], b->damping_mass, b->velocity[i]);
-        sb_vec3 sum = sb_v3_madd(sb_v3_sub(b->internal[i], b->external[i]), b->lumped_mass[i], inertia);
-        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], sum, zero);
+        b->work[i] = sb_v3_madd(sb_v3_sub(b->internal[i], sbi_explicit_load(b, i)), b->lumped_mass[i], inertia);
     }
+    if (b->elimination)
+        sbi_constraint_reactions(b, b->work);
+    for (int i = 0; i < b->domain.node_count && !b->elimination; i++)
+        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], b->work[i], zero);
 }
 
 /* All substeps of a call of dt. A shape that needs very short ones may be left soon: only the substeps that were taken
@@ -22372,7 +22690,6 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
     while (left > 0) {
         sb_result result = SB_OK;
         double count;
-        sb_real h;
         if (!(b->guard.stable_step > 0) || b->guard.age >= x->plan->interval)
             result = sbi_explicit_look(x);
         if (result != SB_OK)
@@ -22382,9 +22699,9 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
                             "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
                             b->max_substeps, (double)b->guard.stable_step);
         count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
-        h = (sb_real)((double)left / count);
-        left = count > 1 ? left - h : 0;
-        result = sbi_explicit_substep(x, h, 1 - left / dt);
+        x->h = (sb_real)((double)left / count);
+        left = count > 1 ? left - x->h : 0;
+        result = sbi_explicit_substep(x, 1 - left / dt);
         if (result != SB_OK)
             return result;
     }
@@ -22405,12 +22722,19 @@ SBI_API void sbi_explicit_calm(sb_body *body, int caution)
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
 {
     sbi_explicit x;
-    sb_result result;
+    sb_result result = body->elimination ? sbi_constraint_explicit_check(body, &info->error) : SB_OK;
+    if (result != SB_OK)
+        return result;
     x.body = body;
     x.info = info;
     x.plan = sbi_explicit_plans + caution;
     x.last_resort = caution == SBI_EXPLICIT_CAUTION;
     x.start_energy = 0;
+    x.dt = dt;
+    x.h = body->guard.stable_step > 0
+              ? (sb_real)((double)dt / sbi_explicit_count(dt, x.plan->margin * body->guard.stable_step))
+              : (sb_real)0; /* as in calls before */
+    x.springs = sbi_loads_energy(body, body->displacement);
     info->substeps = 0;
     if (!body->acceleration_known) /* the state came from outside */
         memset(&body->guard, 0, sizeof body->guard);
@@ -22446,6 +22770,8 @@ typedef struct sbi_newton {
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
     sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
+                               * pressures, springs and mappings have: 1 in a time step */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
     sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
     sb_real radius;           /* spectral radius of generalised alpha */
@@ -22555,7 +22881,7 @@ static void sbi_newton_tangent(sbi_newton *newton, sb_tangent_kind kind)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
     }
     if (b->load_count)
-        sbi_loads_add_tangent(b, b->displacement, kind, newton->load_factor, &b->matrix);
+        sbi_loads_add_tangent(b, b->displacement, kind, newton->loads_factor, &b->matrix);
     newton->info->seconds_tangent += sbi_step_now(b) - begin;
 }
 
@@ -22589,7 +22915,7 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
     }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
     if (b->load_count)
-        sbi_loads_subtract_product(b, x, newton->load_factor, out);
+        sbi_loads_subtract_product(b, x, newton->loads_factor, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -22620,7 +22946,7 @@ static void sbi_newton_add_loads(sbi_newton *newton)
 {
     sb_body *b = newton->body;
     int n = b->domain.node_count;
-    newton->load_size = sbi_loads_force(b, b->displacement, newton->load_factor);
+    newton->load_size = sbi_loads_force(b, b->displacement, newton->loads_factor);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
     newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->follower, b->follower, n)));
@@ -22857,7 +23183,7 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
         line.quadratic *= (sb_real)0.5;
     }
     if (b->load_count) { /* the residual has their linear part */
-        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->load_factor);
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->loads_factor);
         line.quadratic -= work.quadratic;
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
@@ -23110,7 +23436,7 @@ static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
         b->work[i] = sb_v3_scale(-1, b->residual[i]);
         b->acceleration[i] = sb_v3(0, 0, 0);
     }
-    sbi_constraint_explicit(b, b->work, b->acceleration);
+    sbi_constraint_explicit(b, b->work, b->acceleration, 0);
     return SB_OK;
 }
 
@@ -23176,6 +23502,8 @@ static void sbi_step_scheme_alpha(sbi_newton *newton)
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
+    if (b->elimination)
+        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, level, inertia);
     newton->has_velocity = 1;
 }
 
@@ -23203,7 +23531,7 @@ static void sbi_step_scheme(sbi_newton *newton)
         b->acceleration0[i] = a0;
     }
     if (b->elimination)
-        sbi_constraint_scheme(b, newton->cv, newton->ca, dt);
+        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, 1, 1);
     newton->has_velocity = newmark;
 }
 
@@ -23237,6 +23565,8 @@ static void sbi_step_save(sb_body *b)
     b->saved_force_current = b->force_current;
     b->saved_unknots = b->assembly.unknots;
     b->saved_precond = sbi_precond_get_memory(b->precond);
+    if (b->integrator == SB_CENTRAL_DIFFERENCE) /* its substeps move the memory on */
+        sbi_assembly_save_memory(&b->assembly);
     sbi_assembly_save_rotations(&b->assembly);
 }
 
@@ -23251,6 +23581,8 @@ static void sbi_step_undo(sb_body *b)
     b->force_current = b->saved_force_current;
     b->assembly.unknots = b->saved_unknots;
     sbi_precond_set_memory(b->precond, b->saved_precond);
+    if (b->integrator == SB_CENTRAL_DIFFERENCE)
+        sbi_assembly_restore_memory(&b->assembly);
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
 }
@@ -23261,15 +23593,19 @@ static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
     return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
 }
 
-/* Moves the displacement on to the end of the step, supports to their targets. No line search has seen that shape,
- * so that it is tried where the material forbids some (the next step finds its forces done). */
+/* Moves the displacement on to the end of the step, supports to their targets and slaves to where their masters have
+ * them; `converged` keeps the shape of the balance. No line search has seen the new shape, so that it is tried where
+ * the material forbids some (the next step finds its forces done). */
 static sb_result sbi_step_finish_alpha(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
     for (int i = 0; i < b->domain.node_count; i++)
         b->displacement[i] =
             sbi_body_pick_axes(b->fixed[i], b->target[i],
                                sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, 1);
     b->force_current = 0;
     return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
 }
@@ -23360,11 +23696,11 @@ static sb_result sbi_step_run(sbi_newton *newton)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
-    sbi_step_enter(b, newton->dt);
     if (b->integrator == SB_GENERALISED_ALPHA)
         sbi_step_scheme_alpha(newton);
     else
         sbi_step_scheme(newton);
+    sbi_step_enter(b, newton->level * newton->dt);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
     if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
@@ -23390,6 +23726,7 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
             return result;
         }
         sbi_step_undo(body);
+        sbi_step_watch_knots(body, 0);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;
@@ -23405,6 +23742,7 @@ static sb_result sbi_step_run_implicit(const sbi_newton *start)
     if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
         return result;
     sbi_step_undo(newton.body);
+    sbi_step_watch_knots(newton.body, start->linearised);
     newton = *start;
     newton.radius = 0;
     return sbi_step_run(&newton);
@@ -23427,7 +23765,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.info = info;
     newton.dynamic = 1;
     newton.dt = dt;
-    newton.load_factor = newton.level = newton.inertia_level = 1;
+    newton.load_factor = newton.loads_factor = newton.level = newton.inertia_level = 1;
     newton.radius = body->spectral_radius;
     newton.max_newton = sbi_body_max_newton(body);
     is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
@@ -23442,8 +23780,10 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {
-        sbi_step_leave(body, dt);
-        sbi_loads_commit(body, newton.linearised ? body->start : body->displacement, 1);
+        const sb_vec3 *balance = body->integrator == SB_GENERALISED_ALPHA ? body->converged : body->displacement;
+        if (!is_explicit)
+            sbi_step_leave(body, dt);
+        sbi_loads_commit(body, balance, newton.linearised ? body->start : balance, 1);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -23511,6 +23851,7 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
         newton->load_factor = sb_min((sb_real)1, reached + stride);
         if (newton->load_factor > 1 - (sb_real)1e-3 * stride)
             newton->load_factor = 1;
+        newton->loads_factor = newton->load_factor;
         newton->norm = newton->last_norm = 0;
         newton->energy_known = newton->cautious = 0;
         sbi_static_loads(b, newton->load_factor);
@@ -23547,7 +23888,7 @@ static void sbi_static_commit(sbi_newton *newton)
     sbi_body_update_positions(b);
     sbi_static_loads(b, newton->info->load_factor);
     memcpy(b->equilibrated, b->external, bytes);
-    sbi_loads_commit(b, b->displacement, newton->info->load_factor);
+    sbi_loads_commit(b, b->displacement, b->displacement, newton->info->load_factor);
     sbi_loads_end_static(b, newton->info->load_factor);
     if (sbi_newton_force(newton) == SB_OK && b->elimination) {
         for (int i = 0; i < b->domain.node_count; i++)
@@ -23617,7 +23958,10 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
  * The basis V is orthonormal in M; H = V^T A V is kept in double. Vectors are 0 on supported axes, where A has rows of
  * its own. All solves are rough: they only have to point the right way, since Ritz values and residuals are made from
  * A and M themselves. Random vectors at the start, as many as modes are wanted, and a second handful before the end
- * see to it that no copy of a multiple frequency is missed. */
+ * see to it that no copy of a multiple frequency is missed.
+ *
+ * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the shapes
+ * that are handed out. */
 
 #include <math.h>
 #include <string.h>
@@ -23636,6 +23980,7 @@ typedef struct sbi_modes {
     sb_modes_info *info;
     sb_error *error;
     sb_preconditioner *precond;
+    sb_matrix *matrix;        /* A: the body's matrix, or the one its elimination condenses */
     int nodes, count;
     int freedom;              /* degrees of freedom */
     int capacity, size;       /* of the basis */
@@ -23643,7 +23988,9 @@ typedef struct sbi_modes {
     double shift;             /* 1/s^2 */
     double rounding;          /* of a residual (1/s^2) */
     uint64_t random;
-    sb_real *mass;            /* [block_count] (kg) */
+    sb_real *mass;            /* [block_count] (kg) of the full matrix */
+    sb_vec3 *weight;          /* [nodes] (kg) diagonal of T^T (lumped mass) T, to measure residuals with; 0 on slaves */
+    sb_vec3 *spread;          /* [nodes] a vector with its slaves */
     sb_vec3 *basis;           /* [capacity][nodes] */
     sb_vec3 *fresh;           /* [block][nodes] directions to grow by */
     sb_vec3 *x, *ax, *mx;     /* [nodes] */
@@ -23811,24 +24158,33 @@ static void sbi_modes_add(const sbi_modes *m, sb_vec3 *a, double s, const sb_vec
 static void sbi_modes_mask(const sbi_modes *m, sb_vec3 *a)
 {
     for (int i = 0; i < m->nodes; i++)
-        a[i] = sbi_body_pick_axes(m->body->fixed[i], sb_v3(0, 0, 0), a[i]);
+        a[i] = sbi_body_pick_axes(sbi_body_held(m->body, i), sb_v3(0, 0, 0), a[i]);
 }
 
 /* out = M x on free axes */
 static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
 {
     const sb_matrix *matrix = &m->body->matrix;
+    const sbi_elimination *e = m->body->elimination;
+    if (e) {
+        memcpy(m->spread, x, (size_t)m->nodes * sizeof *x);
+        sbi_elimination_expand(e, m->spread, 0);
+        x = m->spread;
+    }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
-        out[i] = sbi_body_pick_axes(m->body->fixed[i], sb_v3(0, 0, 0), sum);
+        out[i] = sum;
     }
+    if (e)
+        sbi_elimination_reduce(e, out, out, NULL);
+    sbi_modes_mask(m, out);
 }
 
 static void sbi_modes_stiffness_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_matrix_multiply(&m->body->matrix, &x[0].x, &out[0].x, &m->body->jobs);
+    sb_matrix_multiply(m->matrix, &x[0].x, &out[0].x, &m->body->jobs);
 }
 
 /* Number in (-1, 1) (xorshift64*). */
@@ -23861,7 +24217,7 @@ static sb_result sbi_modes_solve(sbi_modes *m, const sb_vec3 *rhs, sb_vec3 *out,
     options.max_iterations = 500;
     options.jobs = &b->jobs;
     memset(out, 0, (size_t)m->nodes * sizeof *out);
-    result = sb_pcg_solve(&b->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
+    result = sb_pcg_solve(m->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
     m->info->solves++;
     m->info->pcg_iterations += pcg.iterations;
     if (result == SB_ERROR_INDEFINITE && pcg.negative_curvature)
@@ -23969,6 +24325,12 @@ static void sbi_modes_ritz(sbi_modes *m, int i, sb_vec3 *x)
         sbi_modes_add(m, x, m->vectors[(size_t)i * (size_t)m->size + (size_t)j], sbi_modes_basis(m, j));
 }
 
+/* value^2 / weight, 0 where there is no weight. */
+static double sbi_modes_square(sb_real value, sb_real weight)
+{
+    return weight > 0 ? (double)value * (double)value / (double)weight : 0;
+}
+
 /* ax = A x - mu M x of Ritz vector i; returns its norm in (lumped M)^-1 over lambda, 0 when it is rounding. */
 static double sbi_modes_residual(sbi_modes *m, int i)
 {
@@ -23979,8 +24341,8 @@ static double sbi_modes_residual(sbi_modes *m, int i)
     sbi_modes_add(m, m->ax, -m->values[i], m->mx);
     sbi_modes_mask(m, m->ax);
     for (int k = 0; k < m->nodes; k++)
-        if (m->body->lumped_mass[k] > 0)
-            square += (double)sb_v3_dot(m->ax[k], m->ax[k]) / (double)m->body->lumped_mass[k];
+        square += sbi_modes_square(m->ax[k].x, m->weight[k].x) + sbi_modes_square(m->ax[k].y, m->weight[k].y) +
+                  sbi_modes_square(m->ax[k].z, m->weight[k].z);
     norm = sqrt(square);
     if (norm <= m->rounding)
         return 0;
@@ -24076,7 +24438,8 @@ static int sbi_modes_count_freedom(const sb_body *b)
 {
     int free_axes = 0;
     for (int i = 0; i < b->domain.node_count; i++)
-        free_axes += 3 - (b->fixed[i] & 1) - (b->fixed[i] >> 1 & 1) - (b->fixed[i] >> 2 & 1);
+        for (int axis = 0; axis < 3; axis++)
+            free_axes += !(sbi_body_held(b, i) >> axis & 1);
     return free_axes;
 }
 
@@ -24102,6 +24465,8 @@ static void sbi_modes_layout(sbi_modes *m, sbi_arena *arena)
 {
     size_t vector = (size_t)m->nodes * sizeof(sb_vec3), c = (size_t)m->capacity;
     m->mass = (sb_real *)sbi_arena_take(arena, (size_t)m->body->matrix.block_count, sizeof(sb_real));
+    m->weight = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
+    m->spread = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
     m->basis = (sb_vec3 *)sbi_arena_take(arena, c, vector);
     m->fresh = (sb_vec3 *)sbi_arena_take(arena, (size_t)m->block, vector);
     m->x = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
@@ -24142,6 +24507,7 @@ static sb_result sbi_modes_assemble(sbi_modes *m)
         u = m->x;
         for (size_t i = 0; i < points && !assembly->batched; i++)
             assembly->rotations[i] = sb_quat_identity();
+        sbi_assembly_drop_prestress(assembly);
     } else if (!b->force_current) {
         bad = sbi_assembly_force(assembly, u, m->mx);
     }
@@ -24173,6 +24539,18 @@ static double sbi_modes_unit(const sb_body *b)
     return stiffness / (mass * size * size);
 }
 
+/* The masses that residuals are measured with. */
+static void sbi_modes_weigh(sbi_modes *m)
+{
+    const sb_body *b = m->body;
+    for (int i = 0; i < m->nodes; i++) {
+        sb_real lumped = b->lumped_mass[i];
+        m->weight[i] = sb_v3(lumped, lumped, lumped);
+    }
+    if (b->elimination)
+        sbi_elimination_condense_diagonal(b->elimination, m->weight);
+}
+
 /* A = K + shift M with supports, and its preconditioner. Supported bodies need no shift. */
 static sb_result sbi_modes_prepare(sbi_modes *m)
 {
@@ -24183,8 +24561,13 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_result result = sbi_modes_assemble(m);
     if (result != SB_OK)
         return result;
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1, matrix);
     sbi_body_mass_blocks(b, m->options->mass, m->mass);
-    step = (double)sbi_explicit_bound(b);
+    sbi_modes_weigh(m);
+    if (b->elimination)
+        sbi_elimination_condense(b->elimination, matrix);
+    step = (double)sbi_explicit_bound(b, m->matrix, m->weight);
     m->rounding = 4 * (double)SB_EPSILON * 4 / (step * step);
     if (sbi_body_unsupported_node(b) >= 0) {
         m->shift = 1e-4 * sbi_modes_unit(b);
@@ -24193,11 +24576,16 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     for (int k = 0; k < matrix->block_count; k++)
         for (int axis = 0; axis < 3; axis++)
             matrix->blocks[k][4 * axis] += (sb_real)m->shift * m->mass[k];
-    sb_matrix_constrain(matrix, b->fixed, NULL, NULL);
+    if (b->elimination) {
+        sbi_elimination_condense(b->elimination, matrix);
+        for (int i = 0; i < m->nodes; i++)
+            b->elimination->held[i] = (unsigned char)sbi_body_held(b, i);
+    }
+    sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
-    result = sb_preconditioner_create(&settings, matrix, &b->allocator, &m->precond, m->error);
+    result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     if (result == SB_OK)
-        result = sb_preconditioner_update(m->precond, matrix, NULL, m->error);
+        result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);
     return result;
 }
 
@@ -24208,6 +24596,8 @@ static void sbi_modes_write(sbi_modes *m, sb_real *frequencies, sb_vec3 *shapes)
         frequencies[i] = (sb_real)(sqrt(lambda > 0 ? lambda : 0) / 6.283185307179586);
         if (shapes)
             sbi_modes_ritz(m, i, shapes + (size_t)i * (size_t)m->nodes);
+        if (shapes && m->body->elimination)
+            sbi_elimination_expand(m->body->elimination, shapes + (size_t)i * (size_t)m->nodes, 0);
     }
 }
 
@@ -24247,6 +24637,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     m.options = options;
     m.info = &report;
     m.error = &own;
+    m.matrix = body->elimination ? &body->elimination->matrix : &body->matrix;
     m.nodes = body->domain.node_count;
     m.count = count;
     m.freedom = sbi_modes_count_freedom(body);

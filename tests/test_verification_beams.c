@@ -183,10 +183,8 @@ static void test_elastica(void)
 {
     static const resolution tet10 = {"tet10", 20, 1, 1, 0.005};
     static const resolution single = {"tet10, single rotation", 20, 1, 1, 0.16};
-    static const resolution hex[] = {{"hex8", 60, 3, 3, 0.07},
-                                     {"hex8, B-bar", 60, 3, 3, 0.07},
-                                     {"hex20", 20, 1, 1, 0.005},
-                                     {"hex27", 20, 1, 1, 0.005}};
+    static const resolution hex[] = {
+        {"hex8", 60, 3, 3, 0.07}, {"hex20", 20, 1, 1, 0.005}, {"hex27", 20, 1, 1, 0.005}};
     for (int m = 0; m < VERIFY_MATERIALS; m++)
         if (!sb_material_is_linear(verify_materials[m].make(1, 0, 1).model))
             elastica_case(&tet10, verify_materials + m, 2);
@@ -428,7 +426,8 @@ static void test_square_plate(void)
         {"tet10", 10, 10, 1, 0.009}, {"hex20", 6, 6, 1, 3e-4}, {"hex27", 6, 6, 1, 1e-4}};
     CHECK_NEAR(navier(), 0.00406, 5e-6);
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
-        plate_case(meshes + i);
+        if (!SB_REAL_IS_FLOAT || i == 0) /* the others' bounds are below the rounding of so thin a plate */
+            plate_case(meshes + i);
 }
 
 static void test_table(void) { verify_table("verification_beams"); }

@@ -131,6 +131,10 @@ static void test_cantilever(void)
                                         {"hex8", 40, 2, 2, 0.12},   {"hex8, B-bar", 40, 2, 2, 0.12},
                                         {"hex20", 10, 1, 1, 0.002}, {"hex27", 10, 1, 1, 0.002}};
     static const double h = 0.05, beta = 1.8751040687119611;
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("rounding in K x is some epsilon (L/h)^4 of the lowest eigenvalue");
+        return;
+    }
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         const resolution *r = meshes + i;
         const verify_element *element = verify_element_named(r->element);
@@ -154,6 +158,10 @@ static void test_free_beam(void)
     static const resolution meshes[] = {{"tet4", 40, 2, 2, 0.5},   {"tet10", 10, 1, 1, 0.025},
                                         {"hex8", 40, 2, 2, 0.11},  {"hex8, B-bar", 40, 2, 2, 0.11},
                                         {"hex20", 10, 1, 1, 0.03}, {"hex27", 10, 1, 1, 0.03}};
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("rounding in K x is some epsilon (L/h)^4 of the lowest eigenvalue");
+        return;
+    }
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         const resolution *r = meshes + i;
         const verify_element *element = verify_element_named(r->element);

@@ -134,10 +134,12 @@ static void test_cylinder(void)
         {"tet4", 12, 24, 0.3, 0.008, 0.15},      {"tet10", 4, 8, 0.3, 2e-6, 0.0025},
         {"hex8", 12, 24, 0.3, 0.0025, 0.1},      {"hex8, B-bar", 12, 24, 0.3, 0.0017, 0.06},
         {"hex20", 4, 8, 0.3, 9e-6, 5e-4},        {"hex27", 4, 8, 0.3, 2e-6, 1.5e-5},
-        {"tet4", 12, 24, 0.4999, 1.3, 0.9},      {"tet10", 4, 8, 0.4999, 5e-4, 0.011},
+        {"tet4", 12, 24, 0.4999, 0.4, 0.9},      {"tet10", 4, 8, 0.4999, 5e-4, 0.011},
         {"hex8", 12, 24, 0.4999, 1.2, 1.2},      {"hex8, B-bar", 12, 24, 0.4999, 0.0018, 0.06},
         {"hex20", 4, 8, 0.4999, 1.2e-5, 0.0025}, {"hex27", 4, 8, 0.4999, 1e-6, 4e-5}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
+        if (SB_REAL_IS_FLOAT && choices[i].poisson > 0.4995)
+            continue; /* lambda is 5000 mu: strains are rounded by more than the bounds */
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
         static const verify_ring ring = {1, 2, VERIFY_PI / 2, 0.1};
@@ -190,7 +192,7 @@ static void test_sphere(void)
         {"tet4", 8, 8, 0.3, 0.03, 0.3},       {"tet10", 3, 3, 0.3, 8e-4, 0.05},
         {"hex8", 8, 8, 0.3, 0.015, 0.25},     {"hex8, B-bar", 8, 8, 0.3, 0.009, 0.12},
         {"hex20", 3, 3, 0.3, 3e-4, 0.018},    {"hex27", 3, 3, 0.3, 9e-5, 0.018},
-        {"tet4", 8, 8, 0.499, 1.3, 0.8},      {"tet10", 3, 3, 0.499, 0.007, 0.085},
+        {"tet4", 8, 8, 0.499, 0.4, 0.8},      {"tet10", 3, 3, 0.499, 0.007, 0.085},
         {"hex8", 8, 8, 0.499, 1, 1},          {"hex8, B-bar", 8, 8, 0.499, 0.01, 0.12},
         {"hex20", 3, 3, 0.499, 0.012, 0.018}, {"hex27", 3, 3, 0.499, 0.012, 0.018}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {

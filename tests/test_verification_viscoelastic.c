@@ -226,7 +226,7 @@ static void test_creep(void)
            "1/(1 - g) (1 - g exp(-(1 - g) t/tau))", "shear after 1 s/(s/mu)", expected, found[1], 3e-5);
     verify("creep of one term, g = 0.5, tau = 0.4 s, small shear, 20 and 40 steps", "hex8",
            "of second order in dt (Simo and Hughes 1998, 10.3)", "order in time", 2,
-           log(fabs((found[0] - expected) / (found[1] - expected))) / log(2.0), 0.05);
+           log(fabs((found[0] - expected) / (found[1] - expected))) / log(2.0), 0.001);
 }
 
 /* ---- storage and loss ---- */

@@ -957,7 +957,7 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
     if (terms <= assembly->terms)
         return SB_OK;
     stride = 6 * (1 + (size_t)terms);
-    history = (sb_real *)sbi_alloc_zeroed(allocator, points, stride * sizeof(sb_real));
+    history = (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
     if (!prestress)
         prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
     if (!history || !prestress) {
@@ -974,6 +974,25 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
     assembly->prestress = prestress;
     assembly->terms = terms;
     return SB_OK;
+}
+
+/* Copies the memory to the second half of its block, or back. */
+static void sbi_memory_copy(sbi_assembly *assembly, int restore)
+{
+    size_t bytes = 0, count;
+    sb_real *history = sbi_assembly_memory(assembly, &bytes);
+    count = bytes / sizeof(sb_real);
+    if (history)
+        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
+}
+
+SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
+SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
+
+SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
+{
+    if (assembly->viscous)
+        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
 }
 
 SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)

@@ -41,7 +41,7 @@ typedef struct sbi_assembly {
     int viscous;                   /* 1: some material has terms now */
     int terms;                     /* most terms that the memory has room for */
     sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
-                                    * (Pa), in the order 00 11 22 01 12 02 */
+                                    * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
     sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
 
     /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
@@ -100,6 +100,11 @@ SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
 SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt);
 /* The step of dt ended at u: the memory moves on, and dt is 0 again. Returns as above. */
 SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt);
+/* Keeps the memory, and brings it back, for solves that end several steps before they may fail. */
+SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly);
+SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly);
+/* Until the next sbi_assembly_begin_step all respond at once and as if nothing had been remembered. */
+SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 /* The cells of one material (-1: all) forget: as if they had been at u for ever. */
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
 

@@ -1122,6 +1122,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
                                                 body->target[node]);
     }
+    if (body->elimination) /* masses of slaves go to other nodes now */
+        body->guard.stable_step = 0;
     if (result == SB_OK && !targets)
         sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
     else if (result == SB_OK && count > 0)
@@ -1153,6 +1155,8 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         return result;
     if (axes < 0 || axes > SB_XYZ)
         return SB_ERROR_ARGUMENT;
+    if (body->elimination)
+        body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
         if (body->node_component[nodes[i]] >= 0) {
             int held = body->fixed[nodes[i]];

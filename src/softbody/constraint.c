@@ -683,7 +683,7 @@ static sb_real sbi_constraint_follow_rate(const sbi_equations *q, int c, const s
 }
 
 /* As a moving support's, the gap's rate is constant over the step: way / dt, whatever it was before. */
-SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt)
+SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia)
 {
     const sbi_elimination *e = body->elimination;
     const sbi_equations *q = &e->equations;
@@ -691,10 +691,39 @@ SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_rea
         int c = e->order[k], slave = q->dof[q->start[c]];
         sb_real way = e->start_gap[c], rate = way / dt;
         sb_real before = sbi_elimination_get(body->velocity, slave) - sbi_constraint_follow_rate(q, c, body->velocity);
+        sb_real change = (rate - before) / dt;
+        if (level < 1)
+            rate = (1 - level) * before + level * rate;
+        if (inertia != 1)
+            change = inertia * change + (1 - inertia) * (sbi_elimination_get(body->acceleration, slave) -
+                                                         sbi_constraint_follow_rate(q, c, body->acceleration));
+        way *= level;
         *sbi_elimination_at(body->velocity0, slave) =
             sbi_constraint_follow_rate(q, c, body->velocity0) + (rate - cv * way);
         *sbi_elimination_at(body->acceleration0, slave) =
-            sbi_constraint_follow_rate(q, c, body->acceleration0) + ((rate - before) / dt - ca * way);
+            sbi_constraint_follow_rate(q, c, body->acceleration0) + (change - ca * way);
+    }
+}
+
+SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt)
+{
+    sbi_elimination *e = body->elimination;
+    const sbi_equations *q = &e->equations;
+    for (int c = 0; c < q->count; c++) {
+        sb_real before = sbi_elimination_get(body->velocity, q->dof[q->start[c]]) -
+                         sbi_constraint_follow_rate(q, c, body->velocity);
+        e->gap[c] = (e->start_gap[c] / dt - before) / dt;
+    }
+}
+
+SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share)
+{
+    const sbi_elimination *e = body->elimination;
+    const sbi_equations *q = &e->equations;
+    for (int k = 0; k < q->count; k++) {
+        int c = e->order[k];
+        *sbi_elimination_at(v, q->dof[q->start[c]]) =
+            sbi_constraint_follow_rate(q, c, v) + e->start_gap[c] * share;
     }
 }
 
@@ -750,40 +779,78 @@ SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *e
     return SB_OK;
 }
 
-/* Hands force and mass of one slave axis to its free masters. */
-static void sbi_constraint_lump(sb_body *b, int node, int axis, sb_vec3 *force, sb_vec3 *mass,
-                                const sb_vec3 *acceleration)
+/* Hands the force of one slave axis to its free masters, or (force NULL) its mass. `known` is what the slave's
+ * acceleration has from supports and gaps. */
+static void sbi_constraint_lump(sb_body *b, int node, int axis, sb_vec3 *force, sb_real known)
 {
     sbi_constraint_entry entry;
-    sb_real known = 0, sum = 0, m = b->lumped_mass[node], f = sbi_elimination_get(force, 3 * node + axis);
-    for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++) {
-        if (entry.is_free)
-            sum += entry.weight;
-        else
-            known += entry.weight * sbi_elimination_get(acceleration, entry.dof);
-    }
+    sb_real sum = 0, m = b->lumped_mass[node];
     for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++)
-        if (entry.is_free) {
-            *sbi_elimination_at(force, entry.dof) += entry.weight * (f - m * known);
-            *sbi_elimination_at(mass, entry.dof) += entry.weight * m * sum;
-        }
+        sum += entry.is_free ? entry.weight : (sb_real)0;
+    for (int k = 0; sbi_constraint_entry_of(b, node, axis, k, &entry); k++) {
+        if (!entry.is_free)
+            continue;
+        if (force)
+            *sbi_elimination_at(force, entry.dof) +=
+                entry.weight * (sbi_elimination_get(force, 3 * node + axis) - m * known);
+        else
+            *sbi_elimination_at(b->elimination->reduced, entry.dof) += entry.weight * m * sum;
+    }
 }
 
-SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration)
+SBI_API void sbi_constraint_masses(sb_body *body)
+{
+    sbi_elimination *e = body->elimination;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < body->domain.node_count; i++) {
+        sb_real m = body->lumped_mass[i];
+        e->reduced[i] = sbi_body_pick_axes(sbi_body_held(body, i), zero, sb_v3(m, m, m));
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3; axis++)
+            if (e->slave[i] >> axis & 1)
+                sbi_constraint_lump(body, i, axis, NULL, 0);
+}
+
+SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration, int with_gaps)
 {
     sbi_elimination *e = body->elimination;
     int n = body->domain.node_count;
     memcpy(e->work, force, (size_t)n * sizeof(sb_vec3));
+    sbi_constraint_masses(body);
     for (int i = 0; i < n; i++)
-        e->reduced[i] = sb_v3(body->lumped_mass[i], body->lumped_mass[i], body->lumped_mass[i]);
+        acceleration[i] = sbi_body_pick_axes(body->fixed[i], acceleration[i], sb_v3(0, 0, 0));
+    sbi_elimination_expand(e, acceleration, with_gaps);
     for (int i = 0; i < n; i++)
         for (int axis = 0; axis < 3; axis++)
             if (e->slave[i] >> axis & 1)
-                sbi_constraint_lump(body, i, axis, e->work, e->reduced, acceleration);
+                sbi_constraint_lump(body, i, axis, e->work, sbi_elimination_get(acceleration, 3 * i + axis));
     for (int i = 0; i < n; i++)
         for (int axis = 0; axis < 3; axis++)
-            if (!((body->fixed[i] | e->slave[i]) >> axis & 1))
+            if (!(sbi_body_held(body, i) >> axis & 1))
                 *sbi_elimination_at(acceleration, 3 * i + axis) =
                     sbi_elimination_get(e->work, 3 * i + axis) / sbi_elimination_get(e->reduced, 3 * i + axis);
-    sbi_elimination_expand(e, acceleration, 0);
+    sbi_elimination_expand(e, acceleration, with_gaps);
+}
+
+/* m/2 (S sum w v^2 - (sum w v)^2) over the free masters of each slave axis, S the sum of their weights. */
+SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v)
+{
+    double energy = 0;
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            sbi_constraint_entry entry;
+            double weights = 0, mean = 0, square = 0;
+            for (int k = 0; body->elimination->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry);
+                 k++) {
+                double rate = (double)sbi_elimination_get(v, entry.dof);
+                if (!entry.is_free)
+                    continue;
+                weights += (double)entry.weight;
+                mean += (double)entry.weight * rate;
+                square += (double)entry.weight * rate * rate;
+            }
+            energy += 0.5 * (double)body->lumped_mass[i] * (weights * square - mean * mean);
+        }
+    return energy;
 }

@@ -527,6 +527,21 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
         }
 }
 
+SBI_API void sbi_elimination_condense_diagonal(const sbi_elimination *e, sb_vec3 *diagonal)
+{
+    for (int i = 0; i < e->node_count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            sb_real d = sbi_elimination_get(diagonal, 3 * i + axis);
+            if (!(e->slave[i] >> axis & 1)) /* only slaves hand theirs on, and to no slave */
+                continue;
+            for (int k = 3 * e->first[i]; k < 3 * e->first[i + 1]; k++) {
+                sb_real w = e->weight[k / 3][3 * axis + k % 3];
+                *sbi_elimination_at(diagonal, 3 * e->master[k / 3] + k % 3) += w * w * d;
+            }
+            *sbi_elimination_at(diagonal, 3 * i + axis) = 0;
+        }
+}
+
 /* ---- vectors ---- */
 
 SBI_API void sbi_elimination_reduce(const sbi_elimination *e, const sb_vec3 *in, sb_vec3 *out, sb_real *multipliers)

@@ -73,6 +73,8 @@ SBI_API void sbi_elimination_free(sbi_elimination *e); /* NULL is fine */
 
 /* e->matrix = T^T A T. A linear pass, always in the same order. */
 SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matrix);
+/* diagonal = that of T^T diag(diagonal) T, 0 on slaves. */
+SBI_API void sbi_elimination_condense_diagonal(const sbi_elimination *e, sb_vec3 *diagonal);
 /* out = T^T in, in place or not; multipliers [count] or NULL: in_s / a_0 of each slave once all that follows it has
  * passed its share on. */
 SBI_API void sbi_elimination_reduce(const sbi_elimination *e, const sb_vec3 *in, sb_vec3 *out, sb_real *multipliers);

@@ -189,6 +189,7 @@ SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int row
 /* Appends a load for which sbi_load_reserve found room. */
 static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
+    body->guard.stable_step = 0; /* it may be stiff */
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
     if (load_id)
@@ -268,6 +269,7 @@ SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressu
         return SB_ERROR_INDEX;
     if (!sb_is_finite(pressure))
         return SB_ERROR_NOT_FINITE;
+    body->guard.stable_step = 0;
     load->pressure = pressure;
     sbi_body_tell(body, SBI_COMMAND_PRESSURE, load_id, 0, NULL, 0, &pressure, 1);
     return SB_OK;
@@ -518,6 +520,14 @@ static sb_result sbi_load_set_stiffness(sb_body *body, int load_id, sbi_load_kin
     return SB_OK;
 }
 
+/* An explicit step has to look at its stable step anew when that went well. */
+static sb_result sbi_load_stiffen(sb_body *body, sb_result result)
+{
+    if (result == SB_OK)
+        body->guard.stable_step = 0;
+    return result;
+}
+
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points)
 {
     return sbi_load_set_points(body, load_id, SBI_LOAD_SPRINGS, points);
@@ -525,7 +535,7 @@ SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 
 
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
 {
-    return sbi_load_set_stiffness(body, load_id, SBI_LOAD_SPRINGS, stiffness, uniform);
+    return sbi_load_stiffen(body, sbi_load_set_stiffness(body, load_id, SBI_LOAD_SPRINGS, stiffness, uniform));
 }
 
 SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets)
@@ -535,7 +545,7 @@ SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const s
 
 SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
 {
-    return sbi_load_set_stiffness(body, load_id, SBI_LOAD_MAPPING, stiffness, uniform);
+    return sbi_load_stiffen(body, sbi_load_set_stiffness(body, load_id, SBI_LOAD_MAPPING, stiffness, uniform));
 }
 
 SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points)
@@ -768,6 +778,37 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
     return work;
 }
 
+static double sbi_load_row_energy(const sbi_load *load, int row, const sb_vec3 *u)
+{
+    sb_vec3 stretch = sb_v3_sub(load->target[row], sbi_body_row_value(load, row, u));
+    return 0.5 * (double)load->stiffness[row] * (double)sb_v3_dot(stretch, stretch);
+}
+
+SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
+{
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++)
+        for (int j = 0; body->loads[l].kind != SBI_LOAD_PRESSURE && j < body->loads[l].row_count; j++)
+            sum += sbi_load_row_energy(body->loads + l, j, u);
+    return sum;
+}
+
+/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much (softer: the
+ * row gave some off), which errs on the safe side of what may come of it. */
+SBI_API double sbi_loads_new_energy(const sb_body *body)
+{
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
+            double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
+            sum += gain > 0 ? gain : 0;
+        }
+    }
+    return sum;
+}
+
 SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
@@ -795,9 +836,9 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
 /* ---- readings ---- */
 
 /* Adds a nodal force of a load to its net force and torque and to `sum`. */
-static void sbi_load_collect(const sb_body *body, int node, sb_vec3 f, sbi_load *load, sb_vec3 *sum)
+static void sbi_load_collect(const sb_body *body, const sb_vec3 *u, int node, sb_vec3 f, sbi_load *load, sb_vec3 *sum)
 {
-    sb_vec3 at = body->position[node];
+    sb_vec3 at = sb_v3_add(body->reference[node], u[node]);
     double fx = (double)f.x, fy = (double)f.y, fz = (double)f.z;
     load->net[0] += fx;
     load->net[1] += fy;
@@ -808,7 +849,7 @@ static void sbi_load_collect(const sb_body *body, int node, sb_vec3 f, sbi_load 
     sum[node] = sb_v3_add(sum[node], f);
 }
 
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor)
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
@@ -823,13 +864,13 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real 
                 sbi_load_gather(body, load, j, pressure_u, x, &rule);
                 sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
                 for (int a = 0; a < count; a++)
-                    sbi_load_collect(body, nodes[a], force[a], load, body->external);
+                    sbi_load_collect(body, row_u, nodes[a], force[a], load, body->external);
                 continue;
             }
-            load->force[j] = sbi_load_row_force(load, j, body->displacement, factor);
+            load->force[j] = sbi_load_row_force(load, j, row_u, factor);
             for (int a = 0; a < count; a++)
-                sbi_load_collect(body, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]), load,
-                                 body->external);
+                sbi_load_collect(body, row_u, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]),
+                                 load, body->external);
         }
     }
 }

@@ -92,13 +92,18 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
  * steps. */
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
 SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
+/* Energy of springs and mappings at u (J), and how much of it at the body's displacement, which is where the last step
+ * ended, is new since: their points or stiffness were changed. */
+SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
+SBI_API double sbi_loads_new_energy(const sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
-/* End of a solve: keeps the readings and adds the forces to body->external. Springs act at the present displacement,
- * pressures at pressure_u (a linearised step's is the one it started from). */
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *pressure_u, sb_real factor);
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
+ * row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a linearised step's is the
+ * one it started from). */
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
 #endif
 
 #endif /* SB_LOAD_H */

@@ -3,13 +3,18 @@
  * The basis V is orthonormal in M; H = V^T A V is kept in double. Vectors are 0 on supported axes, where A has rows of
  * its own. All solves are rough: they only have to point the right way, since Ritz values and residuals are made from
  * A and M themselves. Random vectors at the start, as many as modes are wanted, and a second handful before the end
- * see to it that no copy of a multiple frequency is missed. */
+ * see to it that no copy of a multiple frequency is missed.
+ *
+ * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the shapes
+ * that are handed out. */
 #include "modes.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "body_state.h"
+#include "constraint.h"
+#include "load.h"
 #include "step_explicit.h"
 
 #define SBI_MODES_COOKIE 0x3d0deu
@@ -25,6 +30,7 @@ typedef struct sbi_modes {
     sb_modes_info *info;
     sb_error *error;
     sb_preconditioner *precond;
+    sb_matrix *matrix;        /* A: the body's matrix, or the one its elimination condenses */
     int nodes, count;
     int freedom;              /* degrees of freedom */
     int capacity, size;       /* of the basis */
@@ -32,7 +38,9 @@ typedef struct sbi_modes {
     double shift;             /* 1/s^2 */
     double rounding;          /* of a residual (1/s^2) */
     uint64_t random;
-    sb_real *mass;            /* [block_count] (kg) */
+    sb_real *mass;            /* [block_count] (kg) of the full matrix */
+    sb_vec3 *weight;          /* [nodes] (kg) diagonal of T^T (lumped mass) T, to measure residuals with; 0 on slaves */
+    sb_vec3 *spread;          /* [nodes] a vector with its slaves */
     sb_vec3 *basis;           /* [capacity][nodes] */
     sb_vec3 *fresh;           /* [block][nodes] directions to grow by */
     sb_vec3 *x, *ax, *mx;     /* [nodes] */
@@ -200,24 +208,33 @@ static void sbi_modes_add(const sbi_modes *m, sb_vec3 *a, double s, const sb_vec
 static void sbi_modes_mask(const sbi_modes *m, sb_vec3 *a)
 {
     for (int i = 0; i < m->nodes; i++)
-        a[i] = sbi_body_pick_axes(m->body->fixed[i], sb_v3(0, 0, 0), a[i]);
+        a[i] = sbi_body_pick_axes(sbi_body_held(m->body, i), sb_v3(0, 0, 0), a[i]);
 }
 
 /* out = M x on free axes */
 static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
 {
     const sb_matrix *matrix = &m->body->matrix;
+    const sbi_elimination *e = m->body->elimination;
+    if (e) {
+        memcpy(m->spread, x, (size_t)m->nodes * sizeof *x);
+        sbi_elimination_expand(e, m->spread, 0);
+        x = m->spread;
+    }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
-        out[i] = sbi_body_pick_axes(m->body->fixed[i], sb_v3(0, 0, 0), sum);
+        out[i] = sum;
     }
+    if (e)
+        sbi_elimination_reduce(e, out, out, NULL);
+    sbi_modes_mask(m, out);
 }
 
 static void sbi_modes_stiffness_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_matrix_multiply(&m->body->matrix, &x[0].x, &out[0].x, &m->body->jobs);
+    sb_matrix_multiply(m->matrix, &x[0].x, &out[0].x, &m->body->jobs);
 }
 
 /* Number in (-1, 1) (xorshift64*). */
@@ -250,7 +267,7 @@ static sb_result sbi_modes_solve(sbi_modes *m, const sb_vec3 *rhs, sb_vec3 *out,
     options.max_iterations = 500;
     options.jobs = &b->jobs;
     memset(out, 0, (size_t)m->nodes * sizeof *out);
-    result = sb_pcg_solve(&b->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
+    result = sb_pcg_solve(m->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
     m->info->solves++;
     m->info->pcg_iterations += pcg.iterations;
     if (result == SB_ERROR_INDEFINITE && pcg.negative_curvature)
@@ -358,6 +375,12 @@ static void sbi_modes_ritz(sbi_modes *m, int i, sb_vec3 *x)
         sbi_modes_add(m, x, m->vectors[(size_t)i * (size_t)m->size + (size_t)j], sbi_modes_basis(m, j));
 }
 
+/* value^2 / weight, 0 where there is no weight. */
+static double sbi_modes_square(sb_real value, sb_real weight)
+{
+    return weight > 0 ? (double)value * (double)value / (double)weight : 0;
+}
+
 /* ax = A x - mu M x of Ritz vector i; returns its norm in (lumped M)^-1 over lambda, 0 when it is rounding. */
 static double sbi_modes_residual(sbi_modes *m, int i)
 {
@@ -368,8 +391,8 @@ static double sbi_modes_residual(sbi_modes *m, int i)
     sbi_modes_add(m, m->ax, -m->values[i], m->mx);
     sbi_modes_mask(m, m->ax);
     for (int k = 0; k < m->nodes; k++)
-        if (m->body->lumped_mass[k] > 0)
-            square += (double)sb_v3_dot(m->ax[k], m->ax[k]) / (double)m->body->lumped_mass[k];
+        square += sbi_modes_square(m->ax[k].x, m->weight[k].x) + sbi_modes_square(m->ax[k].y, m->weight[k].y) +
+                  sbi_modes_square(m->ax[k].z, m->weight[k].z);
     norm = sqrt(square);
     if (norm <= m->rounding)
         return 0;
@@ -465,7 +488,8 @@ static int sbi_modes_count_freedom(const sb_body *b)
 {
     int free_axes = 0;
     for (int i = 0; i < b->domain.node_count; i++)
-        free_axes += 3 - (b->fixed[i] & 1) - (b->fixed[i] >> 1 & 1) - (b->fixed[i] >> 2 & 1);
+        for (int axis = 0; axis < 3; axis++)
+            free_axes += !(sbi_body_held(b, i) >> axis & 1);
     return free_axes;
 }
 
@@ -491,6 +515,8 @@ static void sbi_modes_layout(sbi_modes *m, sbi_arena *arena)
 {
     size_t vector = (size_t)m->nodes * sizeof(sb_vec3), c = (size_t)m->capacity;
     m->mass = (sb_real *)sbi_arena_take(arena, (size_t)m->body->matrix.block_count, sizeof(sb_real));
+    m->weight = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
+    m->spread = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
     m->basis = (sb_vec3 *)sbi_arena_take(arena, c, vector);
     m->fresh = (sb_vec3 *)sbi_arena_take(arena, (size_t)m->block, vector);
     m->x = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
@@ -531,6 +557,7 @@ static sb_result sbi_modes_assemble(sbi_modes *m)
         u = m->x;
         for (size_t i = 0; i < points && !assembly->batched; i++)
             assembly->rotations[i] = sb_quat_identity();
+        sbi_assembly_drop_prestress(assembly);
     } else if (!b->force_current) {
         bad = sbi_assembly_force(assembly, u, m->mx);
     }
@@ -562,6 +589,18 @@ static double sbi_modes_unit(const sb_body *b)
     return stiffness / (mass * size * size);
 }
 
+/* The masses that residuals are measured with. */
+static void sbi_modes_weigh(sbi_modes *m)
+{
+    const sb_body *b = m->body;
+    for (int i = 0; i < m->nodes; i++) {
+        sb_real lumped = b->lumped_mass[i];
+        m->weight[i] = sb_v3(lumped, lumped, lumped);
+    }
+    if (b->elimination)
+        sbi_elimination_condense_diagonal(b->elimination, m->weight);
+}
+
 /* A = K + shift M with supports, and its preconditioner. Supported bodies need no shift. */
 static sb_result sbi_modes_prepare(sbi_modes *m)
 {
@@ -572,8 +611,13 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_result result = sbi_modes_assemble(m);
     if (result != SB_OK)
         return result;
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1, matrix);
     sbi_body_mass_blocks(b, m->options->mass, m->mass);
-    step = (double)sbi_explicit_bound(b);
+    sbi_modes_weigh(m);
+    if (b->elimination)
+        sbi_elimination_condense(b->elimination, matrix);
+    step = (double)sbi_explicit_bound(b, m->matrix, m->weight);
     m->rounding = 4 * (double)SB_EPSILON * 4 / (step * step);
     if (sbi_body_unsupported_node(b) >= 0) {
         m->shift = 1e-4 * sbi_modes_unit(b);
@@ -582,11 +626,16 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     for (int k = 0; k < matrix->block_count; k++)
         for (int axis = 0; axis < 3; axis++)
             matrix->blocks[k][4 * axis] += (sb_real)m->shift * m->mass[k];
-    sb_matrix_constrain(matrix, b->fixed, NULL, NULL);
+    if (b->elimination) {
+        sbi_elimination_condense(b->elimination, matrix);
+        for (int i = 0; i < m->nodes; i++)
+            b->elimination->held[i] = (unsigned char)sbi_body_held(b, i);
+    }
+    sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
-    result = sb_preconditioner_create(&settings, matrix, &b->allocator, &m->precond, m->error);
+    result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     if (result == SB_OK)
-        result = sb_preconditioner_update(m->precond, matrix, NULL, m->error);
+        result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);
     return result;
 }
 
@@ -597,6 +646,8 @@ static void sbi_modes_write(sbi_modes *m, sb_real *frequencies, sb_vec3 *shapes)
         frequencies[i] = (sb_real)(sqrt(lambda > 0 ? lambda : 0) / 6.283185307179586);
         if (shapes)
             sbi_modes_ritz(m, i, shapes + (size_t)i * (size_t)m->nodes);
+        if (shapes && m->body->elimination)
+            sbi_elimination_expand(m->body->elimination, shapes + (size_t)i * (size_t)m->nodes, 0);
     }
 }
 
@@ -636,6 +687,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     m.options = options;
     m.info = &report;
     m.error = &own;
+    m.matrix = body->elimination ? &body->elimination->matrix : &body->matrix;
     m.nodes = body->domain.node_count;
     m.count = count;
     m.freedom = sbi_modes_count_freedom(body);

@@ -27,16 +27,18 @@ typedef struct sb_modes_info {
     double seconds;           /* with the body's clock, otherwise 0 */
 } sb_modes_info;
 
-/* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are).
- * count        1 .. degrees of freedom that no support holds
+/* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints
+ * (their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the
+ * symmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.
+ * count        1 .. degrees of freedom that no support holds and no constraint eliminates
  * options      NULL: defaults
  * frequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come
  *              out as about 0 (rounding of K x), never as NaN
  * shapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right
- *              angles in M; 0 at supported axes
+ *              angles in M; 0 at supported axes; slaves follow their masters
  * info, error  may be NULL
  * Takes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is
- * left as it is, to the last bit; loads play no part.
+ * left as it is, to the last bit.
  * Errors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE
  * (the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are
  * then untouched.

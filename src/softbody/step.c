@@ -19,6 +19,8 @@ typedef struct sbi_newton {
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
     sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
+                               * pressures, springs and mappings have: 1 in a time step */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
     sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
     sb_real radius;           /* spectral radius of generalised alpha */
@@ -128,7 +130,7 @@ static void sbi_newton_tangent(sbi_newton *newton, sb_tangent_kind kind)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
     }
     if (b->load_count)
-        sbi_loads_add_tangent(b, b->displacement, kind, newton->load_factor, &b->matrix);
+        sbi_loads_add_tangent(b, b->displacement, kind, newton->loads_factor, &b->matrix);
     newton->info->seconds_tangent += sbi_step_now(b) - begin;
 }
 
@@ -162,7 +164,7 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
     }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
     if (b->load_count)
-        sbi_loads_subtract_product(b, x, newton->load_factor, out);
+        sbi_loads_subtract_product(b, x, newton->loads_factor, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -193,7 +195,7 @@ static void sbi_newton_add_loads(sbi_newton *newton)
 {
     sb_body *b = newton->body;
     int n = b->domain.node_count;
-    newton->load_size = sbi_loads_force(b, b->displacement, newton->load_factor);
+    newton->load_size = sbi_loads_force(b, b->displacement, newton->loads_factor);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
     newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->follower, b->follower, n)));
@@ -430,7 +432,7 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
         line.quadratic *= (sb_real)0.5;
     }
     if (b->load_count) { /* the residual has their linear part */
-        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->load_factor);
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->loads_factor);
         line.quadratic -= work.quadratic;
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
@@ -683,7 +685,7 @@ static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
         b->work[i] = sb_v3_scale(-1, b->residual[i]);
         b->acceleration[i] = sb_v3(0, 0, 0);
     }
-    sbi_constraint_explicit(b, b->work, b->acceleration);
+    sbi_constraint_explicit(b, b->work, b->acceleration, 0);
     return SB_OK;
 }
 
@@ -749,6 +751,8 @@ static void sbi_step_scheme_alpha(sbi_newton *newton)
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
+    if (b->elimination)
+        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, level, inertia);
     newton->has_velocity = 1;
 }
 
@@ -776,7 +780,7 @@ static void sbi_step_scheme(sbi_newton *newton)
         b->acceleration0[i] = a0;
     }
     if (b->elimination)
-        sbi_constraint_scheme(b, newton->cv, newton->ca, dt);
+        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, 1, 1);
     newton->has_velocity = newmark;
 }
 
@@ -810,6 +814,8 @@ static void sbi_step_save(sb_body *b)
     b->saved_force_current = b->force_current;
     b->saved_unknots = b->assembly.unknots;
     b->saved_precond = sbi_precond_get_memory(b->precond);
+    if (b->integrator == SB_CENTRAL_DIFFERENCE) /* its substeps move the memory on */
+        sbi_assembly_save_memory(&b->assembly);
     sbi_assembly_save_rotations(&b->assembly);
 }
 
@@ -824,6 +830,8 @@ static void sbi_step_undo(sb_body *b)
     b->force_current = b->saved_force_current;
     b->assembly.unknots = b->saved_unknots;
     sbi_precond_set_memory(b->precond, b->saved_precond);
+    if (b->integrator == SB_CENTRAL_DIFFERENCE)
+        sbi_assembly_restore_memory(&b->assembly);
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_body_update_positions(b);
 }
@@ -834,15 +842,19 @@ static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
     return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
 }
 
-/* Moves the displacement on to the end of the step, supports to their targets. No line search has seen that shape,
- * so that it is tried where the material forbids some (the next step finds its forces done). */
+/* Moves the displacement on to the end of the step, supports to their targets and slaves to where their masters have
+ * them; `converged` keeps the shape of the balance. No line search has seen the new shape, so that it is tried where
+ * the material forbids some (the next step finds its forces done). */
 static sb_result sbi_step_finish_alpha(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
     for (int i = 0; i < b->domain.node_count; i++)
         b->displacement[i] =
             sbi_body_pick_axes(b->fixed[i], b->target[i],
                                sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, 1);
     b->force_current = 0;
     return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
 }
@@ -933,11 +945,11 @@ static sb_result sbi_step_run(sbi_newton *newton)
         result = sbi_step_initial_acceleration(newton);
     if (result != SB_OK)
         return result;
-    sbi_step_enter(b, newton->dt);
     if (b->integrator == SB_GENERALISED_ALPHA)
         sbi_step_scheme_alpha(newton);
     else
         sbi_step_scheme(newton);
+    sbi_step_enter(b, newton->level * newton->dt);
     newton->info->newton_iterations = newton->info->pcg_iterations = 0;
     result = sbi_newton_run(newton);
     if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
@@ -963,6 +975,7 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
             return result;
         }
         sbi_step_undo(body);
+        sbi_step_watch_knots(body, 0);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;
@@ -978,6 +991,7 @@ static sb_result sbi_step_run_implicit(const sbi_newton *start)
     if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
         return result;
     sbi_step_undo(newton.body);
+    sbi_step_watch_knots(newton.body, start->linearised);
     newton = *start;
     newton.radius = 0;
     return sbi_step_run(&newton);
@@ -1000,7 +1014,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.info = info;
     newton.dynamic = 1;
     newton.dt = dt;
-    newton.load_factor = newton.level = newton.inertia_level = 1;
+    newton.load_factor = newton.loads_factor = newton.level = newton.inertia_level = 1;
     newton.radius = body->spectral_radius;
     newton.max_newton = sbi_body_max_newton(body);
     is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
@@ -1015,8 +1029,10 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     if (result != SB_OK) {
         sbi_step_undo(body);
     } else {
-        sbi_step_leave(body, dt);
-        sbi_loads_commit(body, newton.linearised ? body->start : body->displacement, 1);
+        const sb_vec3 *balance = body->integrator == SB_GENERALISED_ALPHA ? body->converged : body->displacement;
+        if (!is_explicit)
+            sbi_step_leave(body, dt);
+        sbi_loads_commit(body, balance, newton.linearised ? body->start : balance, 1);
         sbi_step_forget_error(info); /* of a tangent that was projected after all */
         info->load_steps = 1;
     }
@@ -1084,6 +1100,7 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
         newton->load_factor = sb_min((sb_real)1, reached + stride);
         if (newton->load_factor > 1 - (sb_real)1e-3 * stride)
             newton->load_factor = 1;
+        newton->loads_factor = newton->load_factor;
         newton->norm = newton->last_norm = 0;
         newton->energy_known = newton->cautious = 0;
         sbi_static_loads(b, newton->load_factor);
@@ -1120,7 +1137,7 @@ static void sbi_static_commit(sbi_newton *newton)
     sbi_body_update_positions(b);
     sbi_static_loads(b, newton->info->load_factor);
     memcpy(b->equilibrated, b->external, bytes);
-    sbi_loads_commit(b, b->displacement, newton->info->load_factor);
+    sbi_loads_commit(b, b->displacement, b->displacement, newton->info->load_factor);
     sbi_loads_end_static(b, newton->info->load_factor);
     if (sbi_newton_force(newton) == SB_OK && b->elimination) {
         for (int i = 0; i < b->domain.node_count; i++)

@@ -5,11 +5,23 @@
  * frequency at the present shape and is looked at again as the shape changes; and a ledger of energy. A body has no
  * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
  * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
- * the most cautious one arrives at opens a new ledger. */
+ * the most cautious one arrives at opens a new ledger. Energy is that of the motion, of the body and of its springs; to
+ * the rest of the forces the ledger gives credit for their work.
+ *
+ * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
+ * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
+ * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest relaxation
+ * time at the latest.
+ *
+ * Constrained bodies move in the unknowns that are no slaves, u = T u' + b, with masses and forces handed on; see
+ * sbi_constraint_explicit. */
 #include "step_explicit.h"
 
 #include <math.h>
 #include <string.h>
+
+#include "constraint.h"
+#include "load.h"
 
 enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain per sweep is below 1 % then */
 
@@ -30,6 +42,8 @@ typedef struct sbi_explicit {
     const sbi_explicit_plan *plan;
     int last_resort;          /* 1: the energy at the start of the call counts, whatever the ledger says */
     double start_energy;      /* then (J) */
+    double springs;           /* energy of springs and mappings at the present shape (J) */
+    sb_real dt, h;            /* the call's time and the last substep (s) */
 } sbi_explicit;
 
 static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
@@ -42,14 +56,23 @@ static double sbi_explicit_noise(const sb_body *b)
 
 /* ---- the stable step ---- */
 
-/* y = M^-1 |K| x; returns the largest y_i / x_i, which no eigenvalue of M^-1 K exceeds. */
-static sb_real sbi_explicit_sweep(const sb_body *b, const sb_vec3 *x, sb_vec3 *y)
+/* 1/m of each axis of a node; 0 where there is no equation of motion, as at nodes of no element. */
+static sb_vec3 sbi_explicit_inverse_mass(const sb_body *b, const sb_vec3 *masses, int i)
 {
-    const sb_matrix *matrix = &b->matrix;
+    sb_real m = b->lumped_mass[i];
+    sb_vec3 all = masses ? masses[i] : sb_v3(m, m, m);
+    return sb_v3(all.x > 0 ? 1 / all.x : (sb_real)0, all.y > 0 ? 1 / all.y : (sb_real)0,
+                 all.z > 0 ? 1 / all.z : (sb_real)0);
+}
+
+/* y = M^-1 |K| x; returns the largest y_i / x_i, which no eigenvalue of M^-1 K exceeds. */
+static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, const sb_vec3 *masses, const sb_vec3 *x,
+                                  sb_vec3 *y)
+{
     sb_real largest = 0;
     for (int i = 0; i < matrix->row_count; i++) {
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        if (!(b->lumped_mass[i] > 0)) { /* of no element: no equation of motion */
+        sb_vec3 sum = sb_v3(0, 0, 0), inverse = sbi_explicit_inverse_mass(b, masses, i);
+        if (!(inverse.x + inverse.y + inverse.z > 0)) {
             y[i] = sum;
             continue;
         }
@@ -60,7 +83,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_vec3 *x, sb_vec3 *y
             sum.y += sb_abs(m[3]) * v.x + sb_abs(m[4]) * v.y + sb_abs(m[5]) * v.z;
             sum.z += sb_abs(m[6]) * v.x + sb_abs(m[7]) * v.y + sb_abs(m[8]) * v.z;
         }
-        y[i] = sb_v3_scale(1 / b->lumped_mass[i], sum);
+        y[i] = sb_v3(inverse.x * sum.x, inverse.y * sum.y, inverse.z * sum.z);
         if (!sb_v3_is_finite(y[i]))
             return y[i].x + y[i].y + y[i].z;
         largest = x[i].x > 0 ? sb_max(largest, y[i].x / x[i].x) : largest;
@@ -81,23 +104,23 @@ static void sbi_explicit_normalise(const sb_vec3 *y, int count, sb_vec3 *x)
 }
 
 /* Every sweep gives a bound: the least of them counts. */
-SBI_API sb_real sbi_explicit_bound(sb_body *b)
+SBI_API sb_real sbi_explicit_bound(sb_body *b, const sb_matrix *matrix, const sb_vec3 *masses)
 {
     sb_real least = SB_REAL_MAX, rounding = 1 + 64 * SB_EPSILON;
-    for (int i = 0; i < b->matrix.row_count; i++)
+    for (int i = 0; i < matrix->row_count; i++)
         b->work[i] = sb_v3(1, 1, 1);
     for (int sweep = 0; sweep < SBI_EXPLICIT_SWEEPS; sweep++) {
-        sb_real bound = sbi_explicit_sweep(b, b->work, b->work2);
+        sb_real bound = sbi_explicit_sweep(b, matrix, masses, b->work, b->work2);
         if (!sb_is_finite(bound))
             return bound;
         least = sb_min(least, bound);
-        sbi_explicit_normalise(b->work2, b->matrix.row_count, b->work);
+        sbi_explicit_normalise(b->work2, matrix->row_count, b->work);
     }
     return 2 / sb_sqrt(least * rounding);
 }
 
 /* The stable step at the present displacement, whose rotations are up to date. The positive part of the tangent bounds
- * the tangent. */
+ * the tangent; that of pressures has no sign and comes as it is. */
 static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *error)
 {
     sb_real found;
@@ -105,7 +128,15 @@ static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *err
     if (bad >= 0)
         return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    found = sbi_explicit_bound(b);
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, SB_TANGENT_EXACT, 1, &b->matrix);
+    if (b->elimination) {
+        sbi_elimination_condense(b->elimination, &b->matrix);
+        sbi_constraint_masses(b);
+        found = sbi_explicit_bound(b, &b->elimination->matrix, b->elimination->reduced);
+    } else {
+        found = sbi_explicit_bound(b, &b->matrix, NULL);
+    }
     if (!(found > 0) || !sb_is_finite(found))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the stiffness is beyond what numbers can hold");
     *dt = found;
@@ -118,6 +149,10 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
     int bad = -1;
     if (!body || !dt)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_stable_step needs a body and a place for dt");
+    if (body->elimination)
+        result = sbi_constraint_explicit_check(body, error);
+    if (result != SB_OK)
+        return result;
     if (body->force_current)
         return sbi_explicit_stable_step(body, dt, error);
     sbi_assembly_save_rotations(&body->assembly); /* forces leave traces in the warm starts */
@@ -138,7 +173,35 @@ static double sbi_explicit_kinetic(const sb_body *b)
     double sum = 0;
     for (int i = 0; i < b->domain.node_count; i++)
         sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(b->velocity[i], b->velocity[i]);
-    return sum;
+    return b->elimination ? sum + sbi_constraint_lumped_energy(b, b->velocity) : sum;
+}
+
+/* Elastic energy (J) as the ledger has it: of bodies with Prony terms the long-term one; to open a ledger with, the
+ * present one where that is more. Returns -1 or the first inadmissible cell. */
+static int sbi_explicit_elastic(sb_body *b, int opens, double *energy)
+{
+    sb_real now = 0, later = 0;
+    int bad = sbi_assembly_energy(&b->assembly, b->displacement, &now);
+    if (bad < 0 && b->assembly.viscous) {
+        sbi_assembly_begin_step(&b->assembly, (sb_real)INFINITY);
+        bad = sbi_assembly_energy(&b->assembly, b->displacement, &later);
+        sbi_assembly_begin_step(&b->assembly, 0);
+        now = opens ? sb_max(now, later) : later;
+    }
+    *energy = (double)now;
+    return bad;
+}
+
+/* What is left, after the substeps since the last look, of energy that Prony terms may hold: it goes down with at least
+ * twice the rate of the longest relaxation time. */
+static double sbi_explicit_remains(const sbi_explicit *x)
+{
+    const sb_body *b = x->body;
+    sb_real longest = 0;
+    for (int i = 0; i < b->material_count; i++)
+        for (int k = 0; k < b->materials[i].prony_count; k++)
+            longest = sb_max(longest, b->materials[i].prony_tau[k]);
+    return longest > 0 ? (double)sb_exp(-(sb_real)b->guard.age * x->h / longest) : 0;
 }
 
 /* Whether an energy agrees with the ledger; false for NaN. */
@@ -160,15 +223,15 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 {
     sb_body *b = x->body;
     sb_step_info *info = x->info;
-    double begin = sbi_explicit_now(b), energy;
-    sb_real elastic = 0;
-    int bad = sbi_assembly_energy(&b->assembly, b->displacement, &elastic);
+    double begin = sbi_explicit_now(b), energy = 0, lost;
+    int opens = !b->guard.ledger_open || (x->last_resort && info->substeps == 0);
+    int bad = sbi_explicit_elastic(b, opens, &energy);
     sb_result result;
     if (bad >= 0)
         return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    energy = (double)elastic + sbi_explicit_kinetic(b);
-    if (!b->guard.ledger_open || (x->last_resort && info->substeps == 0)) {
+    energy += sbi_explicit_kinetic(b) + x->springs;
+    if (opens) {
         x->start_energy = energy;
         b->guard.energy = energy;
         b->guard.ledger_open = 1;
@@ -176,7 +239,9 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
     result = sbi_explicit_audit(x, energy);
     if (result != SB_OK)
         return result;
-    b->guard.energy = energy < b->guard.energy ? energy : b->guard.energy;
+    lost = b->guard.energy - energy;
+    if (lost > 0)
+        b->guard.energy = b->assembly.viscous ? energy + lost * sbi_explicit_remains(x) : energy;
     b->guard.age = 0;
     result = sbi_explicit_stable_step(b, &b->guard.stable_step, &info->error);
     info->seconds_tangent += sbi_explicit_now(b) - begin;
@@ -185,11 +250,13 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 
 /* ---- motion ---- */
 
-/* internal = forces at the present displacement. What else depends on the shape belongs here too. */
+/* Forces at the present displacement: internal, and follower those of the loads that depend on it. */
 static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
 {
     double begin = sbi_explicit_now(b);
     int bad = -1;
+    if (b->load_count)
+        sbi_loads_force(b, b->displacement, 1);
     if (!b->force_current)
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
     b->force_current = bad < 0;
@@ -200,6 +267,12 @@ static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
     return SB_OK;
 }
 
+/* All loads on a node. */
+static sb_vec3 sbi_explicit_load(const sb_body *b, int i)
+{
+    return b->load_count ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
+}
+
 /* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
  * = f_ext - f_int. */
 static sb_vec3 sbi_explicit_acceleration(const sb_body *b, int i, sb_vec3 v, sb_real share)
@@ -207,77 +280,142 @@ static sb_vec3 sbi_explicit_acceleration(const sb_body *b, int i, sb_vec3 v, sb_
     sb_vec3 free_of_damping;
     if (!(b->lumped_mass[i] > 0))
         return sb_v3(0, 0, 0);
-    free_of_damping = sb_v3_scale(1 / b->lumped_mass[i], sb_v3_sub(b->external[i], b->internal[i]));
+    free_of_damping = sb_v3_scale(1 / b->lumped_mass[i], sb_v3_sub(sbi_explicit_load(b, i), b->internal[i]));
     return sb_v3_scale(1 / (1 + b->damping_mass * share), sb_v3_madd(free_of_damping, -b->damping_mass, v));
 }
 
-/* Accelerations under the present loads. Supported axes run evenly to their targets through the whole call: their
- * velocity jumps at its start, which may bring energy in, and their acceleration is the mean that this amounts to. */
+/* The same of a constrained body, for all nodes at velocities v; supported axes have theirs already. */
+static void sbi_explicit_constrained(sb_body *b, const sb_vec3 *v, sb_real share)
+{
+    sb_real scale = 1 / (1 + b->damping_mass * share);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 force = sb_v3_sub(sbi_explicit_load(b, i), b->internal[i]);
+        b->work[i] = sb_v3_scale(scale, sb_v3_madd(force, -b->damping_mass * b->lumped_mass[i], v[i]));
+    }
+    sbi_constraint_explicit(b, b->work, b->acceleration, 1);
+}
+
+/* Accelerations under the present loads. Supported axes run evenly to their targets through the whole call, and so do
+ * the gaps of constraints: their velocity jumps at its start, which may bring energy in, and their acceleration is the
+ * mean that this amounts to. */
 static void sbi_explicit_begin(sb_body *b, sb_real dt)
 {
+    double before = sbi_explicit_kinetic(b), jump;
     for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = b->velocity[i], a = sbi_explicit_acceleration(b, i, v, 0);
-        if (b->fixed[i]) {
-            sb_vec3 rate = sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i]));
-            sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
-            b->velocity[i] = sbi_body_pick_axes(b->fixed[i], rate, v);
-            a = sbi_body_pick_axes(b->fixed[i], change, a);
-            b->guard.energy += 0.5 * (double)b->lumped_mass[i] *
-                               (double)sb_max(0, sb_v3_dot(b->velocity[i], b->velocity[i]) - sb_v3_dot(v, v));
-        }
-        b->acceleration[i] = a;
+        sb_vec3 v = b->velocity[i], rate = sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i]));
+        sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
+        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], change, sbi_explicit_acceleration(b, i, v, 0));
     }
+    if (b->elimination) {
+        sbi_constraint_gap_rates(b, dt);
+        sbi_explicit_constrained(b, b->velocity, 0);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->velocity[i] = sbi_body_pick_axes(
+            b->fixed[i], sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i])), b->velocity[i]);
+    if (b->elimination)
+        sbi_constraint_follow(b, b->velocity, 1 / dt);
+    jump = sbi_explicit_kinetic(b) - before;
+    b->guard.energy += jump > 0 ? jump : 0;
+    if (b->load_count)
+        b->guard.energy += sbi_loads_new_energy(b);
 }
 
-/* Displacements a substep of h on, `done` of the call's way for supports; moves in increment. Returns the work (J) of
- * loads and, at the forces before, half of that of supports. */
-static double sbi_explicit_move(sb_body *b, sb_real h, sb_real done)
-{
-    const sb_vec3 zero = sb_v3(0, 0, 0);
-    double work = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
-        sb_vec3 next = sb_v3_madd(b->displacement[i], h, half), go;
-        if (b->fixed[i]) {
-            sb_vec3 goal = b->target[i];
-            if (done < 1)
-                goal = sb_v3_madd(b->start[i], done, sb_v3_sub(goal, b->start[i]));
-            next = sbi_body_pick_axes(b->fixed[i], goal, next);
-        }
-        go = sb_v3_sub(next, b->displacement[i]);
-        work += (double)sb_v3_dot(b->external[i], sbi_body_pick_axes(b->fixed[i], zero, go)) +
-                0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], go, zero));
-        b->increment[i] = go;
-        b->displacement[i] = next;
-    }
-    b->force_current = 0;
-    return work;
-}
-
-/* Velocities and accelerations at the end of the substep. Returns the other half of the work of supports. */
-static double sbi_explicit_accelerate(sb_body *b, sb_real h)
-{
-    const sb_vec3 zero = sb_v3(0, 0, 0);
-    double work = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
-        sb_vec3 a = sbi_explicit_acceleration(b, i, half, h / 2);
-        work += 0.5 * (double)sb_v3_dot(b->internal[i], sbi_body_pick_axes(b->fixed[i], b->increment[i], zero));
-        b->velocity[i] = sbi_body_pick_axes(b->fixed[i], b->velocity[i], sb_v3_madd(half, h / 2, a));
-        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], b->acceleration[i], a);
-    }
-    return work;
-}
-
-/* One substep of h. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
-static sb_result sbi_explicit_substep(const sbi_explicit *x, sb_real h, sb_real done)
+/* rhs = the part of the substep's moves, in increment, that supports and closing gaps bring about. */
+static void sbi_explicit_find_driven(const sbi_explicit *x)
 {
     sb_body *b = x->body;
-    double work = sbi_explicit_move(b, h, done);
-    sb_result result = sbi_explicit_force(b, x->info);
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sbi_body_pick_axes(b->fixed[i], b->increment[i], zero);
+    if (b->elimination)
+        sbi_constraint_follow(b, b->rhs, x->h / x->dt);
+}
+
+/* Half of the work (J) of loads on the moves that are free, and of internal forces on driven ones, at the forces of
+ * either end of the substep. The work of springs is in it on free moves only: supports do the rest. */
+static double sbi_explicit_half_work(const sb_body *b)
+{
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        work += 0.5 * (double)sb_v3_dot(sbi_explicit_load(b, i), sb_v3_sub(b->increment[i], b->rhs[i])) +
+                0.5 * (double)sb_v3_dot(b->internal[i], b->rhs[i]);
+    return work;
+}
+
+/* Displacements after the substep, `done` of the call's way for supports and gaps; moves in increment. Returns half of
+ * the work. */
+static double sbi_explicit_move(const sbi_explicit *x, sb_real done)
+{
+    sb_body *b = x->body;
+    sb_real h = x->h;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]), goal = b->target[i];
+        if (b->fixed[i] && done < 1)
+            goal = sb_v3_madd(b->start[i], done, sb_v3_sub(goal, b->start[i]));
+        b->increment[i] = b->displacement[i];
+        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], goal, sb_v3_madd(b->displacement[i], h, half));
+    }
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, done);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->increment[i]);
+    b->force_current = 0;
+    sbi_explicit_find_driven(x);
+    return sbi_explicit_half_work(b);
+}
+
+/* Velocities and accelerations at the end of the substep. */
+static void sbi_explicit_accelerate(const sbi_explicit *x)
+{
+    sb_body *b = x->body;
+    sb_real h = x->h;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 half = sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]);
+        b->velocity[i] = sbi_body_pick_axes(b->fixed[i], b->velocity[i], half);
+        if (!b->elimination)
+            b->acceleration[i] =
+                sbi_body_pick_axes(b->fixed[i], b->acceleration[i], sbi_explicit_acceleration(b, i, half, h / 2));
+    }
+    if (b->elimination)
+        sbi_explicit_constrained(b, b->velocity, h / 2);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->velocity[i] =
+            sbi_body_pick_axes(b->fixed[i], b->velocity[i], sb_v3_madd(b->velocity[i], h / 2, b->acceleration[i]));
+    if (b->elimination)
+        sbi_constraint_follow(b, b->velocity, 1 / x->dt);
+}
+
+/* Work (J) that the mass of slaves takes on the moves that drive them. */
+static double sbi_explicit_inertial_work(const sb_body *b)
+{
+    double work = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        work += (double)b->lumped_mass[i] *
+                (double)sb_v3_dot(sbi_body_pick_axes(b->elimination->slave[i], b->acceleration[i], sb_v3(0, 0, 0)),
+                                  b->rhs[i]);
+    return work;
+}
+
+/* One substep. A step that has gone bad shows in its kinetic energy, which is cheap to look at. */
+static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
+{
+    sb_body *b = x->body;
+    double work = sbi_explicit_move(x, done), springs;
+    sb_result result;
+    sbi_assembly_end_step(&b->assembly, b->displacement, x->h);
+    result = sbi_explicit_force(b, x->info);
     if (result != SB_OK)
         return result;
-    work += sbi_explicit_accelerate(b, h);
+    work += sbi_explicit_half_work(b);
+    sbi_explicit_accelerate(x);
+    if (b->elimination)
+        work += sbi_explicit_inertial_work(b);
+    if (b->load_count) {
+        springs = sbi_loads_energy(b, b->displacement);
+        work += springs - x->springs; /* what they gave is theirs, not new */
+        x->springs = springs;
+    }
     b->guard.energy += work > 0 ? work : 0;
     b->guard.age++;
     x->info->substeps++;
@@ -297,9 +435,12 @@ static void sbi_explicit_reactions(sb_body *b)
     const sb_vec3 zero = sb_v3(0, 0, 0);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 inertia = sb_v3_madd(b->acceleration[i], b->damping_mass, b->velocity[i]);
-        sb_vec3 sum = sb_v3_madd(sb_v3_sub(b->internal[i], b->external[i]), b->lumped_mass[i], inertia);
-        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], sum, zero);
+        b->work[i] = sb_v3_madd(sb_v3_sub(b->internal[i], sbi_explicit_load(b, i)), b->lumped_mass[i], inertia);
     }
+    if (b->elimination)
+        sbi_constraint_reactions(b, b->work);
+    for (int i = 0; i < b->domain.node_count && !b->elimination; i++)
+        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], b->work[i], zero);
 }
 
 /* All substeps of a call of dt. A shape that needs very short ones may be left soon: only the substeps that were taken
@@ -311,7 +452,6 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
     while (left > 0) {
         sb_result result = SB_OK;
         double count;
-        sb_real h;
         if (!(b->guard.stable_step > 0) || b->guard.age >= x->plan->interval)
             result = sbi_explicit_look(x);
         if (result != SB_OK)
@@ -321,9 +461,9 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
                             "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
                             b->max_substeps, (double)b->guard.stable_step);
         count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
-        h = (sb_real)((double)left / count);
-        left = count > 1 ? left - h : 0;
-        result = sbi_explicit_substep(x, h, 1 - left / dt);
+        x->h = (sb_real)((double)left / count);
+        left = count > 1 ? left - x->h : 0;
+        result = sbi_explicit_substep(x, 1 - left / dt);
         if (result != SB_OK)
             return result;
     }
@@ -344,12 +484,19 @@ SBI_API void sbi_explicit_calm(sb_body *body, int caution)
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
 {
     sbi_explicit x;
-    sb_result result;
+    sb_result result = body->elimination ? sbi_constraint_explicit_check(body, &info->error) : SB_OK;
+    if (result != SB_OK)
+        return result;
     x.body = body;
     x.info = info;
     x.plan = sbi_explicit_plans + caution;
     x.last_resort = caution == SBI_EXPLICIT_CAUTION;
     x.start_energy = 0;
+    x.dt = dt;
+    x.h = body->guard.stable_step > 0
+              ? (sb_real)((double)dt / sbi_explicit_count(dt, x.plan->margin * body->guard.stable_step))
+              : (sb_real)0; /* as in calls before */
+    x.springs = sbi_loads_energy(body, body->displacement);
     info->substeps = 0;
     if (!body->acceleration_known) /* the state came from outside */
         memset(&body->guard, 0, sizeof body->guard);

@@ -15,8 +15,8 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
 
 /* Takes note of a call that went well; after a run of them the next may be bolder. */
 SBI_API void sbi_explicit_calm(sb_body *body, int caution);
-/* The stable step (s) of the stiffness in the body's matrix with the lumped mass; not positive or not finite when there
- * is none. Overwrites the body's work vectors. */
-SBI_API sb_real sbi_explicit_bound(sb_body *body);
+/* The stable step (s) of a stiffness with the masses of all axes (kg; 0: the axis stays out), NULL: the body's lumped
+ * ones; not positive or not finite when there is none. Overwrites the body's work vectors. */
+SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const sb_vec3 *masses);
 
 #endif /* SB_STEP_EXPLICIT_H */
