@@ -5142,13 +5142,13 @@ static void sbi_element_shape_lagrange(sb_element_type type, const sb_real xi[3]
     for (int a = 0; a < nodes; a++) {
         int at[3];
         sbi_element_box_point(type, a, at);
-        const sb_real *x = value[0] + at[0] + 1, *y = value[1] + at[1] + 1, *z = value[2] + at[2] + 1;
+        sb_real x = value[0][at[0] + 1], y = value[1][at[1] + 1], z = value[2][at[2] + 1];
         if (shape)
-            shape[a] = *x * *y * *z;
+            shape[a] = x * y * z;
         if (gradient) {
-            gradient[a][0] = slope[0][at[0] + 1] * *y * *z;
-            gradient[a][1] = *x * slope[1][at[1] + 1] * *z;
-            gradient[a][2] = dimension == 3 ? *x * *y * slope[2][at[2] + 1] : (sb_real)0;
+            gradient[a][0] = slope[0][at[0] + 1] * y * z;
+            gradient[a][1] = x * slope[1][at[1] + 1] * z;
+            gradient[a][2] = dimension == 3 ? x * y * slope[2][at[2] + 1] : (sb_real)0;
         }
     }
 }

@@ -26,15 +26,22 @@ typedef struct soak_row {
     int single_rotation;
     sb_integrator integrator;
     sb_material (*material)(sb_real young, sb_real poisson, sb_real density);
+    sb_integration integration;
+    int rich; /* 1: two boxes that are tied, with springs and pressure on the second */
 } soak_row;
 
 /* A new element or integrator is one more line. */
 static const soak_row rows[] = {
-    {"tet4", SB_TET4, 3, 1, 1, 0, SB_EULER, sb_material_corotated},
-    {"tet10", SB_TET10, 1, 1, 1, 0, SB_EULER, sb_material_corotated},
-    {"tet10 single rotation", SB_TET10, 1, 1, 1, 1, SB_EULER, sb_material_corotated},
-    {"hex8", SB_HEX8, 3, 1, 1, 0, SB_EULER, sb_material_corotated},
-    {"tet4 stable neo-Hookean", SB_TET4, 2, 1, 1, 0, SB_EULER, sb_material_stable_neo_hookean},
+    {"tet4", SB_TET4, 3, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 0},
+    {"tet10", SB_TET10, 1, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 0},
+    {"tet10 single rotation", SB_TET10, 1, 1, 1, 1, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 0},
+    {"hex8", SB_HEX8, 3, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 0},
+    {"hex8 B-bar", SB_HEX8, 2, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_BBAR, 0},
+    {"hex20", SB_HEX20, 1, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 0},
+    {"hex27", SB_HEX27, 1, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 0},
+    {"tet4 stable neo-Hookean", SB_TET4, 2, 1, 1, 0, SB_EULER, sb_material_stable_neo_hookean, SB_INTEGRATION_AUTO, 0},
+    {"tet4 springs, pressure, tie", SB_TET4, 1, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 1},
+    {"hex8 springs, pressure, tie", SB_HEX8, 1, 1, 1, 0, SB_EULER, sb_material_corotated, SB_INTEGRATION_AUTO, 1},
 };
 enum { ROWS = sizeof rows / sizeof rows[0] };
 
@@ -61,6 +68,9 @@ typedef struct soak {
     long steps, failed_steps, phases, round_trips, caught;
     void *state;
     size_t state_size;
+    int split;               /* rich: first node of the second box, */
+    int springs, pressure;   /* and the loads on it */
+    sb_vec3 anchors[2];      /* points of the springs at rest (m) */
     int live, calls;         /* allocations held, and made, when the body had been created */
 } soak;
 
@@ -73,6 +83,70 @@ static sb_vec3 soak_vector(soak *s, double size)
     return sb_v3(REAL(x), REAL(y), REAL(z));
 }
 
+/* ---- the second box of a rich row ---- */
+
+static void soak_append_box(soak *s)
+{
+    const soak_row *row = s->row;
+    sb_mesh second = scene_box(row->type, row->nx, row->ny, row->nz, sb_v3(REAL(0.1), REAL(0.05), REAL(0.05)), 0);
+    for (int i = 0; i < second.node_count; i++)
+        second.nodes[i].x += REAL(0.1);
+    s->split = s->mesh.node_count;
+    CHECK_OK(sb_mesh_append(&s->mesh, &second, NULL));
+    sb_mesh_free(&second);
+}
+
+/* Faces of the surface with corners in [from, to) and x at a value. Returns their number. */
+static int soak_faces(const soak *s, int from, int to, double x, int *faces, int corners)
+{
+    sb_boundary boundary;
+    int count = 0;
+    if (!CHECK_OK(sb_mesh_boundary(&s->mesh, 0, NULL, &boundary, NULL)))
+        return 0;
+    for (int f = 0; f < boundary.surface.element_count && count < 8; f++) {
+        const int *face = boundary.surface.elements + f * sb_element_node_count(boundary.surface.element_type);
+        int inside = 1;
+        for (int k = 0; k < corners; k++)
+            inside &= face[k] >= from && face[k] < to && fabs((double)s->mesh.nodes[face[k]].x - x) < 1e-6;
+        for (int k = 0; k < corners && inside; k++)
+            faces[count * corners + k] = face[k];
+        count += inside;
+    }
+    sb_boundary_free(&boundary);
+    return count;
+}
+
+/* Ties the boxes, presses on the far end and holds two of its corners with springs at rest. */
+static void soak_enrich(soak *s)
+{
+    int corners = s->row->type == SB_HEX8 ? 4 : 3, faces[32], slaves[8], ends[2] = {0, 0}, slave_count = 0;
+    int face_count = soak_faces(s, 0, s->split, 0.1, faces, corners);
+    sb_real stiffness = REAL(20);
+    for (int i = s->split; i < s->mesh.node_count; i++) {
+        if (s->mesh.nodes[i].x < REAL(0.101))
+            slaves[slave_count++] = i;
+        else
+            ends[i & 1] = i;
+    }
+    CHECK_OK(sb_body_tie_faces(s->body, faces, face_count, corners, slaves, slave_count, REAL(0.001), SB_TIE_ALL, NULL,
+                               NULL));
+    face_count = soak_faces(s, s->split, s->mesh.node_count, 0.2, faces, corners);
+    CHECK_OK(sb_body_add_pressure(s->body, faces, face_count, corners, 0, &s->pressure, NULL));
+    for (int k = 0; k < 2; k++)
+        s->anchors[k] = s->mesh.nodes[ends[k]];
+    CHECK_OK(sb_body_add_springs(s->body, ends, 2, &stiffness, 1, s->anchors, &s->springs, NULL));
+}
+
+/* Springs to other points, another pressure; `size` 0: at rest. */
+static void soak_change_loads(soak *s, double size)
+{
+    sb_vec3 points[2];
+    for (int k = 0; k < 2; k++)
+        points[k] = sb_v3_add(s->anchors[k], soak_vector(s, size));
+    CHECK_OK(sb_body_move_springs(s->body, s->springs, points));
+    CHECK_OK(sb_body_set_pressure(s->body, s->pressure, REAL(soak_random(s, -1, 1) * size * 1e4)));
+}
+
 static int soak_begin(soak *s, const soak_row *row)
 {
     sb_body_def def = sb_default_body_def();
@@ -81,7 +155,10 @@ static int soak_begin(soak *s, const soak_row *row)
     s->seed = 12345;
     s->size = REAL(0.1);
     s->mesh = scene_box(row->type, row->nx, row->ny, row->nz, sb_v3(REAL(0.1), REAL(0.05), REAL(0.05)), 0);
+    if (row->rich)
+        soak_append_box(s);
     def.mesh = &s->mesh;
+    def.integration = row->integration;
     def.material = row->material(REAL(2e4), REAL(0.4), REAL(1000));
     def.single_rotation = row->single_rotation;
     def.integrator = row->integrator;
@@ -93,6 +170,8 @@ static int soak_begin(soak *s, const soak_row *row)
     if (!s->body)
         return 0;
     scene_fix_plane(s->body, &s->mesh, 0, 0, SB_XYZ);
+    if (row->rich)
+        soak_enrich(s);
     s->live = s->memory.live;
     s->calls = s->memory.calls;
     s->state_size = sb_body_state_size(s->body);
@@ -134,7 +213,12 @@ static sb_real soak_dt(soak *s)
 
 /* ---- the hands ---- */
 
-static int soak_is_free(const soak *s, int node) { return s->mesh.nodes[node].x > REAL(1e-6) * s->size; }
+/* Neither held for good nor a slave of the tie. */
+static int soak_is_free(const soak *s, int node)
+{
+    sb_real x = s->mesh.nodes[node].x;
+    return x > REAL(1e-6) * s->size && !(s->row->rich && node >= s->split && x < REAL(0.101));
+}
 
 static void soak_let_go(soak *s, soak_tool *tool)
 {
@@ -204,6 +288,8 @@ static void soak_act(soak *s)
         soak_move_hand(s);
     if (soak_choice(s, 40) == 0)
         soak_surprise(s);
+    if (s->row->rich && soak_choice(s, 25) == 0)
+        soak_change_loads(s, 0.02);
     soak_drag(s);
 }
 
@@ -258,6 +344,8 @@ static void soak_rest(soak *s)
     for (int k = 0; k < TOOLS; k++)
         soak_let_go(s, s->tools + k);
     sb_body_clear_loads(s->body);
+    if (s->row->rich)
+        soak_change_loads(s, 0);
     soak_set_material(s, 2e4);
     CHECK_OK(sb_body_set_gravity(s->body, sb_v3(0, 0, 0)));
     CHECK_OK(sb_body_set_damping(s->body, REAL(1), REAL(0.02)));
@@ -306,7 +394,7 @@ static int soak_row_run(const soak_row *row, long steps, double seconds)
             }
         }
     soak_end(&s);
-    printf("%-26s %9ld steps %6ld refused %6ld phases %5ld caught %6ld round trips %8.1f s %s\n", row->name, s.steps,
+    printf("%-28s %9ld steps %6ld refused %6ld phases %5ld caught %6ld round trips %8.1f s %s\n", row->name, s.steps,
            s.failed_steps, s.phases, s.caught, s.round_trips, spent, check.failures ? "FAILED" : "ok");
     fflush(stdout);
     return check.failures == 0;

@@ -441,7 +441,29 @@ static void test_memory(void)
     sb_mesh_free(&mesh);
 }
 
-CHECK_SUITE(custom, {"built-in elements as tables", test_copies}, {"mesh of wedges", test_mesh},
+/* Two meshes of one custom element become one, with its table; those of different elements do not. */
+static void test_append(void)
+{
+    sb_element_table table = wedge_table(), other = wedge_table();
+    sb_vec3 size = sb_v3(1, 1, 1);
+    sb_mesh mesh = wedge_box(&table, 2, 1, 1, size, 0), second = wedge_box(&table, 1, 1, 1, size, 0);
+    int nodes = mesh.node_count, elements = mesh.element_count;
+    sb_error error;
+    for (int i = 0; i < second.node_count; i++)
+        second.nodes[i].x += 2;
+    CHECK_OK(sb_mesh_append(&mesh, &second, &error));
+    CHECK(mesh.table == &table && mesh.node_count == nodes + second.node_count);
+    CHECK_INT(mesh.elements[6 * elements + 5], nodes + second.elements[5]);
+    CHECK_OK(sb_mesh_validate(&mesh, &error));
+    CHECK_NEAR(sb_mesh_volume(&mesh), 2, scene_tolerance(1e-12, 20));
+    second.table = &other;
+    CHECK_RESULT(sb_mesh_append(&mesh, &second, &error), SB_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "custom") != NULL);
+    sb_mesh_free(&mesh);
+    sb_mesh_free(&second);
+}
+
+CHECK_SUITE(custom, {"append", test_append}, {"built-in elements as tables", test_copies}, {"mesh of wedges", test_mesh},
             {"refusals", test_refusals}, {"patch test", test_patch}, {"balances and readings", test_body},
             {"same bits for any threads", test_threads}, {"violence", test_violence}, {"VTK output", test_output},
             {"every allocation failing", test_memory});

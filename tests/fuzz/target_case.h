@@ -67,6 +67,7 @@ static void fuzz_solve_case(case_file *c, sb_body *body)
         fuzz_find_modes(c, body);
         return;
     }
+    body->max_substeps = 40;
     dt = case_dt(c) > 0 ? case_dt(c) : c->solve->number[CASE_END] / 10; /* auto is bounded by the cap of substeps */
     for (int step = 1; step <= 3 && step <= case_step_count(c, dt); step++) {
         double time = case_step_time(c, dt, step, case_step_count(c, dt));
