@@ -153,7 +153,7 @@ cross:
 
 LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(FUZZERS) \
 	$(wildcard tests/snippets/*.c)
-LINT_UNITS_double = $(EXAMPLES) $(BENCHES)
+LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c
 LINT_C = gcc clang
 LINT_CPP = gxx clangxx
 LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks

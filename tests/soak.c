@@ -121,8 +121,8 @@ static void soak_step(soak *s, sb_real dt)
     if (!scene_all_finite(sb_body_displacements(s->body), s->mesh.node_count) ||
         !scene_all_finite(sb_body_velocities(s->body), s->mesh.node_count) ||
         !scene_all_finite(sb_body_reactions(s->body), s->mesh.node_count)) {
-        CHECK(!"the body stays finite");
-        printf("  %s, step %ld\n", s->row->name, s->steps);
+        check.failures++;
+        printf("  %s, step %ld: the body is not finite\n", s->row->name, s->steps);
     }
 }
 
