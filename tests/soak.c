@@ -6,8 +6,9 @@
  * go, the time step and the material change. Then everything is let go, and the body must come back to rest in its
  * own shape. In every eighth phase the tools tear the body inside out; of that it need not recover (elements may be
  * caught inside out by their neighbours: `caught` counts such phases, `restless` those of them that ended in a motion
- * which does not die down), and is then reset. Throughout: no NaN, no allocation by a step, no memory that grows, and a saved state that leads to the same
- * bits as the run it was taken from. Ends with `N passed, N failed, N skipped`, one test per row. */
+ * which does not die down), and is then reset. Throughout: no NaN, no allocation by a step, no memory that grows, and
+ * a saved state that leads to the same bits as the run it was taken from. Ends with `N passed, N failed, N skipped`,
+ * one test per row. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -320,7 +321,7 @@ int main(void)
     int passed = 0;
     for (int i = 0; i < ROWS; i++)
         passed += soak_row_run(rows + i, steps && *steps ? strtol(steps, NULL, 10) : 1000000,
-                               seconds && *seconds ? strtod(seconds, NULL) / ROWS : 0);
+                               seconds && *seconds ? strtod(seconds, NULL) / (double)ROWS : 0);
     printf("%d passed, %d failed, 0 skipped\n", passed, ROWS - passed);
     return passed != ROWS;
 }
