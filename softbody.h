@@ -4328,6 +4328,8 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
 SBI_API double sbi_loads_new_energy(const sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
+/* A static solve that failed leaves no trace of that. */
+SBI_API void sbi_loads_undo_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
 /* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
@@ -4483,7 +4485,8 @@ typedef struct sb_step_info {
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
  *
  * With max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the
- * result is taken even when max_iterations cut the linear solve short (info->capped). With more iterations each is
+ * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials, whose
+ * forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more iterations each is
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *
@@ -4764,7 +4767,8 @@ typedef struct sb_recording_report {
     sb_error error;              /* why the call failed */
 } sb_recording_report;
 
-/* Plays a recording on a body made from the same mesh and def: loads the state it began with, then repeats the calls.
+/* Plays a recording on a body made from the same mesh with the same kinds of elements and mass (what else the def says
+ * comes with the recording): loads the state it began with, then repeats the calls.
  * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
  * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
@@ -12988,8 +12992,8 @@ static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error
         return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
                         (double)m->fibre_stiffness, (double)m->fibre_exponent);
     if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but model %d is not hyperelastic",
-                        (int)m->model);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
     return SB_OK;
 }
 
@@ -13001,7 +13005,8 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
                         m->prony_count, (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
         return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material has Prony terms, but model %d is not hyperelastic", (int)m->model);
+                        "material has Prony terms, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))
@@ -18639,6 +18644,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* Forgets the values that a static solve balanced: the next one lets the load grow from no force. */
+SBI_API void sbi_body_forget_balance(sbi_load *load);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 
@@ -19894,10 +19901,19 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
 }
 
 /* The load has taken part in no solve. */
-static void sbi_body_reset_load(sbi_load *load)
+SBI_API void sbi_body_forget_balance(sbi_load *load)
 {
     load->balanced = 0;
     load->balanced_pressure = 0;
+    if (load->balanced_target) {
+        memset(load->balanced_stiffness, 0, (size_t)load->row_count * sizeof *load->balanced_stiffness);
+        memset(load->balanced_target, 0, (size_t)load->row_count * sizeof *load->balanced_target);
+    }
+}
+
+static void sbi_body_reset_load(sbi_load *load)
+{
+    sbi_body_forget_balance(load);
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
@@ -21210,6 +21226,13 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
         }
     }
     return sum;
+}
+
+SBI_API void sbi_loads_undo_static(sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (!body->loads[l].balanced)
+            sbi_body_forget_balance(body->loads + l);
 }
 
 SBI_API void sbi_loads_begin_static(sb_body *body)
@@ -23292,8 +23315,9 @@ static sb_result sbi_newton_search(sbi_newton *newton)
         return sbi_newton_no_step(newton, bad);
     newton->energy_known = 1;
     line = sbi_newton_make_line(newton);
-    if (!(line.slope < 0))
+    if (!(line.slope < 0) && !newton->linearised)
         return SB_ERROR_INDEFINITE;
+    line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
         sb_real energy, change, noise;
         sbi_newton_trial(newton, t);
@@ -23354,7 +23378,8 @@ static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangen
         result = sbi_newton_accept(newton);
     if (result == SB_ERROR_INDEFINITE && kind != SB_TANGENT_EXACT)
         return sbi_fail(&newton->info->error, result, "the projected tangent is not positive definite: %s",
-                        newton->moves_supports ? "supports move too far in one step" : "is the body supported?");
+                        newton->moves_supports ? "supports move too far in one step"
+                                               : "the body is not supported, or torn beyond what can be solved");
     return result;
 }
 
@@ -23401,14 +23426,27 @@ static int sbi_newton_allows_inversion(const sb_body *b)
     return 1;
 }
 
-/* The one iteration of a linearised step. Nothing watches its increment, so where the material forbids inverted
- * elements the new shape is tried at once (the next step finds its forces done): the body must stay steppable. */
+/* The one iteration of a linearised step. Where the material forbids inverted elements the new shape is tried at once
+ * (the next step finds its forces done): the body must stay steppable. */
 static sb_result sbi_newton_linearised(sbi_newton *newton)
 {
+    sb_body *b = newton->body;
     sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
-    if (result == SB_OK && !sbi_newton_allows_inversion(newton->body))
+    for (int i = 0; newton->line_search && result == SB_OK && i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
+    if (result == SB_OK && !sbi_newton_allows_inversion(b))
         result = sbi_newton_force(newton);
     return result;
+}
+
+/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
+ * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
+static int sbi_newton_is_tame(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (sb_material_is_hyperelastic(b->materials[i].model))
+            return 0;
+    return 1;
 }
 
 /* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
@@ -23796,7 +23834,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
-    newton.line_search = !newton.linearised && !body->domain.single_rotation;
+    newton.line_search = !body->domain.single_rotation && !(newton.linearised && sbi_newton_is_tame(body));
     sbi_step_save(body);
     sbi_step_watch_knots(body, newton.linearised);
     result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
@@ -23967,6 +24005,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         info->error = error;
     } else {
         sbi_step_undo(body);
+        sbi_loads_undo_static(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
