@@ -16,6 +16,15 @@ static double total_energy(sb_body *body)
     return (double)energy.elastic + (double)energy.kinetic;
 }
 
+/* Of the loads, up to a constant. */
+static double potential_energy(const sb_body *body, int n)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++)
+        sum -= (double)sb_v3_dot(sb_body_external_forces(body)[i], sb_body_displacements(body)[i]);
+    return sum;
+}
+
 /* ---- orders in time ---- */
 
 enum { SWING_NODES = 8 };
@@ -55,7 +64,7 @@ static double swing(sb_integrator integrator, int steps, sb_vec3 *tip)
 static void test_orders(void)
 {
     static const double order[5] = {0, 1, 2, 2, 2}, most_newton[5] = {0, 5, 5, 5, 0};
-    static const int first[5] = {0, 800, 100, 200, 400};
+    static const int first[5] = {0, 600, 80, 100, 400};
     sb_vec3 limit[SWING_NODES];
     if (SB_REAL_IS_FLOAT) {
         CHECK_SKIP("orders in time need double");
@@ -306,11 +315,8 @@ static rough_ride fall_about(sb_integrator integrator, double radius, sb_materia
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     height = 9.81 * (double)sb_body_mass(body) * 0.3;
     for (int s = 0; s < 80; s++) {
-        double potential = 0;
         ride.failures += sb_body_step(body, REAL(0.02), NULL) != SB_OK;
-        for (int i = 0; i < mesh.node_count; i++)
-            potential -= (double)sb_v3_dot(sb_body_external_forces(body)[i], sb_body_displacements(body)[i]);
-        ride.energy = fmax(ride.energy, (total_energy(body) + potential) / height);
+        ride.energy = fmax(ride.energy, (total_energy(body) + potential_energy(body, mesh.node_count)) / height);
     }
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
@@ -497,7 +503,7 @@ static void test_stable_step(void)
 static sb_body *explicit_beam(sb_mesh *mesh, sb_element_type type, sb_material material)
 {
     sb_body_def def = sb_default_body_def();
-    *mesh = scene_box(type, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
+    *mesh = scene_box(type, 3, 2, 1, sb_v3(REAL(0.15), REAL(0.1), REAL(0.05)), 0.1);
     def.mesh = mesh;
     def.material = material;
     def.integrator = SB_CENTRAL_DIFFERENCE;
@@ -594,7 +600,7 @@ static void test_explicit_violence(void)
             sb_mesh mesh;
             sb_body *body;
             int failures = 0, substeps = 0;
-            double after_jerks = 0, last;
+            double after_jerks = 0, last = 0;
             unsigned long long seed = 1234;
             materials[0] = sb_material_corotated(REAL(5e3), REAL(0.4), REAL(1000));
             materials[1] = sb_material_stable_neo_hookean(REAL(5e3), REAL(0.4), REAL(1000));
@@ -617,12 +623,12 @@ static void test_explicit_violence(void)
                 }
                 failures += sb_body_step(body, REAL(1.0 / 60), &info) != SB_OK;
                 substeps += info.substeps;
-                after_jerks = s == 40 ? total_energy(body) : after_jerks;
+                last = total_energy(body) + potential_energy(body, mesh.node_count);
+                after_jerks = s == 40 ? last : after_jerks;
                 if (!CHECK(scene_all_finite(sb_body_positions(body), mesh.node_count) &&
                            scene_all_finite(sb_body_velocities(body), mesh.node_count)))
                     break;
             }
-            last = total_energy(body);
             printf("  explicit violence %s, model %d: %d of 64 steps undone, %.0f substeps per frame, %.2f of the energy left\n",
                    sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 64.0, last / after_jerks);
             CHECK(last <= after_jerks); /* nothing came in since, and damping took some */
