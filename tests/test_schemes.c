@@ -252,7 +252,7 @@ static void test_one_motion(void)
             swing((kind)what, (sb_integrator)s, 2 * count, fine);
             if (s == SB_CENTRAL_DIFFERENCE) {
                 CHECK_NEAR(scene_distance(fine, reference, WATCHED) / size, 0, lumped ? 0.05 : 1e-4);
-                swing((kind)what, (sb_integrator)s, 16 * count, reference);
+                swing((kind)what, (sb_integrator)s, 8 * count, reference);
             }
             first = scene_distance(coarse, reference, WATCHED) / size;
             second = scene_distance(fine, reference, WATCHED) / size;
