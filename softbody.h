@@ -2185,7 +2185,8 @@ typedef struct sb_element_table {
      * value (the tip of a pyramid). */
     void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
     const void *user;                /* handed to shape */
-    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS] */
+    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
+                                      * element has motions that cost nothing (hex8 needs 8, not 1) */
     const sb_real (*points)[3];      /* [point_count] parameters */
     const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
     int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */
@@ -4248,7 +4249,8 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
  * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
- * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
+ * at the new shape (generalised alpha where it has its balance, and the readings below are of there; explicit steps take
+ * it as it is). A time step has the present values of loads throughout. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
  * with to the present ones; a load that is new to it starts from no force.
  *
  * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
