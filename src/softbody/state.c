@@ -660,20 +660,21 @@ static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, si
         }
 }
 
-/* Stiffness, targets and force of a row of springs or a mapping. */
+/* Stiffness, targets and force of a row of springs or a mapping. What no static solve has balanced yet has no balanced
+ * values, though its arrays may hold some of a solve that failed. */
 static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
 {
-    int real = load->stiffness != NULL;
+    int real = load->stiffness != NULL, balanced = real && load->balanced;
     for (int k = 0; k < 2; k++) {
         sb_real *from = k ? load->balanced_stiffness : load->stiffness;
-        sb_real stiffness = sbi_state_put_real(walk, real ? from + j : NULL);
+        sb_real stiffness = sbi_state_put_real(walk, (k ? balanced : real) ? from + j : NULL);
         if (sbi_state_checks(walk) && (!(stiffness >= 0) || !sb_is_finite(stiffness)))
             sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_ARGUMENT, j,
                                                     "row %d of the saved load %d has stiffness %g", j, load->id,
                                                     (double)stiffness));
     }
     sbi_state_put_vector(walk, real ? load->target + j : NULL, SBI_STATE_FINITE, "target of a load");
-    sbi_state_put_vector(walk, real ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
+    sbi_state_put_vector(walk, balanced ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
     sbi_state_put_vector(walk, real ? load->force + j : NULL, SBI_STATE_ANY, "");
 }
 
