@@ -484,9 +484,10 @@ static sb_result sbi_newton_no_step(sbi_newton *newton, int bad)
 static sb_result sbi_newton_move_supports(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    sb_real least = newton->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
     sb_real energy = 0, alone = 0, t;
     int bad = -1;
-    for (t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
+    for (t = 1; t > least; t *= (sb_real)0.5) {
         sbi_newton_trial(newton, t);
         if (sbi_newton_try(newton, b->work2, &energy, &bad))
             break;
@@ -501,7 +502,7 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
             return SB_OK;
         }
     }
-    if (!(t > (sb_real)1e-6))
+    if (!(t > least))
         return sbi_newton_no_step(newton, bad);
     sbi_newton_take(newton, b->work2, energy);
     return SB_OK;
