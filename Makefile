@@ -163,7 +163,7 @@ cross:
 
 LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(FUZZERS) \
 	$(wildcard tests/snippets/*.c)
-LINT_UNITS_double = $(EXAMPLES) $(BENCHES)
+LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c
 LINT_C = gcc clang
 LINT_CPP = gxx clangxx
 LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks
@@ -235,14 +235,18 @@ test-corpus: build/fuzz/plain
 	tests/total.sh $(CORPUS_TESTS)
 
 # libFuzzer puts what it finds worth keeping into build/fuzz/found, and starts from it next time.
-fuzz: build/fuzz/$(if $(CAN_FUZZ),libfuzzer,plain)
+FUZZ_WITH = $(if $(CAN_FUZZ),libfuzzer,plain)
+FUZZ_OPTIONS = -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=60 -verbosity=0 -print_final_stats=1
+FUZZ_RUN_plain = build/fuzz/plain $(1) -$(FUZZ_SECONDS) tests/fuzz/corpus/$(1)/*
+define FUZZ_RUN_libfuzzer
+FUZZ_TARGET=$(1) build/fuzz/libfuzzer $(FUZZ_OPTIONS) -artifact_prefix=build/fuzz/$(1)- build/fuzz/found/$(1) \
+tests/fuzz/corpus/$(1) >build/fuzz/$(1).log 2>&1 || { tail -n 40 build/fuzz/$(1).log; false; } && \
+sed -n 's/.*executed_units/$(1)/p' build/fuzz/$(1).log && echo '1 passed, 0 failed, 0 skipped'
+endef
+
+fuzz: build/fuzz/$(FUZZ_WITH)
 	@mkdir -p $(FUZZ_TARGETS:%=build/fuzz/found/%)
-	tests/total.sh $(foreach target,$(FUZZ_TARGETS),$(if $(CAN_FUZZ),\
-	    "FUZZ_TARGET=$(target) build/fuzz/libfuzzer -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=60 \
-	    -artifact_prefix=build/fuzz/$(target)- -print_final_stats=1 -verbosity=0 build/fuzz/found/$(target) \
-	    tests/fuzz/corpus/$(target) >build/fuzz/$(target).log 2>&1 || { tail -n 40 build/fuzz/$(target).log; false; } \
-	    && grep number_of_executed build/fuzz/$(target).log && echo '1 passed, 0 failed, 0 skipped'",\
-	    "build/fuzz/plain $(target) -$(FUZZ_SECONDS) tests/fuzz/corpus/$(target)/*"))
+	tests/total.sh $(foreach target,$(FUZZ_TARGETS),"$(call FUZZ_RUN_$(FUZZ_WITH),$(target))")
 
 # ---- soak and coverage -----------------------------------------------------------------------------------------
 

@@ -2185,7 +2185,8 @@ typedef struct sb_element_table {
      * value (the tip of a pyramid). */
     void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
     const void *user;                /* handed to shape */
-    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS] */
+    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
+                                      * element has motions that cost nothing (hex8 needs 8, not 1) */
     const sb_real (*points)[3];      /* [point_count] parameters */
     const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
     int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */
@@ -4248,7 +4249,8 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
  * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
- * at the new shape. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
+ * at the new shape (generalised alpha where it has its balance, and the readings below are of there; explicit steps take
+ * it as it is). A time step has the present values of loads throughout. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
  * with to the present ones; a load that is new to it starts from no force.
  *
  * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
@@ -4328,6 +4330,8 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
 SBI_API double sbi_loads_new_energy(const sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
+/* A static solve that failed leaves no trace of that. */
+SBI_API void sbi_loads_undo_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
 /* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
@@ -4483,7 +4487,8 @@ typedef struct sb_step_info {
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
  *
  * With max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the
- * result is taken even when max_iterations cut the linear solve short (info->capped). With more iterations each is
+ * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials, whose
+ * forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more iterations each is
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *
@@ -4764,7 +4769,8 @@ typedef struct sb_recording_report {
     sb_error error;              /* why the call failed */
 } sb_recording_report;
 
-/* Plays a recording on a body made from the same mesh and def: loads the state it began with, then repeats the calls.
+/* Plays a recording on a body made from the same mesh with the same kinds of elements and mass (what else the def says
+ * comes with the recording): loads the state it began with, then repeats the calls.
  * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
  * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
@@ -12988,8 +12994,8 @@ static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error
         return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
                         (double)m->fibre_stiffness, (double)m->fibre_exponent);
     if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but model %d is not hyperelastic",
-                        (int)m->model);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
     return SB_OK;
 }
 
@@ -13001,7 +13007,8 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
                         m->prony_count, (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
         return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material has Prony terms, but model %d is not hyperelastic", (int)m->model);
+                        "material has Prony terms, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))
@@ -18639,6 +18646,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* Forgets the values that a static solve balanced: the next one lets the load grow from no force. */
+SBI_API void sbi_body_forget_balance(sbi_load *load);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 
@@ -19894,10 +19903,19 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
 }
 
 /* The load has taken part in no solve. */
-static void sbi_body_reset_load(sbi_load *load)
+SBI_API void sbi_body_forget_balance(sbi_load *load)
 {
     load->balanced = 0;
     load->balanced_pressure = 0;
+    if (load->balanced_target) {
+        memset(load->balanced_stiffness, 0, (size_t)load->row_count * sizeof *load->balanced_stiffness);
+        memset(load->balanced_target, 0, (size_t)load->row_count * sizeof *load->balanced_target);
+    }
+}
+
+static void sbi_body_reset_load(sbi_load *load)
+{
+    sbi_body_forget_balance(load);
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
@@ -21212,6 +21230,13 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
     return sum;
 }
 
+SBI_API void sbi_loads_undo_static(sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (!body->loads[l].balanced)
+            sbi_body_forget_balance(body->loads + l);
+}
+
 SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
@@ -22247,7 +22272,9 @@ SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const
  * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
  * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
  * the most cautious one arrives at opens a new ledger. Energy is that of the motion, of the body and of its springs; to
- * the rest of the forces the ledger gives credit for their work.
+ * the rest of the forces the ledger gives credit for their work. Near the limit elastic energy swings, up to
+ * 1/(1 - margin^2) times what its frequency has; what linear bodies keep in steps of h is the energy less
+ * h^2/8 a^T M a, and that is what the ledger measures.
  *
  * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
  * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
@@ -22267,8 +22294,7 @@ enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain p
 typedef struct sbi_explicit_plan {
     sb_real margin;           /* substeps are at most this share of the stable step */
     int interval;             /* substeps between looks, each of which costs as much as some ten forces */
-    double factor;            /* energy over that of the ledger that is taken for granted: near the limit, elastic
-                               * energy swings to 1/(1 - margin^2) times what its frequency has */
+    double factor;            /* energy over that of the ledger that is taken for granted */
 } sbi_explicit_plan;
 
 static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
@@ -22406,12 +22432,23 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 
 /* ---- looks at energy and stability ---- */
 
-static double sbi_explicit_kinetic(const sb_body *b)
+/* v^T M v / 2 */
+static double sbi_explicit_square(const sb_body *b, const sb_vec3 *v)
 {
     double sum = 0;
     for (int i = 0; i < b->domain.node_count; i++)
-        sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(b->velocity[i], b->velocity[i]);
-    return b->elimination ? sum + sbi_constraint_lumped_energy(b, b->velocity) : sum;
+        sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(v[i], v[i]);
+    return b->elimination ? sum + sbi_constraint_lumped_energy(b, v) : sum;
+}
+
+static double sbi_explicit_kinetic(const sb_body *b) { return sbi_explicit_square(b, b->velocity); }
+
+/* What steps of h seem to add to the elastic energy at the present accelerations, which supports have no part in (J). */
+static double sbi_explicit_swing(sb_body *b, sb_real h)
+{
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), b->acceleration[i]);
+    return (double)h * (double)h / 4 * sbi_explicit_square(b, b->work);
 }
 
 /* Elastic energy (J) as the ledger has it: of bodies with Prony terms the long-term one; to open a ledger with, the
@@ -22461,19 +22498,21 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 {
     sb_body *b = x->body;
     sb_step_info *info = x->info;
-    double begin = sbi_explicit_now(b), energy = 0, lost;
+    double begin = sbi_explicit_now(b), kinetic = sbi_explicit_kinetic(b), energy = 0, lost;
     int opens = !b->guard.ledger_open || (x->last_resort && info->substeps == 0);
     int bad = sbi_explicit_elastic(b, opens, &energy);
     sb_result result;
     if (bad >= 0)
         return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    energy += sbi_explicit_kinetic(b) + x->springs;
+    energy += kinetic + x->springs;
     if (opens) {
         x->start_energy = energy;
         b->guard.energy = energy;
         b->guard.ledger_open = 1;
     }
+    energy -= sbi_explicit_swing(b, x->h);
+    energy = energy < kinetic ? kinetic : energy; /* forces of loads may make the difference too much; NaN stays */
     result = sbi_explicit_audit(x, energy);
     if (result != SB_OK)
         return result;
@@ -22667,6 +22706,13 @@ static double sbi_explicit_count(sb_real left, sb_real longest)
     return count < 1 ? 1 : count;
 }
 
+/* Substeps as this plan would make them at the stable step last known; 0: none is. */
+static sb_real sbi_explicit_length(const sb_body *b, sb_real dt, int caution)
+{
+    sb_real stable = b->guard.stable_step;
+    return stable > 0 ? (sb_real)((double)dt / sbi_explicit_count(dt, sbi_explicit_plans[caution].margin * stable)) : 0;
+}
+
 /* Forces of the supports at the end of the call. */
 static void sbi_explicit_reactions(sb_body *b)
 {
@@ -22722,6 +22768,7 @@ SBI_API void sbi_explicit_calm(sb_body *body, int caution)
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
 {
     sbi_explicit x;
+    sb_real before;
     sb_result result = body->elimination ? sbi_constraint_explicit_check(body, &info->error) : SB_OK;
     if (result != SB_OK)
         return result;
@@ -22731,9 +22778,8 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     x.last_resort = caution == SBI_EXPLICIT_CAUTION;
     x.start_energy = 0;
     x.dt = dt;
-    x.h = body->guard.stable_step > 0
-              ? (sb_real)((double)dt / sbi_explicit_count(dt, x.plan->margin * body->guard.stable_step))
-              : (sb_real)0; /* as in calls before */
+    x.h = sbi_explicit_length(body, dt, caution);
+    before = sbi_explicit_length(body, dt, body->guard.caution);
     x.springs = sbi_loads_energy(body, body->displacement);
     info->substeps = 0;
     if (!body->acceleration_known) /* the state came from outside */
@@ -22744,6 +22790,8 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     if (result != SB_OK)
         return result;
     sbi_explicit_begin(body, dt);
+    if (x.h < before) /* shorter steps show more of the energy there is */
+        body->guard.energy += sbi_explicit_swing(body, before) - sbi_explicit_swing(body, x.h);
     result = sbi_explicit_go(&x, dt);
     if (result != SB_OK)
         return result;
@@ -23269,8 +23317,9 @@ static sb_result sbi_newton_search(sbi_newton *newton)
         return sbi_newton_no_step(newton, bad);
     newton->energy_known = 1;
     line = sbi_newton_make_line(newton);
-    if (!(line.slope < 0))
+    if (!(line.slope < 0) && !newton->linearised)
         return SB_ERROR_INDEFINITE;
+    line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
         sb_real energy, change, noise;
         sbi_newton_trial(newton, t);
@@ -23331,7 +23380,8 @@ static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangen
         result = sbi_newton_accept(newton);
     if (result == SB_ERROR_INDEFINITE && kind != SB_TANGENT_EXACT)
         return sbi_fail(&newton->info->error, result, "the projected tangent is not positive definite: %s",
-                        newton->moves_supports ? "supports move too far in one step" : "is the body supported?");
+                        newton->moves_supports ? "supports move too far in one step"
+                                               : "the body is not supported, or torn beyond what can be solved");
     return result;
 }
 
@@ -23378,14 +23428,27 @@ static int sbi_newton_allows_inversion(const sb_body *b)
     return 1;
 }
 
-/* The one iteration of a linearised step. Nothing watches its increment, so where the material forbids inverted
- * elements the new shape is tried at once (the next step finds its forces done): the body must stay steppable. */
+/* The one iteration of a linearised step. Where the material forbids inverted elements the new shape is tried at once
+ * (the next step finds its forces done): the body must stay steppable. */
 static sb_result sbi_newton_linearised(sbi_newton *newton)
 {
+    sb_body *b = newton->body;
     sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
-    if (result == SB_OK && !sbi_newton_allows_inversion(newton->body))
+    for (int i = 0; newton->line_search && result == SB_OK && i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
+    if (result == SB_OK && !sbi_newton_allows_inversion(b))
         result = sbi_newton_force(newton);
     return result;
+}
+
+/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
+ * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
+static int sbi_newton_is_tame(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (sb_material_is_hyperelastic(b->materials[i].model))
+            return 0;
+    return 1;
 }
 
 /* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
@@ -23773,7 +23836,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
-    newton.line_search = !newton.linearised && !body->domain.single_rotation;
+    newton.line_search = !body->domain.single_rotation && !(newton.linearised && sbi_newton_is_tame(body));
     sbi_step_save(body);
     sbi_step_watch_knots(body, newton.linearised);
     result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
@@ -23944,6 +24007,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         info->error = error;
     } else {
         sbi_step_undo(body);
+        sbi_loads_undo_static(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
@@ -25314,21 +25378,20 @@ static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, si
         }
 }
 
-/* Stiffness, targets and force of a row of springs or a mapping. What no static solve has balanced yet has no balanced
- * values, though its arrays may hold some of a solve that failed. */
+/* Stiffness, targets and force of a row of springs or a mapping. */
 static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
 {
-    int real = load->stiffness != NULL, balanced = real && load->balanced;
+    int real = load->stiffness != NULL;
     for (int k = 0; k < 2; k++) {
         sb_real *from = k ? load->balanced_stiffness : load->stiffness;
-        sb_real stiffness = sbi_state_put_real(walk, (k ? balanced : real) ? from + j : NULL);
+        sb_real stiffness = sbi_state_put_real(walk, real ? from + j : NULL);
         if (sbi_state_checks(walk) && (!(stiffness >= 0) || !sb_is_finite(stiffness)))
             sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_ARGUMENT, j,
                                                     "row %d of the saved load %d has stiffness %g", j, load->id,
                                                     (double)stiffness));
     }
     sbi_state_put_vector(walk, real ? load->target + j : NULL, SBI_STATE_FINITE, "target of a load");
-    sbi_state_put_vector(walk, balanced ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
+    sbi_state_put_vector(walk, real ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
     sbi_state_put_vector(walk, real ? load->force + j : NULL, SBI_STATE_ANY, "");
 }
 

@@ -332,10 +332,13 @@ static inline char *case_read_text(const char *path, const char **reason)
         if (memchr(text, 0, used))
             *reason = "it is not a text file";
     }
-    if (!*reason)
-        return text;
-    free(text);
-    return NULL;
+    if (*reason) {
+        free(text);
+        return NULL;
+    }
+    if (strncmp(text, "\xef\xbb\xbf", 3) == 0) /* the byte order mark that some editors put before UTF-8 */
+        memset(text, ' ', 3);
+    return text;
 }
 
 /* Cuts the next line off *cursor and its comment off the line; NULL at the end. */
@@ -1072,6 +1075,9 @@ static inline int case_check_regions(case_file *c)
         region = own;
         if (at < 0) {
             free(used);
+            if (!c->mesh.regions)
+                return case_fail(c, c->mesh_statement->line,
+                                 "the mesh has no regions (all is region 0), but every material names another");
             return case_fail(c, c->mesh_statement->line, "region %d of the mesh (element %d) has no material",
                              own, e);
         }
@@ -1184,6 +1190,16 @@ static inline int case_check_statement(case_file *c, case_statement *s)
     return s->scaled || case_fail_memory(c, s->line);
 }
 
+/* Degrees of freedom that no support holds (as far as an int counts). */
+static inline int case_free_axes(const case_file *c)
+{
+    int count = 0;
+    for (int i = 0; i < c->mesh.node_count; i++)
+        for (int axis = 0; axis < 3 && count < INT_MAX; axis++)
+            count += !(c->supports[i] >> axis & 1);
+    return count;
+}
+
 static inline int case_load(case_file *c)
 {
     int ok = case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c);
@@ -1191,6 +1207,9 @@ static inline int case_load(case_file *c)
         ok = case_check_statement(c, c->statements + i);
     if (ok && case_is_dynamic(c) && case_dt(c) > 0 && !(c->solve->number[CASE_END] / case_dt(c) < 1e9))
         ok = case_fail(c, c->solve->line, "end= is more than 1e9 steps of dt= away");
+    if (ok && c->solve->form->code == CASE_MODES && (int)c->solve->number[CASE_COUNT] > case_free_axes(c))
+        ok = case_fail(c, c->solve->line, "count= is more than the %d degrees of freedom that no support holds",
+                       case_free_axes(c));
     return ok;
 }
 

@@ -63,8 +63,9 @@ static const char help[] =
     "most per load step; tol is the out-of-balance force relative to the largest of load and reaction.\n"
     "Dynamic: every step is iterated to tol (1e-6) in at most newton (20) iterations. --mass: reduced uses the\n"
     "points of the stiffness, as CalculiX does (default of euler and newmark); consistent is integrated exactly\n"
-    "(default of modes); lumped is diagonal (what central needs). Relaxing materials: a static solve finds the\n"
-    "state after infinite time. -o of modes writes the mode shapes as fields.\n"
+    "(default of modes); lumped is diagonal (what central needs). central: a dt above the stable step is cut into\n"
+    "substeps. Relaxing materials: moduli are those of sudden motion, changes of volume do not relax, and a static\n"
+    "solve finds the state after infinite time. -o of modes writes the mode shapes as fields.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
@@ -261,11 +262,6 @@ static void solve_modes(run *r)
     sb_modes_info info = {0, 0, 0, 0, 0};
     sb_error error;
     size_t count = (size_t)r->file.solve->number[CASE_COUNT], nodes = (size_t)r->file.mesh.node_count;
-    if (count > 3 * nodes) {
-        snprintf(r->failure, sizeof r->failure, "count= is more than the mesh's %d degrees of freedom",
-                 3 * r->file.mesh.node_count);
-        return;
-    }
     options.mass = case_mass(&r->file);
     r->frequencies = (sb_real *)calloc(count, sizeof *r->frequencies);
     r->shapes = (sb_vec3 *)calloc(count, nodes * sizeof *r->shapes);
@@ -350,22 +346,6 @@ static char *output_path(const run *r, const char *name)
     return path;
 }
 
-/* Finds out before a long solve that a file cannot be written; leaves no file where there was none. */
-static int can_write(const char *path)
-{
-    FILE *file = fopen(path, "rb");
-    int existed = file != NULL;
-    if (file)
-        fclose(file);
-    file = fopen(path, "ab");
-    if (!file)
-        return 0;
-    fclose(file);
-    if (!existed)
-        remove(path);
-    return 1;
-}
-
 /* 1 when both paths lead to one file that exists, by whatever names and links. */
 static int is_same_file(const char *a, const char *b)
 {
@@ -376,6 +356,26 @@ static int is_same_file(const char *a, const char *b)
     struct stat of_a, of_b;
     return stat(a, &of_a) == 0 && stat(b, &of_b) == 0 && of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino;
 #endif
+}
+
+/* Finds out before a long solve that a file cannot be written, or that it is the same as another output's (which may be
+ * NULL); leaves no file where there was none. Returns 1, or 0 with why. */
+static int can_write(const char *path, const char *other, const char **why)
+{
+    FILE *file = fopen(path, "rb");
+    int existed = file != NULL, same;
+    if (file)
+        fclose(file);
+    file = fopen(path, "ab");
+    *why = "cannot be written";
+    if (!file)
+        return 0;
+    fclose(file);
+    same = other && is_same_file(path, other);
+    if (!existed)
+        remove(path);
+    *why = "is written twice";
+    return !same;
 }
 
 /* 1 when writing to the path would destroy an input of the case: itself, its mesh, a list. */
@@ -397,12 +397,22 @@ static int is_input(const run *r, const char *path)
     return found;
 }
 
-/* 1 when the path can be written without harm; otherwise says why. */
-static int check_output(run *r, int line, const char *path)
+/* 1 when the path can be written without harm: no input, no output of a statement before `end`. */
+static int check_output(run *r, int line, const char *path, const case_statement *end)
 {
+    const char *why;
     if (is_input(r, path))
         return case_fail(&r->file, line, "%.500s is read by this case: it would be overwritten", path);
-    return can_write(path) || case_fail(&r->file, line, "cannot write %.500s", path);
+    if (!can_write(path, NULL, &why))
+        return case_fail(&r->file, line, "%.500s %s", path, why);
+    for (const case_statement *s = r->file.statements; s < end; s++) {
+        char *other = s->form->kind == CASE_OUTPUT ? output_path(r, s->path) : NULL;
+        int ok = !other || can_write(path, other, &why);
+        free(other);
+        if (!ok)
+            return case_fail(&r->file, line, "%.500s %s, the first time by line %d", path, why, s->line);
+    }
+    return 1;
 }
 
 static int check_outputs(run *r)
@@ -415,12 +425,12 @@ static int check_outputs(run *r)
         if (s->form->kind != CASE_OUTPUT)
             continue;
         path = output_path(r, s->path);
-        ok = path ? check_output(r, s->line, path) : case_fail_memory(c, s->line);
+        ok = path ? check_output(r, s->line, path, s) : case_fail_memory(c, s->line);
         free(path);
         if (!ok)
             return 0;
     }
-    return !r->vtk_path || check_output(r, 0, r->vtk_path);
+    return !r->vtk_path || check_output(r, 0, r->vtk_path, c->statements + c->statement_count);
 }
 
 static int write_output(run *r, const case_statement *s)

@@ -86,7 +86,7 @@ static inline plot_curve *plot_add_curve(plot_panel *panel, const char *name, co
 
 static inline double plot_scaled(int logarithmic, double value)
 {
-    return !logarithmic ? value : value > 0 ? log10(value) : NAN;
+    return !logarithmic ? value : value > 0 ? log10(value) : (double)NAN;
 }
 
 /* Pixel of a number; not finite when it has no place on the axis. */

@@ -178,8 +178,9 @@ static void print_table(const settings *s, const model *models, int count)
     printf("%-26s %9.3g s %9.3g s %10s %15.3g s %9.3g s\n", "model", s->ramp, s->end, "left", s->ramp, s->end);
     for (int m = 0; m < MODELS; m++) {
         const double *stress = models[m].stress, *stretched = models[m].stretched;
-        printf("%-26s %11.2f %11.2f %9.1f %% %17.4f %11.4f\n", models[m].name, stress[RAMP_STEPS], stress[last],
-               100 * stress[last] / stress[RAMP_STEPS], stretched[RAMP_STEPS], stretched[last]);
+        double left = stress[RAMP_STEPS] != 0 ? 100 * stress[last] / stress[RAMP_STEPS] : 100;
+        printf("%-26s %11.2f %11.2f %9.1f %% %17.4f %11.4f\n", models[m].name, stress[RAMP_STEPS], stress[last], left,
+               stretched[RAMP_STEPS], stretched[last]);
     }
 }
 

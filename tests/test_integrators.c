@@ -16,6 +16,15 @@ static double total_energy(sb_body *body)
     return (double)energy.elastic + (double)energy.kinetic;
 }
 
+/* Of the loads, up to a constant. */
+static double potential_energy(const sb_body *body, int n)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++)
+        sum -= (double)sb_v3_dot(sb_body_external_forces(body)[i], sb_body_displacements(body)[i]);
+    return sum;
+}
+
 /* ---- orders in time ---- */
 
 enum { SWING_NODES = 8 };
@@ -55,7 +64,7 @@ static double swing(sb_integrator integrator, int steps, sb_vec3 *tip)
 static void test_orders(void)
 {
     static const double order[5] = {0, 1, 2, 2, 2}, most_newton[5] = {0, 5, 5, 5, 0};
-    static const int first[5] = {0, 800, 100, 200, 400};
+    static const int first[5] = {0, 600, 80, 100, 400};
     sb_vec3 limit[SWING_NODES];
     if (SB_REAL_IS_FLOAT) {
         CHECK_SKIP("orders in time need double");
@@ -182,7 +191,7 @@ static void test_alpha_never_gains(void)
                              REAL(check_random_in(&seed, -1, 1)));
         CHECK_OK(sb_body_set_velocities(body, v));
         most = first = total_energy(body);
-        for (int s = 0; s < 500; s++) {
+        for (int s = 0; s < 300; s++) {
             if (!CHECK_OK(sb_body_step(body, REAL(0.005), NULL)))
                 break;
             last = total_energy(body);
@@ -306,11 +315,8 @@ static rough_ride fall_about(sb_integrator integrator, double radius, sb_materia
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     height = 9.81 * (double)sb_body_mass(body) * 0.3;
     for (int s = 0; s < 80; s++) {
-        double potential = 0;
         ride.failures += sb_body_step(body, REAL(0.02), NULL) != SB_OK;
-        for (int i = 0; i < mesh.node_count; i++)
-            potential -= (double)sb_v3_dot(sb_body_external_forces(body)[i], sb_body_displacements(body)[i]);
-        ride.energy = fmax(ride.energy, (total_energy(body) + potential) / height);
+        ride.energy = fmax(ride.energy, (total_energy(body) + potential_energy(body, mesh.node_count)) / height);
     }
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
@@ -484,7 +490,7 @@ static void test_stable_step(void)
             CHECK_OK(sb_body_stable_step(p.body, &dt, &error));
             CHECK_OK(sb_body_stable_step(p.body, &again, NULL));
             CHECK(dt == again);
-            ratio = (double)dt / true_stable_step(&p, 60);
+            ratio = (double)dt / true_stable_step(&p, 40);
             printf("  stable step %s, model %d: %.4g s, %.3f of the true one\n", sb_element_name(element_types[t]),
                    (int)materials[m].model, (double)dt, ratio);
             CHECK(ratio <= 1 && ratio > 0.75);
@@ -494,10 +500,11 @@ static void test_stable_step(void)
 
 /* ---- central differences ---- */
 
-static sb_body *explicit_beam(sb_mesh *mesh, sb_element_type type, sb_material material)
+/* Cells of 5 cm, `length` by 2 by `height` of them. */
+static sb_body *explicit_beam(sb_mesh *mesh, sb_element_type type, int length, int height, sb_material material)
 {
     sb_body_def def = sb_default_body_def();
-    *mesh = scene_box(type, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
+    *mesh = scene_box(type, length, 2, height, sb_v3(REAL(0.05 * length), REAL(0.1), REAL(0.05 * height)), 0.1);
     def.mesh = mesh;
     def.material = material;
     def.integrator = SB_CENTRAL_DIFFERENCE;
@@ -508,7 +515,7 @@ static void test_explicit_conserves(void)
 {
     for (int t = 0; t < ELEMENT_TYPES; t++) {
         sb_mesh mesh;
-        sb_body *body = explicit_beam(&mesh, element_types[t], sb_material_linear(REAL(5e3), REAL(0.4), REAL(1000)));
+        sb_body *body = explicit_beam(&mesh, element_types[t], 2, 1, sb_material_linear(REAL(5e3), REAL(0.4), REAL(1000)));
         sb_vec3 *v = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3)), before, after;
         unsigned long long seed = 21;
         double first, least = 1e30, most = 0, size = 0;
@@ -551,7 +558,7 @@ static void test_explicit_frames(void)
     for (int t = 0; t < ELEMENT_TYPES; t++)
         for (int corotated = 0; corotated < 2; corotated++) {
             sb_mesh mesh;
-            sb_body *body = explicit_beam(&mesh, element_types[t],
+            sb_body *body = explicit_beam(&mesh, element_types[t], 3, 1,
                                           corotated ? sb_material_corotated(REAL(2e4), REAL(0.4), REAL(1000))
                                                     : sb_material_neo_hookean(REAL(2e4), REAL(0.4), REAL(1000)));
             sb_vec3 target = sb_v3(REAL(0.01), 0, REAL(0.02));
@@ -594,12 +601,12 @@ static void test_explicit_violence(void)
             sb_mesh mesh;
             sb_body *body;
             int failures = 0, substeps = 0;
-            double after_jerks = 0, last;
+            double after_jerks = 0, last = 0;
             unsigned long long seed = 1234;
             materials[0] = sb_material_corotated(REAL(5e3), REAL(0.4), REAL(1000));
             materials[1] = sb_material_stable_neo_hookean(REAL(5e3), REAL(0.4), REAL(1000));
             materials[2] = sb_material_neo_hookean(REAL(5e3), REAL(0.4), REAL(1000));
-            body = explicit_beam(&mesh, element_types[t], materials[m]);
+            body = explicit_beam(&mesh, element_types[t], 2, 2, materials[m]);
             CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-9.81))));
             CHECK_OK(sb_body_set_damping(body, 2, 0));
             scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
@@ -617,12 +624,12 @@ static void test_explicit_violence(void)
                 }
                 failures += sb_body_step(body, REAL(1.0 / 60), &info) != SB_OK;
                 substeps += info.substeps;
-                after_jerks = s == 40 ? total_energy(body) : after_jerks;
+                last = total_energy(body) + potential_energy(body, mesh.node_count);
+                after_jerks = s == 40 ? last : after_jerks;
                 if (!CHECK(scene_all_finite(sb_body_positions(body), mesh.node_count) &&
                            scene_all_finite(sb_body_velocities(body), mesh.node_count)))
                     break;
             }
-            last = total_energy(body);
             printf("  explicit violence %s, model %d: %d of 64 steps undone, %.0f substeps per frame, %.2f of the energy left\n",
                    sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 64.0, last / after_jerks);
             CHECK(last <= after_jerks); /* nothing came in since, and damping took some */

@@ -1176,7 +1176,33 @@ static void test_threads(void)
     }
 }
 
-CHECK_SUITE(load, {"pressure is the gradient of the volume", test_pressure_is_the_volume_gradient},
+/* A first static solve that fails forgets where a new spring would have begun. */
+static void test_failed_first_static(void)
+{
+    sb_mesh mesh = scene_box(SB_HEX8, 4, 1, 1, sb_v3(REAL(0.4), REAL(0.1), REAL(0.1)), 0);
+    sb_body_def def = sb_default_body_def();
+    sb_static_options options = sb_default_static_options();
+    sb_vec3 far = sb_v3(REAL(-0.6), REAL(0.1), REAL(0.1));
+    sb_real k = REAL(1e5);
+    sb_body *body;
+    int tip = mesh.node_count - 1, id;
+    uint64_t before;
+    def.mesh = &mesh;
+    def.material = sb_material_neo_hookean(REAL(1e4), REAL(0.3), REAL(1000));
+    body = scene_body(&def);
+    for (int i = 0; i < mesh.node_count; i++)
+        if ((double)mesh.nodes[i].x < 1e-9)
+            CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
+    CHECK_OK(sb_body_add_springs(body, &tip, 1, &k, 1, &far, &id, NULL));
+    options.max_newton = 2;
+    before = sb_body_state_hash(body);
+    CHECK(sb_body_solve_static(body, &options, NULL) != SB_OK);
+    CHECK(sb_body_state_hash(body) == before);
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+CHECK_SUITE(load, {"a failed first static solve", test_failed_first_static}, {"pressure is the gradient of the volume", test_pressure_is_the_volume_gradient},
             {"pressure follows the body", test_pressure_follows},
             {"pressure: digits double", test_pressure_tangent},
             {"thick tube (Lame)", test_thick_tube},

@@ -184,10 +184,37 @@ static double mass_product(sb_body *body, const sb_vec3 *x, const sb_vec3 *y, in
     return ((double)plus.kinetic - (double)minus.kinetic) / 2;
 }
 
-/* Shapes are orthonormal in M, 0 at supports, and their elastic energy is omega^2/2; nearly incompressible too. */
-static void shapes_hold(sb_element_type type, double poisson)
+/* Springs and a row at rest, and a node between two others. */
+static void hold_more(sb_body *body, const sb_mesh *mesh)
 {
-    sb_mesh mesh = scene_box(type, 5, 2, 2, sb_v3(REAL(0.2), REAL(0.08), REAL(0.08)), 0.2);
+    const int nodes[2] = {mesh->node_count - 1, mesh->node_count / 2}, starts[2] = {0, 2};
+    const sb_real k = 40, weights[2] = {REAL(0.5), REAL(0.5)};
+    sb_vec3 points[2], middle;
+    sb_constraint_term terms[3];
+    sb_mapping mapping;
+    int id = 0;
+    for (int i = 0; i < 2; i++)
+        points[i] = mesh->nodes[nodes[i]];
+    middle = sb_v3_scale(REAL(0.5), sb_v3_add(points[0], points[1]));
+    mapping.row_count = 1;
+    mapping.row_start = starts;
+    mapping.nodes = nodes;
+    mapping.weights = weights;
+    CHECK_OK(sb_body_add_springs(body, nodes, 2, &k, 1, points, &id, NULL));
+    CHECK_OK(sb_body_add_mapping(body, &mapping, &k, 1, &middle, &id, NULL));
+    for (int t = 0; t < 3; t++) {
+        terms[t].node = mesh->node_count - 2 - t;
+        terms[t].axis = 2;
+        terms[t].coefficient = t ? REAL(-0.5) : 1;
+    }
+    CHECK_OK(sb_body_add_constraint(body, terms, 3, 0, NULL, NULL));
+}
+
+/* Shapes are orthonormal in M, 0 at supports, and their elastic energy is omega^2/2; nearly incompressible too. With
+ * springs and constraints all the same. */
+static void shapes_hold(sb_element_type type, sb_integration integration, double poisson, int more)
+{
+    sb_mesh mesh = scene_box(type, more ? 3 : 5, 2, 2, sb_v3(REAL(0.2), REAL(0.08), REAL(0.08)), 0.2);
     sb_body_def def = sb_default_body_def();
     int n = mesh.node_count;
     enum { COUNT = 6 };
@@ -197,8 +224,11 @@ static void shapes_hold(sb_element_type type, double poisson)
     def.mesh = &mesh;
     def.material = sb_material_linear(REAL(5e3), REAL(poisson), REAL(1050));
     def.mass = SB_MASS_CONSISTENT;
+    def.integration = integration;
     body = scene_body(&def);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    if (more)
+        hold_more(body, &mesh);
     if (find(body, COUNT, NULL, f, shapes))
         for (int i = 0; i < COUNT; i++) {
             const sb_vec3 *x = shapes + (size_t)i * (size_t)n;
@@ -211,7 +241,13 @@ static void shapes_hold(sb_element_type type, double poisson)
                     CHECK(sb_v3_norm(x[k]) == 0);
             CHECK_OK(sb_body_set_displacements(body, x));
             CHECK_OK(sb_body_energy(body, &energy));
-            CHECK_NEAR((double)energy.elastic / (0.5 * omega * omega), 1, scene_tolerance(1e-9, 1e5));
+            CHECK_NEAR(((double)energy.elastic + (double)energy.springs) / (0.5 * omega * omega), 1,
+                       scene_tolerance(1e-9, 1e5));
+            if (more) {
+                sb_vec3 sum = sb_v3_add(x[n - 3], x[n - 4]);
+                CHECK_NEAR(x[n - 2].z, 0.5 * (double)sum.z, scene_tolerance(1e-14, 4) * omega);
+                CHECK(energy.springs > 0);
+            }
         }
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
@@ -221,10 +257,16 @@ static void shapes_hold(sb_element_type type, double poisson)
 static void test_shapes(void)
 {
     for (int t = 0; t < ELEMENT_TYPES; t++) {
-        shapes_hold(element_types[t], 0.3);
+        shapes_hold(element_types[t], SB_INTEGRATION_AUTO, 0.3, 0);
         if (!SB_REAL_IS_FLOAT)
-            shapes_hold(element_types[t], 0.499);
+            shapes_hold(element_types[t], SB_INTEGRATION_AUTO, 0.499, 0);
+        shapes_hold(element_types[t], SB_INTEGRATION_AUTO, 0.3, 1);
     }
+    shapes_hold(SB_HEX8, SB_INTEGRATION_BBAR, 0.4, 0);
+    if (!SB_REAL_IS_FLOAT)
+        shapes_hold(SB_HEX8, SB_INTEGRATION_BBAR, 0.499, 1);
+    shapes_hold(SB_HEX20, SB_INTEGRATION_AUTO, 0.3, 1);
+    shapes_hold(SB_HEX27, SB_INTEGRATION_AUTO, 0.3, 1);
 }
 
 /* A shape let go swings with its frequency: one period of Newmark's rule later it is back. */
@@ -255,6 +297,145 @@ static void test_swing(void)
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
     free(shapes);
+}
+
+/* ---- what holds a body besides supports ---- */
+
+/* A hard cube on springs, on rows, or on springs at a node that the others follow: sqrt(k/m). */
+static void test_springs(void)
+{
+    for (int how = 0; how < 3; how++) {
+        sb_mesh mesh = scene_box(SB_HEX8, 1, 1, 1, sb_v3(1, 1, 1), 0);
+        sb_body *body = elastic_body(&mesh, sb_material_linear(REAL(1e8), REAL(0.3), 1000));
+        const int starts[2] = {0, 8}, nodes[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+        sb_real weights[8], k = how ? 4000 : 500, f[6];
+        sb_vec3 points[8];
+        sb_mapping mapping;
+        int id = 0, rigid = 0;
+        for (int i = 0; i < 8; i++) {
+            weights[i] = REAL(0.125);
+            points[i] = how == 1 ? sb_v3(REAL(0.5), REAL(0.5), REAL(0.5)) : mesh.nodes[i];
+        }
+        mapping.row_count = 1;
+        mapping.row_start = starts;
+        mapping.nodes = nodes;
+        mapping.weights = weights;
+        for (int i = 1; i < 8 && how == 2; i++)
+            for (int axis = 0; axis < 3; axis++) {
+                sb_constraint_term link[2];
+                for (int t = 0; t < 2; t++) {
+                    link[t].node = t ? 0 : i;
+                    link[t].axis = axis;
+                    link[t].coefficient = t ? -1 : 1;
+                }
+                CHECK_OK(sb_body_add_constraint(body, link, 2, 0, NULL, NULL));
+            }
+        if (how == 1)
+            CHECK_OK(sb_body_add_mapping(body, &mapping, &k, 1, points, &id, NULL));
+        else
+            CHECK_OK(sb_body_add_springs(body, nodes, how ? 1 : 8, &k, 1, points, &id, NULL));
+        if (find(body, how == 2 ? 3 : 6, NULL, f, NULL))
+            for (int i = 0; i < (how == 2 ? 3 : 6); i++) { /* 0, as often as it can turn about a row; else more: it rocks */
+                rigid += f[i] < REAL(0.05);
+                if (i == (how == 1 ? 3 : 0))
+                    CHECK_NEAR((double)f[i] * 6.283185307179586, 2, SB_REAL_IS_FLOAT ? 1e-2 : 1e-4);
+            }
+        CHECK_INT(rigid, how == 1 ? 3 : 0);
+        sb_body_destroy(body);
+        sb_mesh_free(&mesh);
+    }
+}
+
+/* Two blocks with the same grid, tied, are one. */
+static void test_tied_as_merged(void)
+{
+    for (int t = 0; t < ELEMENT_TYPES; t++) {
+        sb_mesh whole = scene_box(element_types[t], 4, 1, 1, sb_v3(REAL(0.2), REAL(0.05), REAL(0.05)), 0);
+        sb_mesh mesh = scene_box(element_types[t], 2, 1, 1, sb_v3(REAL(0.1), REAL(0.05), REAL(0.05)), 0), second;
+        int split = mesh.node_count, slave_count = 0, face_count = 0, slaves[64], faces[64], corners;
+        sb_real merged[8], tied[8];
+        sb_boundary boundary;
+        sb_body *body;
+        CHECK_OK(sb_mesh_copy(&mesh, NULL, &second, NULL));
+        for (int i = 0; i < second.node_count; i++)
+            second.nodes[i].x += REAL(0.1);
+        CHECK_OK(sb_mesh_append(&mesh, &second, NULL));
+        CHECK_OK(sb_mesh_boundary(&mesh, 0, NULL, &boundary, NULL));
+        corners = sb_element_corner_count(boundary.surface.element_type);
+        for (int f = 0; f < boundary.surface.element_count; f++) {
+            const int *face = boundary.surface.elements + f * sb_element_node_count(boundary.surface.element_type);
+            int on = 1;
+            for (int k = 0; k < corners; k++)
+                on = on && face[k] < split && fabs((double)mesh.nodes[face[k]].x - 0.1) < 1e-6;
+            for (int k = 0; k < corners && on; k++)
+                faces[corners * face_count + k] = face[k];
+            face_count += on;
+        }
+        for (int i = split; i < mesh.node_count; i++)
+            if (fabs((double)mesh.nodes[i].x - 0.1) < 1e-6)
+                slaves[slave_count++] = i;
+        body = elastic_body(&whole, sb_material_linear(REAL(5e3), REAL(0.3), 1000));
+        scene_fix_plane(body, &whole, 0, 0, SB_XYZ);
+        find(body, 8, NULL, merged, NULL);
+        sb_body_destroy(body);
+        body = elastic_body(&mesh, sb_material_linear(REAL(5e3), REAL(0.3), 1000));
+        scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+        CHECK_OK(sb_body_tie_faces(body, faces, face_count, corners, slaves, slave_count, -1, SB_TIE_ALL, NULL, NULL));
+        if (find(body, 8, NULL, tied, NULL))
+            for (int i = 0; i < 8; i++)
+                CHECK_NEAR((double)tied[i] / (double)merged[i], 1, SB_REAL_IS_FLOAT ? 1e-3 : 1e-9);
+        sb_body_destroy(body);
+        sb_boundary_free(&boundary);
+        sb_mesh_free(&second);
+        sb_mesh_free(&mesh);
+        sb_mesh_free(&whole);
+    }
+}
+
+/* Prony terms: the frequencies of the instantaneous material, whatever is remembered. Pressure counts at the present
+ * shape only. */
+static void test_prony_and_pressure(void)
+{
+    const sb_real g = REAL(0.5), tau = REAL(0.1);
+    sb_mesh mesh = scene_box(SB_HEX8, 4, 1, 1, sb_v3(REAL(0.2), REAL(0.05), REAL(0.05)), 0);
+    sb_material material = sb_material_neo_hookean(REAL(5e3), REAL(0.3), 1000);
+    sb_modes_options options = sb_default_modes_options();
+    sb_real elastic[3], viscous[3], later[3], present[3];
+    sb_body *body;
+    int id = 0;
+    for (int k = 0; k < 2; k++) {
+        body = elastic_body(&mesh, k ? sb_material_with_prony(material, &g, &tau, 1) : material);
+        scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+        find(body, 3, NULL, k ? viscous : elastic, NULL);
+        if (k) {
+            CHECK_OK(sb_body_set_gravity(body, sb_v3(1, 0, 0)));
+            for (int s = 0; s < 20; s++)
+                CHECK_OK(sb_body_step(body, REAL(0.05), NULL));
+            find(body, 3, NULL, later, NULL);
+            options.at_present = 1;
+            find(body, 3, &options, present, NULL);
+        } else {
+            sb_boundary boundary;
+            CHECK_OK(sb_mesh_boundary(&mesh, 0, NULL, &boundary, NULL));
+            CHECK_OK(sb_body_add_pressure(body, boundary.surface.elements + 4 * (boundary.surface.element_count - 1), 1, 4,
+                                          100, &id, NULL));
+            sb_boundary_free(&boundary);
+            find(body, 3, NULL, later, NULL);
+            CHECK(memcmp(later, elastic, sizeof later) == 0);
+            options.at_present = 1;
+            find(body, 3, &options, present, NULL);
+            CHECK(memcmp(present, elastic, sizeof present) != 0);
+            CHECK_NEAR((double)present[0] / (double)elastic[0], 1, 0.3);
+            options.at_present = 0;
+        }
+        sb_body_destroy(body);
+    }
+    for (int i = 0; i < 3; i++) {
+        CHECK_NEAR((double)viscous[i] / (double)elastic[i], 1, scene_tolerance(1e-9, 1e4));
+        CHECK_NEAR((double)later[i] / (double)elastic[i], 1, scene_tolerance(1e-9, 1e4));
+        CHECK(i > 0 || present[i] > elastic[i]); /* it hangs, which hinders bending */
+    }
+    sb_mesh_free(&mesh);
 }
 
 /* ---- options ---- */
@@ -344,7 +525,7 @@ static void test_scale(void)
     }
 }
 
-/* The hash of a motion, with or without a question about modes in its middle. */
+/* The hash of a motion, with or without a question about modes in its middle. corotated 3: neither, with all else. */
 static unsigned long long play(int corotated, sb_integrator integrator, int ask)
 {
     sb_mesh mesh = scene_box(corotated ? SB_TET10 : SB_TET4, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
@@ -361,8 +542,14 @@ static unsigned long long play(int corotated, sb_integrator integrator, int ask)
     def.integrator = integrator;
     def.gravity = sb_v3(0, REAL(1), REAL(-9.81));
     def.damping_mass = 1;
+    if (corotated == 3) {
+        const sb_real g = REAL(0.5), tau = REAL(0.02);
+        def.material = sb_material_with_prony(def.material, &g, &tau, 1);
+    }
     body = scene_body(&def);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    if (corotated == 3)
+        hold_more(body, &mesh);
     for (int s = 1; s <= 8; s++) {
         CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
         if (ask && s == 4) {
@@ -386,9 +573,9 @@ static unsigned long long play(int corotated, sb_integrator integrator, int ask)
 
 static void test_leaves_no_trace(void)
 {
-    static const sb_integrator integrators[3] = {SB_EULER, SB_NEWMARK, SB_CENTRAL_DIFFERENCE};
-    for (int k = 0; k < 3; k++)
-        for (int corotated = 0; corotated < 3; corotated++)
+    static const sb_integrator integrators[4] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA, SB_CENTRAL_DIFFERENCE};
+    for (int k = 0; k < 4; k++)
+        for (int corotated = 0; corotated < 4; corotated++)
             CHECK(play(corotated, integrators[k], 1) == play(corotated, integrators[k], 0));
 }
 
@@ -485,6 +672,7 @@ static void test_memory(void)
 CHECK_SUITE(modes, {"references", test_references}, {"bar in closed form", test_bar},
             {"slender beam in closed form", test_beam}, {"every mode of a tetrahedron", test_every_mode},
             {"shapes", test_shapes}, {"a shape swings with its frequency", test_swing},
-            {"mass kinds", test_mass_kinds}, {"present shape", test_present_shape}, {"scale invariance", test_scale},
+            {"springs", test_springs}, {"tied as merged", test_tied_as_merged},
+            {"Prony terms and pressure", test_prony_and_pressure}, {"mass kinds", test_mass_kinds}, {"present shape", test_present_shape}, {"scale invariance", test_scale},
             {"leaves no trace", test_leaves_no_trace}, {"refusals", test_refusals},
             {"failing memory", test_memory});

@@ -642,6 +642,53 @@ static void test_violence_hexes(void)
     violence(SB_HEX27, 0, 99, 1000);
 }
 
+/* Linearised steps of hyperelastic bodies under a tool that jerks: they may refuse, but never feed energy in. */
+static void jerk_linearised(sb_element_type type, sb_integration integration, sb_material material, double reach)
+{
+    sb_mesh mesh = scene_box(type, 3, 2, 2, sb_v3(REAL(0.1), REAL(0.05), REAL(0.05)), 0);
+    sb_body_def def = sb_default_body_def();
+    sb_body *body;
+    int tip = mesh.node_count - 1, failed = 0;
+    double farthest = 0;
+    def.mesh = &mesh;
+    def.material = material;
+    def.integration = integration;
+    def.max_newton = 1;
+    body = scene_body(&def);
+    for (int i = 0; i < mesh.node_count; i++)
+        if ((double)mesh.nodes[i].x < 1e-9)
+            CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
+    for (int k = 0; k < 400; k++) {
+        sb_real way = REAL(k % 2 ? reach : -reach);
+        sb_vec3 target = sb_v3(way, 0, way);
+        if (k < 60)
+            CHECK_OK(sb_body_prescribe(body, &tip, 1, SB_XYZ, &target, 1));
+        else if (k == 60)
+            CHECK_OK(sb_body_release_nodes(body, &tip, 1, SB_XYZ));
+        failed += sb_body_step(body, REAL(1.0 / 60), NULL) != SB_OK;
+        farthest = fmax(farthest, (double)scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count));
+    }
+    printf("  jerks of %g m, %s, model %d: at most %.3f m off, %d of 400 steps refused, %.1e m from rest at the end\n", reach,
+           sb_element_name(type), (int)material.model, farthest, failed,
+           (double)scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count));
+    CHECK(farthest < 10 * reach);
+    CHECK(failed < 60); /* none once the tool lets go */
+    CHECK(scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count) < REAL(0.02));
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+static void test_linearised_jerks(void)
+{
+    sb_material stable = sb_material_stable_neo_hookean(REAL(1e4), REAL(0.45), REAL(1000));
+    jerk_linearised(SB_HEX8, SB_INTEGRATION_AUTO, stable, 0.015);
+    jerk_linearised(SB_HEX8, SB_INTEGRATION_AUTO, stable, 0.03);
+    jerk_linearised(SB_TET10, SB_INTEGRATION_AUTO, stable, 0.03);
+    jerk_linearised(SB_HEX8, SB_INTEGRATION_BBAR,
+                    sb_material_stable_neo_hookean(REAL(1e4), REAL(0.499), REAL(1000)), 0.03);
+    jerk_linearised(SB_HEX8, SB_INTEGRATION_AUTO, sb_material_svk(REAL(1e4), REAL(0.45), REAL(1000)), 0.015);
+}
+
 /* ---- threads ---- */
 
 static void test_threads(void)
@@ -762,7 +809,7 @@ CHECK_SUITE(step, {"free fall", test_free_fall}, {"rest for 10,000 steps", test_
             {"a failed step is undone", test_failed_step_is_undone}, {"an undone step leaves no trace", test_undo_leaves_no_trace},
             {"a linearised step refuses inversion", test_linearised_step_refuses_inversion},
             {"inverted start", test_inverted_start},
-            {"10,000 steps of violence", test_violence},
+            {"linearised steps under jerks", test_linearised_jerks}, {"10,000 steps of violence", test_violence},
             {"1,000 steps of violence, quadratic hexes", test_violence_hexes}, {"same bits for any threads", test_threads},
             {"moving supports", test_moving_supports}, {"damping changes between steps", test_damping_changes},
             {"iteration cap", test_cap});

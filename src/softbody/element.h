@@ -208,7 +208,8 @@ typedef struct sb_element_table {
      * value (the tip of a pyramid). */
     void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
     const void *user;                /* handed to shape */
-    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS] */
+    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
+                                      * element has motions that cost nothing (hex8 needs 8, not 1) */
     const sb_real (*points)[3];      /* [point_count] parameters */
     const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
     int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */

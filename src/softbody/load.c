@@ -809,6 +809,13 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
     return sum;
 }
 
+SBI_API void sbi_loads_undo_static(sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (!body->loads[l].balanced)
+            sbi_body_forget_balance(body->loads + l);
+}
+
 SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {

@@ -201,8 +201,8 @@ static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error
         return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
                         (double)m->fibre_stiffness, (double)m->fibre_exponent);
     if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but model %d is not hyperelastic",
-                        (int)m->model);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
     return SB_OK;
 }
 
@@ -214,7 +214,8 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
                         m->prony_count, (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
         return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material has Prony terms, but model %d is not hyperelastic", (int)m->model);
+                        "material has Prony terms, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))

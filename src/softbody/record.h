@@ -63,7 +63,8 @@ typedef struct sb_recording_report {
     sb_error error;              /* why the call failed */
 } sb_recording_report;
 
-/* Plays a recording on a body made from the same mesh and def: loads the state it began with, then repeats the calls.
+/* Plays a recording on a body made from the same mesh with the same kinds of elements and mass (what else the def says
+ * comes with the recording): loads the state it began with, then repeats the calls.
  * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
  * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete

@@ -484,9 +484,10 @@ static sb_result sbi_newton_no_step(sbi_newton *newton, int bad)
 static sb_result sbi_newton_move_supports(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    sb_real least = newton->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
     sb_real energy = 0, alone = 0, t;
     int bad = -1;
-    for (t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
+    for (t = 1; t > least; t *= (sb_real)0.5) {
         sbi_newton_trial(newton, t);
         if (sbi_newton_try(newton, b->work2, &energy, &bad))
             break;
@@ -501,7 +502,7 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
             return SB_OK;
         }
     }
-    if (!(t > (sb_real)1e-6))
+    if (!(t > least))
         return sbi_newton_no_step(newton, bad);
     sbi_newton_take(newton, b->work2, energy);
     return SB_OK;
@@ -518,8 +519,9 @@ static sb_result sbi_newton_search(sbi_newton *newton)
         return sbi_newton_no_step(newton, bad);
     newton->energy_known = 1;
     line = sbi_newton_make_line(newton);
-    if (!(line.slope < 0))
+    if (!(line.slope < 0) && !newton->linearised)
         return SB_ERROR_INDEFINITE;
+    line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
         sb_real energy, change, noise;
         sbi_newton_trial(newton, t);
@@ -580,7 +582,8 @@ static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangen
         result = sbi_newton_accept(newton);
     if (result == SB_ERROR_INDEFINITE && kind != SB_TANGENT_EXACT)
         return sbi_fail(&newton->info->error, result, "the projected tangent is not positive definite: %s",
-                        newton->moves_supports ? "supports move too far in one step" : "is the body supported?");
+                        newton->moves_supports ? "supports move too far in one step"
+                                               : "the body is not supported, or torn beyond what can be solved");
     return result;
 }
 
@@ -627,14 +630,27 @@ static int sbi_newton_allows_inversion(const sb_body *b)
     return 1;
 }
 
-/* The one iteration of a linearised step. Nothing watches its increment, so where the material forbids inverted
- * elements the new shape is tried at once (the next step finds its forces done): the body must stay steppable. */
+/* The one iteration of a linearised step. Where the material forbids inverted elements the new shape is tried at once
+ * (the next step finds its forces done): the body must stay steppable. */
 static sb_result sbi_newton_linearised(sbi_newton *newton)
 {
+    sb_body *b = newton->body;
     sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
-    if (result == SB_OK && !sbi_newton_allows_inversion(newton->body))
+    for (int i = 0; newton->line_search && result == SB_OK && i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
+    if (result == SB_OK && !sbi_newton_allows_inversion(b))
         result = sbi_newton_force(newton);
     return result;
+}
+
+/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
+ * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
+static int sbi_newton_is_tame(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (sb_material_is_hyperelastic(b->materials[i].model))
+            return 0;
+    return 1;
 }
 
 /* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
@@ -1022,7 +1038,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
-    newton.line_search = !newton.linearised && !body->domain.single_rotation;
+    newton.line_search = !body->domain.single_rotation && !(newton.linearised && sbi_newton_is_tame(body));
     sbi_step_save(body);
     sbi_step_watch_knots(body, newton.linearised);
     result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
@@ -1193,6 +1209,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         info->error = error;
     } else {
         sbi_step_undo(body);
+        sbi_loads_undo_static(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */

@@ -25,7 +25,8 @@ typedef struct sb_step_info {
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
  *
  * With max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the
- * result is taken even when max_iterations cut the linear solve short (info->capped). With more iterations each is
+ * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials, whose
+ * forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more iterations each is
  * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
  * no energy there.
  *

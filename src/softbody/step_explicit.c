@@ -6,7 +6,9 @@
  * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
  * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
  * the most cautious one arrives at opens a new ledger. Energy is that of the motion, of the body and of its springs; to
- * the rest of the forces the ledger gives credit for their work.
+ * the rest of the forces the ledger gives credit for their work. Near the limit elastic energy swings, up to
+ * 1/(1 - margin^2) times what its frequency has; what linear bodies keep in steps of h is the energy less
+ * h^2/8 a^T M a, and that is what the ledger measures.
  *
  * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
  * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
@@ -29,8 +31,7 @@ enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain p
 typedef struct sbi_explicit_plan {
     sb_real margin;           /* substeps are at most this share of the stable step */
     int interval;             /* substeps between looks, each of which costs as much as some ten forces */
-    double factor;            /* energy over that of the ledger that is taken for granted: near the limit, elastic
-                               * energy swings to 1/(1 - margin^2) times what its frequency has */
+    double factor;            /* energy over that of the ledger that is taken for granted */
 } sbi_explicit_plan;
 
 static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
@@ -168,12 +169,23 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 
 /* ---- looks at energy and stability ---- */
 
-static double sbi_explicit_kinetic(const sb_body *b)
+/* v^T M v / 2 */
+static double sbi_explicit_square(const sb_body *b, const sb_vec3 *v)
 {
     double sum = 0;
     for (int i = 0; i < b->domain.node_count; i++)
-        sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(b->velocity[i], b->velocity[i]);
-    return b->elimination ? sum + sbi_constraint_lumped_energy(b, b->velocity) : sum;
+        sum += 0.5 * (double)b->lumped_mass[i] * (double)sb_v3_dot(v[i], v[i]);
+    return b->elimination ? sum + sbi_constraint_lumped_energy(b, v) : sum;
+}
+
+static double sbi_explicit_kinetic(const sb_body *b) { return sbi_explicit_square(b, b->velocity); }
+
+/* What steps of h seem to add to the elastic energy at the present accelerations, which supports have no part in (J). */
+static double sbi_explicit_swing(sb_body *b, sb_real h)
+{
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), b->acceleration[i]);
+    return (double)h * (double)h / 4 * sbi_explicit_square(b, b->work);
 }
 
 /* Elastic energy (J) as the ledger has it: of bodies with Prony terms the long-term one; to open a ledger with, the
@@ -223,19 +235,21 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 {
     sb_body *b = x->body;
     sb_step_info *info = x->info;
-    double begin = sbi_explicit_now(b), energy = 0, lost;
+    double begin = sbi_explicit_now(b), kinetic = sbi_explicit_kinetic(b), energy = 0, lost;
     int opens = !b->guard.ledger_open || (x->last_resort && info->substeps == 0);
     int bad = sbi_explicit_elastic(b, opens, &energy);
     sb_result result;
     if (bad >= 0)
         return sbi_fail_element(&info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    energy += sbi_explicit_kinetic(b) + x->springs;
+    energy += kinetic + x->springs;
     if (opens) {
         x->start_energy = energy;
         b->guard.energy = energy;
         b->guard.ledger_open = 1;
     }
+    energy -= sbi_explicit_swing(b, x->h);
+    energy = energy < kinetic ? kinetic : energy; /* forces of loads may make the difference too much; NaN stays */
     result = sbi_explicit_audit(x, energy);
     if (result != SB_OK)
         return result;
@@ -429,6 +443,13 @@ static double sbi_explicit_count(sb_real left, sb_real longest)
     return count < 1 ? 1 : count;
 }
 
+/* Substeps as this plan would make them at the stable step last known; 0: none is. */
+static sb_real sbi_explicit_length(const sb_body *b, sb_real dt, int caution)
+{
+    sb_real stable = b->guard.stable_step;
+    return stable > 0 ? (sb_real)((double)dt / sbi_explicit_count(dt, sbi_explicit_plans[caution].margin * stable)) : 0;
+}
+
 /* Forces of the supports at the end of the call. */
 static void sbi_explicit_reactions(sb_body *b)
 {
@@ -484,6 +505,7 @@ SBI_API void sbi_explicit_calm(sb_body *body, int caution)
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info)
 {
     sbi_explicit x;
+    sb_real before;
     sb_result result = body->elimination ? sbi_constraint_explicit_check(body, &info->error) : SB_OK;
     if (result != SB_OK)
         return result;
@@ -493,9 +515,8 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     x.last_resort = caution == SBI_EXPLICIT_CAUTION;
     x.start_energy = 0;
     x.dt = dt;
-    x.h = body->guard.stable_step > 0
-              ? (sb_real)((double)dt / sbi_explicit_count(dt, x.plan->margin * body->guard.stable_step))
-              : (sb_real)0; /* as in calls before */
+    x.h = sbi_explicit_length(body, dt, caution);
+    before = sbi_explicit_length(body, dt, body->guard.caution);
     x.springs = sbi_loads_energy(body, body->displacement);
     info->substeps = 0;
     if (!body->acceleration_known) /* the state came from outside */
@@ -506,6 +527,8 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     if (result != SB_OK)
         return result;
     sbi_explicit_begin(body, dt);
+    if (x.h < before) /* shorter steps show more of the energy there is */
+        body->guard.energy += sbi_explicit_swing(body, before) - sbi_explicit_swing(body, x.h);
     result = sbi_explicit_go(&x, dt);
     if (result != SB_OK)
         return result;

@@ -88,10 +88,10 @@ static void fuzz_case(const uint8_t *data, size_t size)
     if (!is_ready)
         fuzz_write_case_files();
     is_ready = 1;
-    if (memchr(data, '/', first)) /* no other files, and no devices */
+    if (first > 0 && memchr(data, '/', first)) /* no other files, and no devices */
         return;
-    fuzz_write(FUZZ_CASE_FOLDER "fuzz.case", data, first);
-    fuzz_write(FUZZ_CASE_FOLDER "list", cut ? cut + 1 : data, cut ? size - first - 1 : 0);
+    fuzz_write(FUZZ_CASE_FOLDER "fuzz.case", first ? (const void *)data : "", first);
+    fuzz_write(FUZZ_CASE_FOLDER "list", cut ? (const void *)(cut + 1) : "", cut ? size - first - 1 : 0);
     if (!case_read(&c, FUZZ_CASE_FOLDER "fuzz.case")) {
         FUZZ_REQUIRE(c.message[0] && c.error_line >= 0);
     } else if (!case_create_body(&c, &body)) {
