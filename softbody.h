@@ -23283,9 +23283,10 @@ static sb_result sbi_newton_no_step(sbi_newton *newton, int bad)
 static sb_result sbi_newton_move_supports(sbi_newton *newton)
 {
     sb_body *b = newton->body;
+    sb_real least = newton->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
     sb_real energy = 0, alone = 0, t;
     int bad = -1;
-    for (t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
+    for (t = 1; t > least; t *= (sb_real)0.5) {
         sbi_newton_trial(newton, t);
         if (sbi_newton_try(newton, b->work2, &energy, &bad))
             break;
@@ -23300,7 +23301,7 @@ static sb_result sbi_newton_move_supports(sbi_newton *newton)
             return SB_OK;
         }
     }
-    if (!(t > (sb_real)1e-6))
+    if (!(t > least))
         return sbi_newton_no_step(newton, bad);
     sbi_newton_take(newton, b->work2, energy);
     return SB_OK;
@@ -25378,20 +25379,21 @@ static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, si
         }
 }
 
-/* Stiffness, targets and force of a row of springs or a mapping. */
+/* Stiffness, targets and force of a row of springs or a mapping. What no static solve has balanced yet has no balanced
+ * values, though its arrays may hold some of a solve that failed. */
 static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
 {
-    int real = load->stiffness != NULL;
+    int real = load->stiffness != NULL, balanced = real && load->balanced;
     for (int k = 0; k < 2; k++) {
         sb_real *from = k ? load->balanced_stiffness : load->stiffness;
-        sb_real stiffness = sbi_state_put_real(walk, real ? from + j : NULL);
+        sb_real stiffness = sbi_state_put_real(walk, (k ? balanced : real) ? from + j : NULL);
         if (sbi_state_checks(walk) && (!(stiffness >= 0) || !sb_is_finite(stiffness)))
             sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_ARGUMENT, j,
                                                     "row %d of the saved load %d has stiffness %g", j, load->id,
                                                     (double)stiffness));
     }
     sbi_state_put_vector(walk, real ? load->target + j : NULL, SBI_STATE_FINITE, "target of a load");
-    sbi_state_put_vector(walk, real ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
+    sbi_state_put_vector(walk, balanced ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
     sbi_state_put_vector(walk, real ? load->force + j : NULL, SBI_STATE_ANY, "");
 }
 
