@@ -149,6 +149,13 @@ static sb_material make_material(const variety *k, double young, int terms)
     return sb_material_with_prony(sb_material_with_fibres(m, REAL(0.3 * young), REAL(1)), shares, times, terms);
 }
 
+static sb_material make_bare_material(const variety *k)
+{
+    sb_material m = make_material(k, 2e4, 0);
+    m.fibre_stiffness = m.fibre_exponent = 0;
+    return m;
+}
+
 static void make_fibres(const stage *s, int turn, sb_vec3 *fibres)
 {
     for (int e = 0; e < s->mesh.element_count; e++)
@@ -156,19 +163,20 @@ static void make_fibres(const stage *s, int turn, sb_vec3 *fibres)
     fibres[s->mesh.element_count - 1] = sb_v3(0, 0, 0);
 }
 
-static sb_body *make_body(const stage *s, const scene_memory *memory, sb_jobs jobs)
+/* bare: 1: without fibres and Prony terms. */
+static sb_body *make_body(const stage *s, int bare, scene_memory *memory, sb_jobs jobs)
 {
     sb_vec3 fibres[MOST_NODES];
     sb_region_material second;
     sb_body_def def = sb_default_body_def();
     make_fibres(s, 0, fibres);
     second.region = 1;
-    second.material = make_material(s->kind, 4e4, 2);
+    second.material = bare ? make_bare_material(s->kind) : make_material(s->kind, 4e4, 2);
     def.mesh = &s->mesh;
-    def.material = make_material(s->kind, 2e4, 1);
+    def.material = bare ? second.material : make_material(s->kind, 2e4, 1);
     def.region_materials = &second;
     def.region_material_count = 1;
-    def.fibres = is_viscous(s->kind) ? fibres : NULL;
+    def.fibres = is_viscous(s->kind) && !bare ? fibres : NULL;
     def.integration = s->kind->integration;
     def.integrator = s->kind->integrator;
     def.mass = s->kind->mass;
@@ -177,10 +185,8 @@ static sb_body *make_body(const stage *s, const scene_memory *memory, sb_jobs jo
     def.damping_stiffness = s->kind->integrator == SB_CENTRAL_DIFFERENCE ? 0 : REAL(0.002);
     def.max_iterations = 100;
     def.jobs = jobs;
-    if (memory) {
-        scene_memory *counted = (scene_memory *)(uintptr_t)memory;
-        def.allocator = scene_allocator(counted);
-    }
+    if (memory)
+        def.allocator = scene_allocator(memory);
     return scene_body(&def);
 }
 
@@ -188,7 +194,7 @@ static sb_body *make_plain_body(const stage *s)
 {
     sb_jobs none;
     memset(&none, 0, sizeof none);
-    return make_body(s, NULL, none);
+    return make_body(s, 0, NULL, none);
 }
 
 /* ---- its acts ---- */
@@ -521,13 +527,13 @@ static void check_memory(const variety *k)
     memset(&ids, 0, sizeof ids);
     none = ids;
     a = make_plain_body(&s);
-    b = make_body(&s, &memory, no_jobs);
+    b = make_body(&s, 1, &memory, no_jobs);
     if (CHECK(a && b)) {
         unsigned char *rich, *plain;
-        uint64_t start = sb_body_state_hash(a);
+        uint64_t start = sb_body_state_hash(b);
         size_t rich_size, plain_size;
         int live;
-        plain = save_state(a, &plain_size);
+        plain = save_state(b, &plain_size);
         play(a, &s, &ids, 0, 11);
         if (is_viscous(k)) {
             sb_material more = make_material(k, 2e4, 3);
@@ -632,6 +638,102 @@ static void test_forged_values(void)
     stage_end(&s);
 }
 
+/* Where whole numbers stand one behind the other, at or after a place; size when nowhere. */
+static size_t find_ints(const unsigned char *image, size_t size, size_t from, const int *values, int count)
+{
+    unsigned char pattern[64];
+    for (int i = 0; i < count; i++)
+        image_put(pattern + 4 * i, (uint64_t)(uint32_t)values[i], 4);
+    for (size_t at = from; at + 4 * (size_t)count <= size; at++)
+        if (memcmp(image + at, pattern, 4 * (size_t)count) == 0)
+            return at;
+    return size;
+}
+
+/* A whole number changed: refused with a message that has a part, and without a trace. */
+static void check_forged_int(sb_body *body, const unsigned char *state, size_t size, size_t at, int value,
+                             sb_result expected, const char *part)
+{
+    unsigned char *bad = (unsigned char *)malloc(size);
+    uint64_t before = sb_body_state_hash(body);
+    sb_error error;
+    memcpy(bad, state, size);
+    memset(&error, 0, sizeof error);
+    if (CHECK(at + 4 <= size)) {
+        image_put(bad + at, (uint64_t)(uint32_t)value, 4);
+        image_seal(bad, size);
+        CHECK_RESULT(sb_body_state_load(body, bad, size, &error), expected);
+        CHECK(sb_body_state_hash(body) == before);
+        if (!CHECK(strstr(error.message, part) != NULL))
+            printf("  message: %s\n", error.message);
+    }
+    free(bad);
+}
+
+/* Rows that are no faces, couplings that the matrix does not have, slaves that cannot be. */
+static void test_forged_structure(void)
+{
+    stage s;
+    numbers ids;
+    sb_body *body;
+    unsigned char *state;
+    size_t size, at, value;
+    stage_begin(&s, kinds + 0);
+    body = make_marked_body(&s, &ids);
+    state = save_state(body, &size);
+    {
+        int face[5] = {3, SB_TRI3, s.top[0], s.top[1], s.top[2]}, row[4] = {3, 1, s.middle, s.high};
+        int equation[2] = {2, 3 * s.middle + 1};
+        at = find_ints(state, size, 24, face, 5);
+        check_forged_int(body, state, size, at + 16, s.slaves[0] == s.top[0] ? s.slaves[1] : s.slaves[0],
+                         SB_ERROR_FORMAT, "no face");
+        check_forged_int(body, state, size, at + 4, SB_QUAD4, SB_ERROR_FORMAT, "no face");
+        check_forged_int(body, state, size, at + 8, -1, SB_ERROR_FORMAT, "node of a load");
+        at = find_ints(state, size, 24, row, 4); /* of the couplings */
+        check_forged_int(body, state, size, at + 4, s.mesh.node_count, SB_ERROR_FORMAT, "coupling row");
+        check_forged_int(body, state, size, at + 4, 2, SB_ERROR_FORMAT, "couples");
+        at = find_ints(state, size, at + 4, row, 4); /* of the mapping */
+        check_forged_int(body, state, size, at + 4, 2, SB_ERROR_FORMAT, "couples");
+        check_forged_int(body, state, size, at, 0, SB_ERROR_FORMAT, "row length");
+        at = find_ints(state, size, at, equation, 2);
+        check_forged_int(body, state, size, at + 4, 1, SB_ERROR_FORMAT, "supported");
+        check_forged_int(body, state, size, at + 4, 3 * s.high + 1, SB_ERROR_ARGUMENT, "slave and master");
+        check_forged_int(body, state, size, at + 4, 3 * s.mesh.node_count, SB_ERROR_FORMAT, "unknown");
+        value = at - sizeof(sb_real);
+        check_forged_int(body, state, size, value - 4, ids.constraint + 1, SB_ERROR_FORMAT, "constraint");
+    }
+    free(state);
+    sb_body_destroy(body);
+    stage_end(&s);
+}
+
+/* What an explicit body knows of its stability stands before the last part, the preconditioner's 20 bytes. */
+static void test_forged_guard(void)
+{
+    stage s;
+    numbers ids;
+    sb_body *body;
+    unsigned char *state;
+    size_t size, stable;
+    uint64_t before;
+    sb_error error;
+    stage_begin(&s, kinds + 2);
+    memset(&ids, 0, sizeof ids);
+    body = make_plain_body(&s);
+    play(body, &s, &ids, 0, 3);
+    state = save_state(body, &size);
+    stable = size - 8 - 20 - (8 + 16 + sizeof(sb_real));
+    check_forged_int(body, state, size, stable + sizeof(sb_real) + 8, 17, SB_ERROR_FORMAT, "caution");
+    image_put_real(state + stable, -1);
+    image_seal(state, size);
+    before = sb_body_state_hash(body);
+    CHECK_RESULT(sb_body_state_load(body, state, size, &error), SB_ERROR_FORMAT);
+    CHECK(strstr(error.message, "stable step") != NULL && sb_body_state_hash(body) == before);
+    free(state);
+    sb_body_destroy(body);
+    stage_end(&s);
+}
+
 /* Every byte of a state changed in turn is seen by its checksum; with a right checksum the load is refused without a
  * trace, or the body can go on. */
 static void check_forged_bytes(const variety *k, size_t stride)
@@ -727,8 +829,7 @@ static sb_recording *record_session(const stage *s, int frames, sb_body **body)
     CHECK_OK(sb_recording_start(*body, 10, NULL, &recording, NULL));
     play(*body, s, &ids, 0, frames);
     if (is_viscous(s->kind)) {
-        sb_material bare = make_material(s->kind, 2e4, 0);
-        bare.fibre_stiffness = 0;
+        sb_material bare = make_bare_material(s->kind);
         CHECK_OK(sb_body_set_material(*body, &bare, NULL));
         CHECK_OK(sb_body_set_fibres(*body, NULL, NULL));
         CHECK_OK(sb_body_step(*body, REAL(0.0005), NULL));
@@ -749,7 +850,7 @@ static void test_replay(void)
         sb_recording_report report;
         stage_begin(&s, kinds + i);
         recording = record_session(&s, 86, &body);
-        other = make_body(&s, NULL, scene_jobs(&workers));
+        other = make_body(&s, 1, NULL, scene_jobs(&workers));
         CHECK(sb_recording_get_info(recording).complete);
         if (!CHECK_OK(sb_recording_replay(recording, other, &report)))
             printf("  %s: %s\n", kinds[i].name, report.error.message);
@@ -775,7 +876,7 @@ static void test_replay_memory(void)
     recording = record_session(&s, 6, &body);
     for (int fail = 1; fail < 400; fail++) {
         scene_memory memory = {0, 0, 0};
-        sb_body *other = make_body(&s, &memory, none);
+        sb_body *other = make_body(&s, 1, &memory, none);
         sb_recording_report report;
         sb_result result;
         memory.calls = 0;
@@ -793,6 +894,54 @@ static void test_replay_memory(void)
     CHECK(failures > 20 && failures < 399);
     sb_recording_destroy(recording);
     sb_body_destroy(body);
+    stage_end(&s);
+}
+
+/* The first command of each code with other numbers in its head: refused, or played somehow. */
+static void test_forged_commands(void)
+{
+    static const int changes[6] = {-1, 0, 1, 2, 5, 1 << 30};
+    stage s;
+    sb_body *body, *other;
+    sb_recording *recording;
+    unsigned char *bytes;
+    size_t size, at;
+    int codes[64] = {0}, kinds_of_commands = 0, refused = 0;
+    stage_begin(&s, kinds + 1);
+    recording = record_session(&s, 32, &body);
+    size = sb_recording_get_info(recording).bytes;
+    bytes = (unsigned char *)malloc(size);
+    CHECK_OK(sb_recording_save(recording, bytes, size));
+    other = make_plain_body(&s);
+    at = 56 + (size_t)image_number(bytes + 48, 8);
+    while (at < size - 8) {
+        int code = (int)image_number(bytes + at, 4);
+        for (int k = 0; k < 12 && codes[code % 64] == 0; k++) {
+            unsigned char *place = bytes + at + (k % 2 ? 4 : 8);
+            uint64_t was = image_number(place, 4);
+            sb_recording *loaded = NULL;
+            image_put(place, (uint64_t)(uint32_t)changes[k / 2], 4);
+            image_seal(bytes, size);
+            if (sb_recording_load(bytes, size, NULL, &loaded, NULL) == SB_OK)
+                refused += sb_recording_replay(loaded, other, NULL) != SB_OK;
+            else
+                refused++;
+            CHECK(scene_all_finite(sb_body_displacements(other), s.mesh.node_count));
+            sb_recording_destroy(loaded);
+            image_put(place, was, 4);
+        }
+        kinds_of_commands += codes[code % 64] == 0;
+        codes[code % 64] = 1;
+        at += 32 + 4 * (size_t)image_number(bytes + at + 12, 4) +
+              sizeof(sb_real) * (size_t)image_number(bytes + at + 16, 8) + (size_t)image_number(bytes + at + 24, 8);
+    }
+    CHECK_INT(at, size - 8);
+    CHECK_INT(kinds_of_commands, 17);
+    CHECK(refused > 60);
+    free(bytes);
+    sb_recording_destroy(recording);
+    sb_body_destroy(body);
+    sb_body_destroy(other);
     stage_end(&s);
 }
 
@@ -837,6 +986,7 @@ static void test_forged_recordings(void)
 
 CHECK_SUITE(checkpoint, {"continues to the same bits", test_continue}, {"saved at every moment", test_every_moment},
             {"failures leave no trace", test_failures_leave_no_trace}, {"memory", test_memory},
-            {"forged values", test_forged_values}, {"forged bytes", test_forged_bytes},
+            {"forged values", test_forged_values}, {"forged structure", test_forged_structure},
+            {"forged guard", test_forged_guard}, {"forged commands", test_forged_commands}, {"forged bytes", test_forged_bytes},
             {"states of other bodies", test_other_bodies}, {"recordings play again", test_replay},
             {"memory of a replay", test_replay_memory}, {"forged recordings", test_forged_recordings});
