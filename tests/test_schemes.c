@@ -286,14 +286,14 @@ static void oscillate(sb_integrator integrator, double omega, double h, double s
     }
 }
 
-/* Springs at all corners, or one row through their mean, or springs at a node that the others follow. */
+/* Springs at all corners, or one row through their mean, or springs and nodes that follow another. */
 static void bob(int how, sb_integrator integrator)
 {
     sb_mesh mesh = scene_box(SB_HEX8, 1, 1, 1, sb_v3(1, 1, 1), 0);
     sb_body_def def = sb_default_body_def();
     double k = 40000, omega = sqrt(k / 1000), h = 0.02, state[3] = {0.1, 0, -0.1 * omega * omega};
     const int starts[9] = {0, how == 1 ? 8 : 1, 2, 3, 4, 5, 6, 7, 8}, nodes[8] = {0, 1, 2, 3, 4, 5, 6, 7};
-    sb_real weights[8], stiffness = REAL(how == 0 ? k / 8 : k);
+    sb_real weights[8], stiffness = REAL(how == 1 ? k : k / 8);
     sb_vec3 points[8], u[8], centre = sb_v3(REAL(0.5), REAL(0.5), REAL(0.5));
     sb_mapping mapping;
     int load = 0;
@@ -313,7 +313,7 @@ static void bob(int how, sb_integrator integrator)
     mapping.row_start = starts;
     mapping.nodes = nodes;
     mapping.weights = weights;
-    for (int i = 1; i < 8 && how == 2; i++)
+    for (int i = 1; i < 5 && how == 2; i++)
         for (int axis = 0; axis < 3; axis++) {
             sb_constraint_term link[2];
             link[0] = term(i, axis, 1);
@@ -323,7 +323,7 @@ static void bob(int how, sb_integrator integrator)
     if (how == 1)
         CHECK_OK(sb_body_add_mapping(body, &mapping, &stiffness, 1, points, &load, NULL));
     else
-        CHECK_OK(sb_body_add_springs(body, nodes, how == 0 ? 8 : 1, &stiffness, 1, points, &load, NULL));
+        CHECK_OK(sb_body_add_springs(body, nodes, 8, &stiffness, 1, points, &load, NULL));
     CHECK_OK(sb_body_set_displacements(body, u));
     for (int s = 0; s < 40; s++) {
         sb_step_info info;
@@ -482,11 +482,11 @@ static void test_moving_constraints(void)
                 break;
             u = sb_body_displacements(p.body)[p.second];
             v = sb_body_velocities(p.body)[p.second];
-            CHECK_NEAR(u.z, 0.0001 * n, scene_tolerance(1e-17, 1e-3));
+            CHECK_NEAR(u.z, 0.0001 * n, scene_tolerance(1e-17, 5e-3));
             CHECK_NEAR(v.z, 0.0001 / dt, scene_tolerance(1e-12, 1000));
             u = sb_body_displacements(p.body)[p.tip];
             v = sb_body_velocities(p.body)[p.tip];
-            CHECK_NEAR(u.z, 0.001 + 0.00015 * n, scene_tolerance(1e-17, 1e-3));
+            CHECK_NEAR(u.z, 0.001 + 0.00015 * n, scene_tolerance(1e-17, 5e-3));
             if (n > 1)
                 CHECK_NEAR(v.z, 0.00015 / dt, scene_tolerance(1e-12, 1000));
             CHECK_OK(sb_body_constraint_force(p.body, id, &force));
