@@ -164,8 +164,7 @@ cross:
 LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(FUZZERS) \
 	$(wildcard tests/snippets/*.c)
 LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c
-LINT_C = gcc clang
-LINT_CPP = gxx clangxx
+LINTS = gcc-double gcc-float clang-double clang-float gxx-double gxx-float clangxx-double clangxx-float
 LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks
 LINT_gcc = $(GCC) $(LINT_STD) $(C_WARNINGS)
 LINT_clang = $(CLANG) $(LINT_STD) $(C_WARNINGS)
@@ -189,7 +188,7 @@ build/lint/$(1)-$(2)/tests/%.ok: tests/%.c softbody.h
 	@touch $$@
 LINT_OK += $(patsubst %.c,build/lint/$(1)-$(2)/%.ok,$(LINT_UNITS) $(LINT_UNITS_$(2)))
 endef
-$(foreach compiler,$(LINT_C) $(LINT_CPP),$(foreach real,double float,$(eval $(call lint,$(compiler),$(real)))))
+$(foreach pair,$(LINTS),$(eval $(call lint,$(word 1,$(subst -, ,$(pair))),$(word 2,$(subst -, ,$(pair))))))
 
 # The rooms as objects of their own, linked into the test program.
 SPLIT = $(patsubst src/softbody/%.c,build/split/%.o,$(filter %.c,$(PARTS)))
