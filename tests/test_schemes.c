@@ -234,7 +234,7 @@ static void swing(kind what, sb_integrator integrator, int steps, sb_vec3 *where
  * below the stable one, so that their errors are below those of the others' reference. */
 static void test_one_motion(void)
 {
-    static const int steps[LAST + 1] = {0, 400, 40, 50, 0};
+    static const int steps[LAST + 1] = {0, 200, 40, 50, 0};
     static const double order[LAST + 1] = {0, 1, 2, 2, 2};
     if (SB_REAL_IS_FLOAT) {
         CHECK_SKIP("orders in time need double");
@@ -243,7 +243,7 @@ static void test_one_motion(void)
     for (int what = 0; what < KINDS; what++) {
         sb_vec3 reference[WATCHED], coarse[WATCHED], fine[WATCHED], zero[WATCHED];
         memset(zero, 0, sizeof zero);
-        swing((kind)what, SB_NEWMARK, 640, reference);
+        swing((kind)what, SB_NEWMARK, 400, reference);
         printf("  %-10s", kind_names[what]);
         for (int s = FIRST; s <= LAST; s++) {
             int lumped = what == TIE || what == CONSTRAINT, count = steps[s] ? steps[s] : what == QUADRATIC ? 150 : 60;
@@ -258,7 +258,7 @@ static void test_one_motion(void)
             second = scene_distance(fine, reference, WATCHED) / size;
             printf(" %s %.1e %.2f%s", scheme_names[s], second, log(first / second) / log(2.0), s == LAST ? "\n" : ",");
             CHECK_NEAR(log(first / second) / log(2.0), order[s], 0.35);
-            CHECK(second < 0.005);
+            CHECK(second < (s == SB_EULER ? 0.02 : 0.001));
         }
     }
 }
@@ -645,7 +645,7 @@ static void violent(kind what, sb_integrator integrator)
         CHECK_OK(sb_body_set_pressure(p.body, p.load, 0));
     else if (what == CONSTRAINT)
         CHECK_OK(sb_body_set_constraint_value(p.body, p.link, 0));
-    for (int s = 0; s < 150; s++)
+    for (int s = 0; s < 100; s++)
         CHECK_OK(sb_body_step(p.body, REAL(0.02), NULL));
     last = scene_distance(sb_body_positions(p.body), p.mesh.nodes, p.mesh.node_count);
     if (!CHECK(failed <= 3) || !CHECK_NEAR(last, 0, 1e-3))
