@@ -210,7 +210,7 @@ static inline void plot_write_curve(FILE *file, const plot_panel *panel, int ind
 static inline void plot_write_names(FILE *file, const plot_panel *panel)
 {
     for (int c = 0; c < panel->curve_count; c++) {
-        double x = PLOT_LEFT + (c % 2) * (PLOT_PANEL_WIDTH - PLOT_LEFT - PLOT_RIGHT) / 2.0;
+        double x = PLOT_LEFT + (c % 2) * ((PLOT_PANEL_WIDTH - PLOT_LEFT - PLOT_RIGHT) / 2);
         double y = PLOT_TOP - 12 - 16 * ((panel->curve_count - 1) / 2 - c / 2);
         fprintf(file, "<path stroke=\"%s\" stroke-width=\"2\"%s d=\"M%.1f %.1f h22\"/>\n", plot_colour(c),
                 panel->curves[c].dashed ? " stroke-dasharray=\"6 4\"" : "", x, y - 4);

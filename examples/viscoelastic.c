@@ -79,7 +79,7 @@ static double time_of(const settings *s, int i)
 {
     if (i <= RAMP_STEPS)
         return s->ramp * i / RAMP_STEPS;
-    return s->ramp * pow(s->end / s->ramp, (i - RAMP_STEPS) / (double)s->points);
+    return s->ramp * pow(s->end / s->ramp, (double)(int)(i - RAMP_STEPS) / (double)s->points);
 }
 
 /* Nominal stress (Pa) that holds the top where it is. */

@@ -121,7 +121,7 @@ static int open_case(const char *name, sb_mass_kind mass, case_file *c, sb_body 
         return 0;
     }
     int ok = case_read(c, path);
-    c->mass = mass;
+    c->mass = (int)mass;
     ok = ok && case_create_body(c, body);
     if (!CHECK(ok)) {
         printf("%s:%d: %s\n", c->path, c->error_line, c->message);

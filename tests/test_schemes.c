@@ -470,8 +470,8 @@ static void test_moving_constraints(void)
         CHECK_OK(sb_body_set_gravity(p.body, sb_v3(0, 0, 0)));
         CHECK_OK(sb_body_add_constraint(p.body, &drive, 1, 0, &id, NULL));
         link[0] = term(p.tip, 2, 1);
-        link[1] = term(p.second, 2, REAL(-0.5));
-        link[2] = term(held, 2, REAL(-0.25));
+        link[1] = term(p.second, 2, -0.5);
+        link[2] = term(held, 2, -0.25);
         CHECK_OK(sb_body_add_constraint(p.body, link, 3, REAL(0.001), &other, NULL)); /* open: closes in the first step */
         for (int n = 1; n <= 12; n++) {
             sb_vec3 target = sb_v3(0, 0, REAL(0.0004 * n)), u, v;

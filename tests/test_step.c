@@ -673,7 +673,7 @@ static void jerk_linearised(sb_element_type type, sb_integration integration, sb
            (double)scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count));
     CHECK(farthest < 10 * reach);
     CHECK(failed < 60); /* none once the tool lets go */
-    CHECK(scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count) < REAL(0.02));
+    CHECK((double)scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count) < 0.02);
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
 }
