@@ -4330,8 +4330,6 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
 SBI_API double sbi_loads_new_energy(const sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
-/* A static solve that failed leaves no trace of that. */
-SBI_API void sbi_loads_undo_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
 /* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
@@ -18646,8 +18644,6 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
-/* Forgets the values that a static solve balanced: the next one lets the load grow from no force. */
-SBI_API void sbi_body_forget_balance(sbi_load *load);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 
@@ -19903,19 +19899,10 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
 }
 
 /* The load has taken part in no solve. */
-SBI_API void sbi_body_forget_balance(sbi_load *load)
-{
-    load->balanced = 0;
-    load->balanced_pressure = 0;
-    if (load->balanced_target) {
-        memset(load->balanced_stiffness, 0, (size_t)load->row_count * sizeof *load->balanced_stiffness);
-        memset(load->balanced_target, 0, (size_t)load->row_count * sizeof *load->balanced_target);
-    }
-}
-
 static void sbi_body_reset_load(sbi_load *load)
 {
-    sbi_body_forget_balance(load);
+    load->balanced = 0; /* the balanced values mean nothing now, nor does a saved state have them */
+    load->balanced_pressure = 0;
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
@@ -21228,13 +21215,6 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
         }
     }
     return sum;
-}
-
-SBI_API void sbi_loads_undo_static(sb_body *body)
-{
-    for (int l = 0; l < body->load_count; l++)
-        if (!body->loads[l].balanced && body->loads[l].kind != SBI_LOAD_PRESSURE)
-            sbi_body_forget_balance(body->loads + l);
 }
 
 SBI_API void sbi_loads_begin_static(sb_body *body)
@@ -24008,7 +23988,6 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         info->error = error;
     } else {
         sbi_step_undo(body);
-        sbi_loads_undo_static(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */

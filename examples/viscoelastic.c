@@ -78,7 +78,7 @@ static sb_result make_specimen(const model *m, sb_mesh *mesh, sb_body **body, sb
 static double time_of(const settings *s, int i)
 {
     if (i <= RAMP_STEPS)
-        return s->ramp * i / RAMP_STEPS;
+        return s->ramp * i / (int)RAMP_STEPS;
     return s->ramp * pow(s->end / s->ramp, (double)(int)(i - RAMP_STEPS) / (double)s->points);
 }
 

@@ -1223,19 +1223,10 @@ SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities
 }
 
 /* The load has taken part in no solve. */
-SBI_API void sbi_body_forget_balance(sbi_load *load)
-{
-    load->balanced = 0;
-    load->balanced_pressure = 0;
-    if (load->balanced_target) {
-        memset(load->balanced_stiffness, 0, (size_t)load->row_count * sizeof *load->balanced_stiffness);
-        memset(load->balanced_target, 0, (size_t)load->row_count * sizeof *load->balanced_target);
-    }
-}
-
 static void sbi_body_reset_load(sbi_load *load)
 {
-    sbi_body_forget_balance(load);
+    load->balanced = 0; /* the balanced values mean nothing now, nor does a saved state have them */
+    load->balanced_pressure = 0;
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);

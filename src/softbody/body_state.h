@@ -270,8 +270,6 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
-/* Forgets the values that a static solve balanced: the next one lets the load grow from no force. */
-SBI_API void sbi_body_forget_balance(sbi_load *load);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 

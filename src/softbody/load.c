@@ -809,13 +809,6 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
     return sum;
 }
 
-SBI_API void sbi_loads_undo_static(sb_body *body)
-{
-    for (int l = 0; l < body->load_count; l++)
-        if (!body->loads[l].balanced && body->loads[l].kind != SBI_LOAD_PRESSURE)
-            sbi_body_forget_balance(body->loads + l);
-}
-
 SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {

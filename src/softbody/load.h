@@ -99,8 +99,6 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
 SBI_API double sbi_loads_new_energy(const sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
-/* A static solve that failed leaves no trace of that. */
-SBI_API void sbi_loads_undo_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
 /* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement

@@ -1209,7 +1209,6 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         info->error = error;
     } else {
         sbi_step_undo(body);
-        sbi_loads_undo_static(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
