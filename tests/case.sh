@@ -167,7 +167,7 @@ wrong_line 'an unknown output' 'output colour u' "unknown output 'colour'"
 wrong_line 'an output without file' 'output reaction' 'word is missing'
 wrong_line 'a probe out of range' 'output probe 8 u' 'node 8 is not in the mesh'
 wrong_line 'frequencies of a static case' 'output frequencies f' 'does not go with solve static'
-wrong_line 'an output into nowhere' 'output reaction nowhere/r' 'cannot write'
+wrong_line 'an output into nowhere' 'output reaction nowhere/r' 'cannot be written'
 # ... by whatever name it is reached
 cat cube.vtk z0 >inputs
 ln -s z0 linked
