@@ -25451,7 +25451,9 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
     load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
     load->row_count = sbi_state_int(walk, load->row_count, 1, INT32_MAX - 1, "number of rows of a load");
     load->pressure = sbi_state_real(walk, load->pressure);
-    load->balanced_pressure = sbi_state_real(walk, load->balanced_pressure);
+    load->balanced_pressure = sbi_state_real(walk, load->balanced ? load->balanced_pressure : 0);
+    if (!load->balanced) /* as in sbi_state_row_values */
+        load->balanced_pressure = 0;
     for (int k = 0; k < 6; k++)
         load->net[k] = sbi_state_double(walk, load->net[k]);
     if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
