@@ -643,33 +643,6 @@ typedef struct sbi_arena {
     int overflow;
 } sbi_arena;
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* *total += count * size; 0 when the sum does not fit size_t (then *total is unchanged), else 1. */
-SBI_API int sbi_size_add(size_t *total, size_t count, size_t size);
-/* Memory for count items of `size` bytes, or NULL (also when count * size overflows). Never asks for 0 bytes. */
-SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size);
-SBI_API void *sbi_alloc_zeroed(const sb_allocator *allocator, size_t count, size_t size);
-SBI_API void sbi_free(const sb_allocator *allocator, void *pointer);
-SBI_API void *sbi_arena_take(sbi_arena *arena, size_t count, size_t size);
-/* Runs the task over [0, count) on jobs, inline when jobs is NULL or empty. */
-SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int count);
-/* Fills error (may be NULL) and returns result. The format is printf's. */
-SBI_API sb_result sbi_fail(sb_error *error, sb_result result, const char *format, ...)
-#if defined(__GNUC__)
-    __attribute__((format(printf, 3, 4)))
-#endif
-    ;
-SBI_API sb_result sbi_fail_element(sb_error *error, sb_result result, int element, const char *format, ...)
-#if defined(__GNUC__)
-    __attribute__((format(printf, 4, 5)))
-#endif
-    ;
-SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, const char *format, ...)
-#if defined(__GNUC__)
-    __attribute__((format(printf, 4, 5)))
-#endif
-    ;
-#endif
 
 SB_INLINE int sbi_min_int(int a, int b) { return a < b ? a : b; }
 SB_INLINE int sbi_max_int(int a, int b) { return a > b ? a : b; }
@@ -2206,45 +2179,6 @@ typedef struct sb_element_table {
  * names what, and error->node the local node where there is one. error may be NULL. */
 SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error *error);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* ---- internal: any element ---------------------------------------------------------------------------------- */
-
-/* A type, and for SB_CUSTOM its checked table. Each function below is the one of the same name above. */
-typedef struct sbi_element {
-    sb_element_type type;
-    const sb_element_table *table;
-} sbi_element;
-
-SB_INLINE sbi_element sbi_element_make(sb_element_type type, const sb_element_table *table)
-{
-    sbi_element element;
-    element.type = type;
-    element.table = type == SB_CUSTOM ? table : NULL;
-    return element;
-}
-SB_INLINE int sbi_element_node_count(sbi_element element)
-{
-    return element.table ? element.table->node_count : sb_element_node_count(element.type);
-}
-SB_INLINE int sbi_element_corner_count(sbi_element element)
-{
-    return element.table ? element.table->corner_count : sb_element_corner_count(element.type);
-}
-SB_INLINE int sbi_element_face_count(sbi_element element)
-{
-    return element.table ? element.table->face_count : sb_element_face_count(element.type);
-}
-SBI_API int sbi_element_edge_count(sbi_element element);
-SBI_API const char *sbi_element_name(sbi_element element);
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type);
-SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3]);
-SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3]);
-SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
-SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
-                                   sb_real points[SB_MAX_QUADRATURE_POINTS][3],
-                                   sb_real weights[SB_MAX_QUADRATURE_POINTS]);
-#endif
 
 #endif /* SB_ELEMENT_H */
 
@@ -2462,21 +2396,6 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
  * old one. */
 SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map, sb_error *error);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* ---- internal ------------------------------------------------------------------------------------------ */
-
-/* Counts, type and pointers of a mesh, finite nodes and index range: what every room needs before it walks
- * one. */
-SBI_API sb_result sbi_mesh_check_arrays(const sb_mesh *mesh, sb_error *error);
-/* What the elements of a mesh are. */
-SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
-{
-    return sbi_element_make(mesh->element_type, mesh->table);
-}
-/* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator);
-#endif
 
 #endif /* SB_MESH_H */
 
@@ -2847,41 +2766,6 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* ==== internal: shares of a material =====================================================================
- * Every hyperelastic energy here is linear in its moduli, so that a share of a material is a material. */
-
-/* The share of a material that a B-bar element evaluates at each of its points, and the one at its mean point:
- * W = W_shear + W_volume, with mu (and fibres) in the first, lambda in the second; isochoric models: psi and U. */
-typedef enum sbi_material_share { SBI_SHARE_WHOLE, SBI_SHARE_SHEAR, SBI_SHARE_VOLUME } sbi_material_share;
-SBI_API sb_material sbi_material_share_of(const sb_material *material, sbi_material_share share);
-
-/* What Prony terms relax: everything in proportion to the shear modulus at a constant bulk modulus (isochoric
- * models: psi), fibres included. Only its stress means anything: its lambda is -2 mu/3. */
-SBI_API sb_material sbi_material_relaxing(const sb_material *material);
-/* The material with its relaxing share times a: bulk modulus as before. */
-SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a);
-/* a(dt) = g_inf + sum g_i gamma_i, gamma_i = (1 - exp(-x_i))/x_i, x_i = dt/tau_i: the share of a new stress that is
- * left at the end of the step of dt (s) in which it comes about evenly. 1 for dt = 0, g_inf for dt infinite. */
-SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt);
-/* gamma_i, and exp(-x_i) in *decay. */
-SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay);
-
-/* One point's memory h[prony_count][6] of its relaxing second Piola-Kirchhoff stress S0 (Pa, order 00 11 22 01 12 02)
- * over a step of dt, exact when S0 changes evenly in it: with gamma_i and x_i from above
- *     advance:   h_i <- exp(-x_i) h_i + g_i gamma_i (s0_new - s0_old)
- *     prestress: H = sum_i (exp(-x_i) h_i - g_i gamma_i s0_old), before advance,
- * so that S = S_volume + a(dt) S0_new + H at the end of the step, and S = S_volume + g_inf S0_new + sum h_i after
- * advance. A point at rest has h = 0, S0 = 0. (Thesis 3, 4.90; Simo and Hughes 1998, ch. 10.) */
-SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
-                               const sb_real s0_new[6], sb_real (*h)[6]);
-SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
-                                 const sb_real (*h)[6], sb_real H[6]);
-/* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
- * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6]);
-#endif
 
 /* ==== internal: workers of one model =====================================================================
  * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
@@ -3808,11 +3692,6 @@ SB_INLINE int sbi_row_chunks(int row_count)
     return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0);
 }
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* y_i = (A x)_i for the rows first <= i < last. */
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
-                                      int last);
-#endif
 
 #endif /* SB_SPARSE_H */
 
@@ -3888,26 +3767,6 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
- * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
-SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
-/* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
-SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                     double size);
-/* Rows of the pattern it was made for. */
-SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
-
-/* What updates remember of the ones before: all that is not made anew from the matrix. */
-typedef struct sbi_precond_memory {
-    double shift;
-    int successes, wait;
-} sbi_precond_memory;
-SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
-/* The memory must be valid. */
-SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
-SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
-#endif
 
 #endif /* SB_PRECOND_H */
 
@@ -4033,17 +3892,6 @@ typedef enum sb_mass_kind {
                              * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* The element of the cells. */
-SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
-{
-    return sbi_element_make(domain->element_type, domain->table);
-}
-/* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
- * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
-SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
-                              sb_real *volume_load);
-#endif
 
 #endif /* SB_DOMAIN_H */
 
@@ -4306,37 +4154,6 @@ SB_API sb_result sb_body_load_force(const sb_body *body, int load_id, sb_vec3 ab
 SB_API sb_result sb_body_spring_forces(const sb_body *body, int load_id, sb_vec3 *forces);
 SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec3 *forces);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
- * quadratic in u, springs linear. */
-typedef struct sbi_loads_work {
-    sb_real linear, quadratic, cubic;
-} sbi_loads_work;
-
-/* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
-/* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
- * rounding error of the follower's norm. */
-SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);
-/* matrix += their stiffness -df/du at u; that of pressures for SB_TANGENT_EXACT only. */
-SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
-                                   sb_matrix *matrix);
-/* out -= K x with the stiffness of springs and mappings, which is what sbi_loads_add_tangent added for linearised
- * steps. */
-SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
-SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
-/* Energy of springs and mappings at u (J), and how much of it at the body's displacement, which is where the last step
- * ended, is new since: their points or stiffness were changed. */
-SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
-SBI_API double sbi_loads_new_energy(const sb_body *body);
-/* Start of a static solve: loads that are new to it begin where they exert no force. */
-SBI_API void sbi_loads_begin_static(sb_body *body);
-/* A static solve ended at this factor: the next one starts from these values. */
-SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
-/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
- * row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a linearised step's is the
- * one it started from). */
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
-#endif
 
 #endif /* SB_LOAD_H */
 
@@ -4427,34 +4244,6 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
                                    const int *slave_nodes, int slave_count, sb_real max_distance, int options,
                                    sb_tie_report *report, sb_error *error);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
-SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
-/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities balance at
- * `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
-SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia);
-/* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
- * constraints leaves over at each node. `out_of_balance` is overwritten. */
-SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
-/* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
- * SB_ERROR_UNSUPPORTED names node and axis. */
-SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);
-/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T); 0 on
- * supported and slave axes. */
-SBI_API void sbi_constraint_masses(sb_body *body);
-/* Accelerations from forces [node_count] (N) with these masses: slaves hand their force on and follow, by
- * elimination->gap (m/s^2) ahead of their masters with_gaps. Supported axes of `acceleration` are given, the others are
- * written. Call after sbi_constraint_explicit_check; positions then follow by sbi_elimination_follow. No allocation. */
-SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration, int with_gaps);
-/* elimination->gap = the acceleration (m/s^2) at which gaps get the rate to close evenly in dt. */
-SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt);
-/* v of slaves = that of their masters + share of the gaps that the step began with: with 1/dt velocities in a step of
- * dt, with h/dt ways in a part h of it. */
-SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share);
-/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with each
- * of its masters. */
-SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v);
-#endif
 
 #endif /* SB_CONSTRAINT_H */
 
@@ -4652,54 +4441,6 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
  * of threads. No allocation; cost: proportional to the body. */
 SB_API uint64_t sb_body_state_hash(const sb_body *body);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* ---- internal: files of checked bytes -------------------------------------------------------------------- */
-
-enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
-
-/* One step of the hash: words in order. */
-SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
-{
-    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
-    return hash ^ (hash >> 32);
-}
-
-/* Little-endian numbers of 1 to 8 bytes. */
-SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
-{
-    for (int i = 0; i < bytes; i++)
-        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
-}
-SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
-{
-    uint64_t value = 0;
-    for (int i = 0; i < bytes; i++)
-        value |= (uint64_t)from[i] << (8 * i);
-    return value;
-}
-/* The low 32 bits of a number as a signed integer, and back. */
-SB_INLINE int sbi_int_of(uint64_t word)
-{
-    uint32_t bits = (uint32_t)word;
-    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
-}
-/* The bits of a real, and back. */
-SBI_API uint64_t sbi_real_bits(sb_real value);
-SBI_API sb_real sbi_real_of(uint64_t bits);
-
-/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
- * magic: 8 bytes. */
-SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
-/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
-SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
-                                  const char *what, sb_error *error);
-SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
-/* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
- * and one byte after the end that the head tells. */
-SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
-                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
-                                      sb_error *error);
-#endif
 
 #endif /* SB_STATE_H */
 
@@ -4782,6 +4523,265 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
 #define SB_IMPLEMENTATION_DONE
+
+/* ==== src/softbody/core.h, internal ==== */
+/* *total += count * size; 0 when the sum does not fit size_t (then *total is unchanged), else 1. */
+SBI_API int sbi_size_add(size_t *total, size_t count, size_t size);
+/* Memory for count items of `size` bytes, or NULL (also when count * size overflows). Never asks for 0 bytes. */
+SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size);
+SBI_API void *sbi_alloc_zeroed(const sb_allocator *allocator, size_t count, size_t size);
+SBI_API void sbi_free(const sb_allocator *allocator, void *pointer);
+SBI_API void *sbi_arena_take(sbi_arena *arena, size_t count, size_t size);
+/* Runs the task over [0, count) on jobs, inline when jobs is NULL or empty. */
+SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int count);
+/* Fills error (may be NULL) and returns result. The format is printf's. */
+SBI_API sb_result sbi_fail(sb_error *error, sb_result result, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 3, 4)))
+#endif
+    ;
+SBI_API sb_result sbi_fail_element(sb_error *error, sb_result result, int element, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 4, 5)))
+#endif
+    ;
+SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 4, 5)))
+#endif
+    ;
+
+/* ==== src/softbody/element.h, internal ==== */
+/* ---- internal: any element ---------------------------------------------------------------------------------- */
+
+/* A type, and for SB_CUSTOM its checked table. Each function below is the one of the same name above. */
+typedef struct sbi_element {
+    sb_element_type type;
+    const sb_element_table *table;
+} sbi_element;
+
+SB_INLINE sbi_element sbi_element_make(sb_element_type type, const sb_element_table *table)
+{
+    sbi_element element;
+    element.type = type;
+    element.table = type == SB_CUSTOM ? table : NULL;
+    return element;
+}
+SB_INLINE int sbi_element_node_count(sbi_element element)
+{
+    return element.table ? element.table->node_count : sb_element_node_count(element.type);
+}
+SB_INLINE int sbi_element_corner_count(sbi_element element)
+{
+    return element.table ? element.table->corner_count : sb_element_corner_count(element.type);
+}
+SB_INLINE int sbi_element_face_count(sbi_element element)
+{
+    return element.table ? element.table->face_count : sb_element_face_count(element.type);
+}
+SBI_API int sbi_element_edge_count(sbi_element element);
+SBI_API const char *sbi_element_name(sbi_element element);
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
+                             sb_element_type *face_type);
+SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3]);
+SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3]);
+SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
+SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
+                                   sb_real points[SB_MAX_QUADRATURE_POINTS][3],
+                                   sb_real weights[SB_MAX_QUADRATURE_POINTS]);
+
+/* ==== src/softbody/mesh.h, internal ==== */
+/* ---- internal ------------------------------------------------------------------------------------------ */
+
+/* Counts, type and pointers of a mesh, finite nodes and index range: what every room needs before it walks
+ * one. */
+SBI_API sb_result sbi_mesh_check_arrays(const sb_mesh *mesh, sb_error *error);
+/* What the elements of a mesh are. */
+SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
+{
+    return sbi_element_make(mesh->element_type, mesh->table);
+}
+/* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
+                              int with_regions, const sb_allocator *allocator);
+
+/* ==== src/softbody/material.h, internal ==== */
+/* ==== internal: shares of a material =====================================================================
+ * Every hyperelastic energy here is linear in its moduli, so that a share of a material is a material. */
+
+/* The share of a material that a B-bar element evaluates at each of its points, and the one at its mean point:
+ * W = W_shear + W_volume, with mu (and fibres) in the first, lambda in the second; isochoric models: psi and U. */
+typedef enum sbi_material_share { SBI_SHARE_WHOLE, SBI_SHARE_SHEAR, SBI_SHARE_VOLUME } sbi_material_share;
+SBI_API sb_material sbi_material_share_of(const sb_material *material, sbi_material_share share);
+
+/* What Prony terms relax: everything in proportion to the shear modulus at a constant bulk modulus (isochoric
+ * models: psi), fibres included. Only its stress means anything: its lambda is -2 mu/3. */
+SBI_API sb_material sbi_material_relaxing(const sb_material *material);
+/* The material with its relaxing share times a: bulk modulus as before. */
+SBI_API sb_material sbi_material_relaxed(const sb_material *material, sb_real a);
+/* a(dt) = g_inf + sum g_i gamma_i, gamma_i = (1 - exp(-x_i))/x_i, x_i = dt/tau_i: the share of a new stress that is
+ * left at the end of the step of dt (s) in which it comes about evenly. 1 for dt = 0, g_inf for dt infinite. */
+SBI_API sb_real sbi_prony_factor(const sb_material *material, sb_real dt);
+/* gamma_i, and exp(-x_i) in *decay. */
+SBI_API sb_real sbi_prony_term(const sb_material *material, int term, sb_real dt, sb_real *decay);
+
+/* One point's memory h[prony_count][6] of its relaxing second Piola-Kirchhoff stress S0 (Pa, order 00 11 22 01 12 02)
+ * over a step of dt, exact when S0 changes evenly in it: with gamma_i and x_i from above
+ *     advance:   h_i <- exp(-x_i) h_i + g_i gamma_i (s0_new - s0_old)
+ *     prestress: H = sum_i (exp(-x_i) h_i - g_i gamma_i s0_old), before advance,
+ * so that S = S_volume + a(dt) S0_new + H at the end of the step, and S = S_volume + g_inf S0_new + sum h_i after
+ * advance. A point at rest has h = 0, S0 = 0. (Thesis 3, 4.90; Simo and Hughes 1998, ch. 10.) */
+SBI_API void sbi_prony_advance(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                               const sb_real s0_new[6], sb_real (*h)[6]);
+SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const sb_real s0_old[6],
+                                 const sb_real (*h)[6], sb_real H[6]);
+/* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
+ * untouched when F is not admissible, or J = 0. */
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
+                              sb_real s0[6]);
+
+/* ==== src/softbody/sparse.h, internal ==== */
+/* y_i = (A x)_i for the rows first <= i < last. */
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
+                                      int last);
+
+/* ==== src/softbody/precond.h, internal ==== */
+/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
+ * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
+SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+/* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
+                                     double size);
+/* Rows of the pattern it was made for. */
+SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
+
+/* What updates remember of the ones before: all that is not made anew from the matrix. */
+typedef struct sbi_precond_memory {
+    double shift;
+    int successes, wait;
+} sbi_precond_memory;
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
+/* The memory must be valid. */
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
+
+/* ==== src/softbody/domain.h, internal ==== */
+/* The element of the cells. */
+SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
+{
+    return sbi_element_make(domain->element_type, domain->table);
+}
+/* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
+ * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                              sb_real *volume_load);
+
+/* ==== src/softbody/load.h, internal ==== */
+/* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
+ * quadratic in u, springs linear. */
+typedef struct sbi_loads_work {
+    sb_real linear, quadratic, cubic;
+} sbi_loads_work;
+
+/* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
+/* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
+ * rounding error of the follower's norm. */
+SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);
+/* matrix += their stiffness -df/du at u; that of pressures for SB_TANGENT_EXACT only. */
+SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                   sb_matrix *matrix);
+/* out -= K x with the stiffness of springs and mappings, which is what sbi_loads_add_tangent added for linearised
+ * steps. */
+SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
+SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
+/* Energy of springs and mappings at u (J), and how much of it at the body's displacement, which is where the last step
+ * ended, is new since: their points or stiffness were changed. */
+SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u);
+SBI_API double sbi_loads_new_energy(const sb_body *body);
+/* Start of a static solve: loads that are new to it begin where they exert no force. */
+SBI_API void sbi_loads_begin_static(sb_body *body);
+/* A static solve ended at this factor: the next one starts from these values. */
+SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
+ * row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a linearised step's is the
+ * one it started from). */
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
+
+/* ==== src/softbody/constraint.h, internal ==== */
+/* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
+SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
+/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities balance at
+ * `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
+SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia);
+/* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
+ * constraints leaves over at each node. `out_of_balance` is overwritten. */
+SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
+/* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
+ * SB_ERROR_UNSUPPORTED names node and axis. */
+SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);
+/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T); 0 on
+ * supported and slave axes. */
+SBI_API void sbi_constraint_masses(sb_body *body);
+/* Accelerations from forces [node_count] (N) with these masses: slaves hand their force on and follow, by
+ * elimination->gap (m/s^2) ahead of their masters with_gaps. Supported axes of `acceleration` are given, the others are
+ * written. Call after sbi_constraint_explicit_check; positions then follow by sbi_elimination_follow. No allocation. */
+SBI_API void sbi_constraint_explicit(sb_body *body, const sb_vec3 *force, sb_vec3 *acceleration, int with_gaps);
+/* elimination->gap = the acceleration (m/s^2) at which gaps get the rate to close evenly in dt. */
+SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt);
+/* v of slaves = that of their masters + share of the gaps that the step began with: with 1/dt velocities in a step of
+ * dt, with h/dt ways in a part h of it. */
+SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share);
+/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with each
+ * of its masters. */
+SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v);
+
+/* ==== src/softbody/state.h, internal ==== */
+/* ---- internal: files of checked bytes -------------------------------------------------------------------- */
+
+enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
+
+/* One step of the hash: words in order. */
+SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
+{
+    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
+    return hash ^ (hash >> 32);
+}
+
+/* Little-endian numbers of 1 to 8 bytes. */
+SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
+}
+SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
+{
+    uint64_t value = 0;
+    for (int i = 0; i < bytes; i++)
+        value |= (uint64_t)from[i] << (8 * i);
+    return value;
+}
+/* The low 32 bits of a number as a signed integer, and back. */
+SB_INLINE int sbi_int_of(uint64_t word)
+{
+    uint32_t bits = (uint32_t)word;
+    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
+}
+/* The bits of a real, and back. */
+SBI_API uint64_t sbi_real_bits(sb_real value);
+SBI_API sb_real sbi_real_of(uint64_t bits);
+
+/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
+ * magic: 8 bytes. */
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
+/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error);
+SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
+/* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
+ * and one byte after the end that the head tells. */
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error);
 
 /* ==== src/softbody/core.c ==== */
 /* core: results, checked sizes, allocation, jobs. */

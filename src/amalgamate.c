@@ -16,6 +16,9 @@
  *     section declarations GUARD              ... inside #ifndef GUARD
  *     section implementation SWITCH           ... inside #ifdef SWITCH, once
  *     section bottom          the parts that follow stand after the guards
+ *     internal MACRO          lines of declarations between #if defined(SWITCH) || defined(MACRO) and its #endif are for
+ *                             the library alone: they go to the head of the implementation, so that declarations which
+ *                             came in before SWITCH was defined lack nothing
  *     FILE                    a part, relative to the manifest's folder
  *
  * Every part is copied as it is, with LF line ends and without its #include "..." lines; each of those must name
@@ -56,6 +59,7 @@ typedef struct manifest {
     char licence[MAX_NAME];
     char guard[MAX_NAME];  /* macro of the declarations */
     char user_switch[MAX_NAME]; /* macro that asks for the implementation */
+    char internal[MAX_NAME];    /* macro that opens what is internal to sources built one by one */
     part *parts;
     int part_count;
 } manifest;
@@ -229,6 +233,8 @@ static int read_line(manifest *m, char *content, int section, int line)
         copy_name(m->output, words[1]);
     else if (strcmp(words[0], "requires") == 0 && count == 2)
         copy_name(m->required, words[1]);
+    else if (strcmp(words[0], "internal") == 0 && count == 2)
+        copy_name(m->internal, words[1]);
     else if (strcmp(words[0], "licence") == 0 && count == 2)
         copy_name(m->licence, words[1]);
     else if (strcmp(words[0], "version") == 0 && count == 3) {
@@ -422,28 +428,55 @@ static int comment_goes_on(const char *line, int inside)
     return inside;
 }
 
-static void add_part_text(text *to, const manifest *m, int part_index)
+/* Whether the line opens what is for the library alone. */
+static int opens_internal(const manifest *m, const char *line, size_t length)
+{
+    char wanted[3 * MAX_NAME];
+    int size = snprintf(wanted, sizeof wanted, "#if defined(%s) || defined(%s)", m->user_switch, m->internal);
+    return *m->internal && (size_t)size == length && strncmp(line, wanted, length) == 0;
+}
+
+/* How many conditions more (1) or less (-1) are open after the line. */
+static int condition_change(const char *line)
+{
+    line += strspn(line, " \t");
+    if (*line++ != '#')
+        return 0;
+    line += strspn(line, " \t");
+    return strncmp(line, "if", 2) == 0 ? 1 : strncmp(line, "endif", 5) == 0 ? -1 : 0;
+}
+
+/* Copies a part; of declarations that have an inside, the lines outside it to `to` and the others to `internal`. */
+static void add_part_text(text *to, text *internal, const manifest *m, int part_index)
 {
     const part *p = &m->parts[part_index];
-    int line = 0, in_comment = 0;
+    int line = 0, in_comment = 0, depth = 0; /* conditions open since an internal one */
     add_lines(to, "\n/* ==== %s ==== */\n", p->path);
     for (const char *start = p->content.data, *end; *start; start = end + 1) {
         const char *name = in_comment ? NULL : local_include(start);
+        int change = in_comment ? 0 : condition_change(start);
         in_comment = comment_goes_on(start, in_comment);
         end = strchr(start, '\n');
         line++;
         if (name)
             check_include(m, part_index, name, strcspn(name, "\"\n"), line);
-        else
+        else if (depth > 0) {
+            depth += change;
+            if (depth > 0)
+                text_append(internal, start, (size_t)(end - start) + 1);
+        } else if (p->section == DECLARATIONS && opens_internal(m, start, (size_t)(end - start))) {
+            depth = 1;
+            add_lines(internal, "\n/* ==== %s, internal ==== */\n", p->path);
+        } else
             text_append(to, start, (size_t)(end - start) + 1);
     }
 }
 
-static void add_section(text *to, const manifest *m, int section)
+static void add_section(text *to, text *internal, const manifest *m, int section)
 {
     for (int i = 0; i < m->part_count; i++)
         if (m->parts[i].section == section)
-            add_part_text(to, m, i);
+            add_part_text(to, internal, m, i);
 }
 
 static void add_licence(text *to, const manifest *m)
@@ -459,24 +492,27 @@ static void add_licence(text *to, const manifest *m)
 
 static text make_header(const manifest *m)
 {
-    text header = {NULL, 0, 0};
+    text header = {NULL, 0, 0}, internal = {NULL, 0, 0};
     char version[MAX_NAME];
+    text_add(&internal, "");
     find_version(m, version);
     add_lines(&header,
               "/* %s %s: %s\n * MIT or public domain, as you like; the texts are at the end of this file.\n"
               " * Generated from %s: edit there, then run `make headers`. */\n",
               m->output, version, m->title, m->folder);
-    add_section(&header, m, TOP);
+    add_section(&header, &internal, m, TOP);
     add_lines(&header, "\n#ifndef %s\n#define %s\n", m->guard, m->guard);
     if (*m->required)
         add_lines(&header, "#include \"%s\"\n", m->required);
-    add_section(&header, m, DECLARATIONS);
+    add_section(&header, &internal, m, DECLARATIONS);
     add_lines(&header, "\n#endif /* %s */\n\n#if defined(%s) && !defined(%s_DONE)\n#define %s_DONE\n", m->guard,
               m->user_switch, m->user_switch, m->user_switch);
-    add_section(&header, m, IMPLEMENTATION);
+    text_append(&header, internal.data, internal.size);
+    add_section(&header, &internal, m, IMPLEMENTATION);
     add_lines(&header, "\n#endif /* %s */\n", m->user_switch);
-    add_section(&header, m, BOTTOM);
+    add_section(&header, &internal, m, BOTTOM);
     add_licence(&header, m);
+    free(internal.data);
     return header;
 }
 

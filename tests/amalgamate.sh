@@ -45,6 +45,16 @@ report $? "line ends and licence"
 report $? "markers"
 [ "$(grep '#define a_' src/room/names.h)" = "#define a_one a_one_f32" ]
 report $? "names"
+fresh
+printf '%s\n' '#if defined(A_IMPLEMENTATION) || defined(A_SPLIT)' '#ifdef X' 'int inner;' '#endif' '#endif' 'int outer;' \
+    >>src/room/a.h
+sed -i 's/^names/internal A_SPLIT\nnames/' src/room/manifest.txt
+run && [ "$(grep -n 'outer;\|^#endif /\* PRODUCT\|^#define A_IMPLEM\|inner;\|src/room/a.c' product.h | sed 's/.*://' |
+    cut -c 1-12 | tr '\n' '.')" = "int outer;.#endif /* PR.#define A_IM.int inner;./* ==== src/." ] &&
+    [ "$(grep -c '^#if' product.h)" = "$(grep -c '^#endif' product.h)" ] && ! grep -q A_SPLIT product.h
+report $? "what is internal goes to the head of the implementation"
+fresh
+run
 cp product.h first.h && run && cmp -s first.h product.h
 report $? "the same input gives the same bytes"
 
