@@ -103,6 +103,11 @@ $(eval $(call suite,wasm,$(WASM) -O2,-std=c99 $(C_WARNINGS),-lwasi-emulated-proc
 # Takes most of the suite's time; the builds that differ in language or system only leave it out (SLOW= runs all).
 SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c))
 QUICK = $(or $(FILTER),$(SLOW))
+# Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), the
+# suites with threads, and those that touch most of what rooms ask of each other.
+VIOLENT = -schemes/300 -schemes/one -viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit
+THREADED = core step golden
+LINKED = mesh body load constraint record
 
 SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o softbody.h README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
@@ -117,9 +122,9 @@ test-float: build/float/tests
 test-cpp: build/cpp/tests
 	build/cpp/tests $(QUICK)
 test-openmp: build/openmp/tests
-	build/openmp/tests $(QUICK)
+	build/openmp/tests $(or $(FILTER),$(THREADED) $(SLOW))
 sanitize: build/sanitize/tests
-	ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(QUICK)
+	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
 # The table of cases against closed forms: its introduction is written by hand, its rows by the tests, a section for
 # each suite. `make test` compares the list of cases with the committed one.
@@ -199,7 +204,7 @@ build/split/tests: $(SPLIT) $(filter-out %/implementation.o,$(TEST_UNITS:tests/%
 	$(CC) $(CFLAGS) $^ -lm -o $@
 
 lint: $(LINT_OK) build/split/tests
-	tests/total.sh "build/split/tests $(QUICK)" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
+	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
 
 # ---- benchmarks and fuzzing ----------------------------------------------------------------------------------
 

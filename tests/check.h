@@ -43,6 +43,9 @@ extern check_state check;
 /* Counts a skip (missing data, missing tool) and says why. */
 #define CHECK_SKIP(reason) check_skip(reason)
 
+/* Whether long loops should be cut short: with CHECK_QUICK in the environment, for slow builds. */
+static inline int check_quick(void) { return getenv("CHECK_QUICK") != NULL; }
+
 static inline int check_that(int ok, const char *text, const char *file, int line)
 {
     if (!ok) {

@@ -50,7 +50,7 @@ static void test_rest(void)
             sb_mesh mesh = scene_box(element_types[t], 3, 1, 1, sb_v3(REAL(0.3), REAL(0.1), REAL(0.1)), 0);
             sb_body_def def = sb_default_body_def();
             sb_body *body;
-            int node = 0;
+            int node = 0, steps = check_quick() ? 500 : 10000;
             for (int i = 0; i < mesh.node_count; i++) /* far from the origin, as scanner coordinates are */
                 mesh.nodes[i] = sb_v3_add(mesh.nodes[i], sb_v3(100, -200, 300));
             def.mesh = &mesh;
@@ -58,7 +58,7 @@ static void test_rest(void)
             def.integrator = newmark ? SB_NEWMARK : SB_EULER;
             body = scene_body(&def);
             CHECK_OK(sb_body_fix_nodes(body, &node, 1, SB_XYZ));
-            for (int s = 0; s < 10000; s++)
+            for (int s = 0; s < steps; s++)
                 if (!CHECK_OK(sb_body_step(body, REAL(0.01), NULL)))
                     break;
             CHECK_NEAR(scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count), 0, 0);
@@ -629,7 +629,7 @@ static void violence(sb_element_type type, int single_rotation, unsigned seed, i
 
 static void test_violence(void)
 {
-    int steps = getenv("CHECK_QUICK") ? 1000 : 10000;
+    int steps = check_quick() ? 1000 : 10000;
     violence(SB_TET4, 0, 99, steps);
     violence(SB_TET10, 0, 99, steps);
     violence(SB_HEX8, 0, 99, steps);
@@ -694,6 +694,7 @@ static void test_linearised_jerks(void)
 static void test_threads(void)
 {
     static const sb_integrator integrators[2] = {SB_EULER, SB_NEWMARK};
+    int steps = check_quick() ? 2 : 10;
     sb_jobs inline_jobs;
     memset(&inline_jobs, 0, sizeof inline_jobs);
     for (int t = 0; t < ELEMENT_TYPES; t++)
@@ -701,10 +702,10 @@ static void test_threads(void)
             static const int workers[4] = {1, 2, 3, 7};
             sb_material material = m ? sb_material_neo_hookean(REAL(2e4), REAL(0.4), REAL(1000))
                                      : sb_material_corotated(REAL(2e4), REAL(0.4), REAL(1000));
-            unsigned long long expected = scene_play(element_types[t], material, integrators[m], 10, inline_jobs);
+            unsigned long long expected = scene_play(element_types[t], material, integrators[m], steps, inline_jobs);
             for (int k = 0; k < 4; k++) {
                 int count = workers[k];
-                CHECK(scene_play(element_types[t], material, integrators[m], 10, scene_jobs(&count)) == expected);
+                CHECK(scene_play(element_types[t], material, integrators[m], steps, scene_jobs(&count)) == expected);
             }
         }
 #if defined(SB_USE_OPENMP)
@@ -712,8 +713,8 @@ static void test_threads(void)
         sb_material material = sb_material_corotated(REAL(2e4), REAL(0.4), REAL(1000));
         omp_set_num_threads(threads);
         for (int t = 0; t < ELEMENT_TYPES; t++)
-            CHECK(scene_play(element_types[t], material, SB_EULER, 10, sb_jobs_openmp()) ==
-                  scene_play(element_types[t], material, SB_EULER, 10, inline_jobs));
+            CHECK(scene_play(element_types[t], material, SB_EULER, steps, sb_jobs_openmp()) ==
+                  scene_play(element_types[t], material, SB_EULER, steps, inline_jobs));
     }
 #endif
 }
