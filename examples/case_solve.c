@@ -1,7 +1,7 @@
 /* case_solve: solves what a case file describes and writes what it asks for.
  *
  *     cc -O3 case_solve.c -lm -o case_solve
- *     ./case_solve CASE.case [-o OUT.vtk] [-p PREFIX] [--mass KIND]
+ *     ./case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]
  *
  * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
 #define SB_IMPLEMENTATION
@@ -21,10 +21,10 @@
 #endif
 
 static const char help[] =
-    "case_solve CASE.case [-o OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
+    "case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
     "\n"
     "Solves the case and writes its outputs to the current directory, with PREFIX before their names.\n"
-    "-o writes the deformed mesh with displacement and von Mises stress for ParaView.\n"
+    "OUT.vtk (or -o OUT.vtk): the deformed mesh with displacement and von Mises stress for ParaView.\n"
     "\n"
     "A case is plain text: one statement per line, # starts a comment, units are SI, indices count from 0,\n"
     "input files are relative to the case file.\n"
@@ -569,10 +569,10 @@ static int take_arguments(run *r, int argc, char **argv)
             return 0;
         if (option)
             *option = argv[++i];
-        else if (argv[i][0] == '-' || r->case_path)
+        else if (argv[i][0] == '-' || (r->case_path && r->vtk_path))
             return 0;
         else
-            r->case_path = argv[i];
+            *(r->case_path ? &r->vtk_path : &r->case_path) = argv[i];
     }
     if (!r->prefix)
         r->prefix = "";
@@ -592,7 +592,7 @@ int main(int argc, char **argv)
         return EXIT_CONVERGED;
     }
     if (!take_arguments(&r, argc, argv)) {
-        fputs("usage: case_solve CASE.case [-o OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
+        fputs("usage: case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
         return EXIT_WRONG_CASE;
     }
     r.show_progress = stderr_is_terminal();

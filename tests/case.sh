@@ -267,7 +267,7 @@ result 'refuses a zero byte' $?
 run nowhere.case
 [ "$run_status" = 2 ] && grep -q '^case/nowhere.case:1: ' ../stderr
 result 'refuses a case that is not there' $?
-for arguments in '' '-o' 'a b' '--wrong' '-p x -p y a' '--mass heavy a'; do
+for arguments in '' '-o' '--wrong' '-p x -p y a' '--mass heavy a' 'a -o b c' 'a b c'; do
     (cd .. && "$program" $arguments >stdout 2>stderr)
     [ $? = 2 ] && grep -q '^usage: case_solve' ../stderr && [ ! -s ../stdout ]
     result "refuses the arguments '$arguments'" $?
@@ -348,7 +348,7 @@ done
 
 # Modes: six rigid ones of a free cube; a cube that can only stretch has sqrt(3 E / rho) / (2 pi).
 say 'mesh cube.vtk' 'material linear E=1000 nu=0 density=1000' 'solve modes count=7' 'output frequencies f' >free.case
-good 'modes of a free cube' free.case -o case/out/all.vtk
+good 'modes of a free cube' free.case case/out/all.vtk
 lines f 7 '$1 == NR && (NR < 7 ? $2 < 1e-4 : $2 > 0.1)'
 grep -q '^VECTORS mode_7' out/all.vtk
 result 'all.vtk has the modes' $?
