@@ -116,8 +116,9 @@
  * incompressibility (nu above 0.49); hex8 for structured blocks, with SB_INTEGRATION_BBAR when nearly incompressible;
  * hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 cheaper.
  *
- * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
- * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
+ * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,
+ * coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
@@ -2096,8 +2097,8 @@ SB_INLINE int sb_element_edge_count(sb_element_type type)
 SB_API const char *sb_element_name(sb_element_type type);
 
 /* Local node numbers of face `face` in [0, face_count), counter-clockwise seen from outside, and the face's
- * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written) for no
- * such face. */
+ * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written)
+ * for no such face. */
 SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
                            sb_element_type *face_type);
 
@@ -2189,9 +2190,9 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
 
 
 /* A mesh of one element type: a volume (tet4, tet10, hex8, hex20, hex27, or custom elements that `table`
- * describes) or a surface (tri3, tri6, quad4, quad8, quad9). Fill the arrays by hand or let sb_mesh_load / a generator do it. Zero-initialise before first use ({0}). Arrays made by
- * this library come from `allocator` and are released with sb_mesh_free; arrays of your own are yours to
- * release. */
+ * describes) or a surface (tri3, tri6, quad4, quad8, quad9). Fill the arrays by hand or let sb_mesh_load / a
+ * generator do it. Zero-initialise before first use ({0}). Arrays made by this library come from `allocator` and are
+ * released with sb_mesh_free; arrays of your own are yours to release. */
 typedef struct sb_mesh {
     int node_count;
     sb_vec3 *nodes; /* [node_count] positions (m) */
@@ -2233,8 +2234,9 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
 
 /* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
  * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
- * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE (error->node is the first), _INDEX or _MESH (error->element is the
- * first; the message lists up to 8 elements and the total). Allocates nothing; one pass. */
+ * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE
+ * (error->node is the first), _INDEX or _MESH (error->element is the first; the message lists up to 8 elements and
+ * the total). Allocates nothing; one pass. */
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error);
 
 /* What can be wrong with an element; an element is listed once, under the first that applies. A bad mid-edge
@@ -2313,8 +2315,8 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
  * return may be NULL: not wanted. */
 
 /* Turns inverted volume elements (corner volume negative) by renumbering them; surfaces:
- * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. Custom elements are left alone. What cannot be mended that way stays
- * for sb_mesh_validate. */
+ * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. Custom elements are left alone. What cannot
+ * be mended that way stays for sb_mesh_validate. */
 SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error);
 /* Orients a surface consistently: floods over the edges of exactly two elements; a closed part is turned
  * outward (its enclosed volume positive), an open one as most of its elements were. SB_ERROR_MESH when it is
@@ -2406,8 +2408,8 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 #define SB_MESHGEN_H
 
 
-/* Common to all: type is tet4, tet10, hex8, hex20 or hex27 (edges are straight); the mesh is overwritten, not freed, and its
- * arrays come from `allocator` (NULL: malloc). SB_ERROR_ARGUMENT for a type, count or size out of range (the
+/* Common to all: type is tet4, tet10, hex8, hex20 or hex27 (edges are straight); the mesh is overwritten, not freed,
+ * and its arrays come from `allocator` (NULL: malloc). SB_ERROR_ARGUMENT for a type, count or size out of range (the
  * node and element counts must fit an int), SB_ERROR_MEMORY; then the mesh is untouched. Same bits on every
  * machine. */
 
@@ -2534,8 +2536,8 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
                                      const char *name, const sb_load_options *options, sb_error *error);
 
 /* ---- writing -----------------------------------------------------------------------------------------
- * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX; _UNSUPPORTED for custom elements whose table
- * has no vtk_type) and touch no file then. They take
+ * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX; _UNSUPPORTED for custom elements whose
+ * table has no vtk_type) and touch no file then. They take
  * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) no part of a file stays behind; a
  * file that was there before is then empty. */
 
@@ -3876,8 +3878,9 @@ typedef enum sb_integration {
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
  * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
- * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
- * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
+ * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out,
+ * SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric map,
+ * g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
 
@@ -3983,8 +3986,8 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
 SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
                                              sb_error *error);
 /* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
- * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms remember
- * of the stress along the old directions stays and fades. */
+ * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms
+ * remember of the stress along the old directions stays and fades. */
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
 /* SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
@@ -3994,8 +3997,10 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ----
  * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
- * remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. */
+ * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
+ * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * were. */
 /* Holds the given axes where the nodes are now. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
@@ -4021,7 +4026,8 @@ SB_API void sb_body_reset(sb_body *body);
 /* ---- readings: no allocation ---- */
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
  * loads it balances the rate of momentum. At the end of the step; with SB_GENERALISED_ALPHA where that scheme has its
- * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count], valid until the next solve. */
+ * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count],
+ * valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
  * nodal forces (N), [node_count]. */
@@ -4097,9 +4103,10 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
  * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
- * at the new shape (generalised alpha where it has its balance, and the readings below are of there; explicit steps take
- * it as it is). A time step has the present values of loads throughout. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
- * with to the present ones; a load that is new to it starts from no force.
+ * at the new shape (generalised alpha where it has its balance, and the readings below are of there; explicit steps
+ * take it as it is). A time step has the present values of loads throughout. A static solve goes evenly from the
+ * values (pressure, stiffness, points) that the last one ended with to the present ones; a load that is new to it
+ * starts from no force.
  *
  * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
  * ones are safe at any dt. The tangent of a pressure has no sign. It is part of the exact tangent, made symmetric
@@ -4274,14 +4281,14 @@ typedef struct sb_step_info {
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
  *
  * With max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the
- * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials, whose
- * forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more iterations each is
- * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
- * no energy there.
+ * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials,
+ * whose forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more
+ * iterations each is followed by a line search on the step's potential, which also refuses inverted elements for
+ * materials that have no energy there.
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
- * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff ones
- * make substeps short. Substeps that go bad all the same (an element inverted, more
+ * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff
+ * ones make substeps short. Substeps that go bad all the same (an element inverted, more
  * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
@@ -4295,11 +4302,11 @@ typedef struct sb_step_info {
  * bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and
  * Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
- * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated; supports
- * and gaps of constraints are that share of their way along by then, pressures and the points of springs at their
- * present values throughout. Where the material does not admit that end, the step is done again with spectral radius 0,
- * whose balance is at the end. K in D is that of the start of the step, so that with beta > 0 iterated steps of nonlinear
- * bodies (Newmark, generalised alpha) are of first order in time.
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated;
+ * supports and gaps of constraints are that share of their way along by then, pressures and the points of springs at
+ * their present values throughout. Where the material does not admit that end, the step is done again with spectral
+ * radius 0, whose balance is at the end. K in D is that of the start of the step, so that with beta > 0 iterated
+ * steps of nonlinear bodies (Newmark, generalised alpha) are of first order in time.
  * Central difference:
  *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext(u') - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'),
  * and of slaves u', v', a' follow from their masters, which carry the slaves' mass lumped (row sums of T^T M T). */
@@ -4308,10 +4315,10 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 /* *dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the
  * lumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.
  * Springs, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does
- * not change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and leaves
- * their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On failure
- * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for constraints
- * that cannot be lumped) *dt is untouched; error may be NULL.
+ * not change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and
+ * leaves their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On
+ * failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for
+ * constraints that cannot be lumped) *dt is untouched; error may be NULL.
  * Bound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration. */
 SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error);
 
@@ -4417,8 +4424,8 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
  *     parts: number (4) and values; the first tells the body's make,
  *     checksum of all bytes before it (8). */
 
-/* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports and
- * other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body. */
+/* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports
+ * and other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body. */
 SB_API size_t sb_body_state_size(const sb_body *body);
 
 /* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.
@@ -4512,9 +4519,9 @@ typedef struct sb_recording_report {
  * comes with the recording): loads the state it began with, then repeats the calls.
  * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
- * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
- * recording what there is is played. report may be NULL. Takes memory from the recording's allocator for the longest
- * list of arguments, and for constraints from the body's. */
+ * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an
+ * incomplete recording what there is is played. report may be NULL. Takes memory from the recording's allocator for
+ * the longest list of arguments, and for constraints from the body's. */
 SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report);
 
 #endif /* SB_RECORD_H */
@@ -4702,16 +4709,16 @@ SBI_API double sbi_loads_new_energy(const sb_body *body);
 SBI_API void sbi_loads_begin_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
-/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
- * row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a linearised step's is the
- * one it started from). */
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the
+ * displacement row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a
+ * linearised step's is the one it started from). */
 SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
 
 /* ==== src/softbody/constraint.h, internal ==== */
 /* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
 SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
-/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities balance at
- * `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
+/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities
+ * balance at `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
 SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia);
 /* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
  * constraints leaves over at each node. `out_of_balance` is overwritten. */
@@ -4719,8 +4726,8 @@ SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
 /* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
  * SB_ERROR_UNSUPPORTED names node and axis. */
 SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);
-/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T); 0 on
- * supported and slave axes. */
+/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T);
+ * 0 on supported and slave axes. */
 SBI_API void sbi_constraint_masses(sb_body *body);
 /* Accelerations from forces [node_count] (N) with these masses: slaves hand their force on and follow, by
  * elimination->gap (m/s^2) ahead of their masters with_gaps. Supported axes of `acceleration` are given, the others are
@@ -4731,8 +4738,8 @@ SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt);
 /* v of slaves = that of their masters + share of the gaps that the step began with: with 1/dt velocities in a step of
  * dt, with h/dt ways in a part h of it. */
 SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share);
-/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with each
- * of its masters. */
+/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with
+ * each of its masters. */
 SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v);
 
 /* ==== src/softbody/state.h, internal ==== */
@@ -16364,7 +16371,8 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
-/* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations stay as they are. */
+/* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
+ * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
 /* ---- memory of materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
@@ -21201,8 +21209,8 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
     return sum;
 }
 
-/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much (softer: the
- * row gave some off), which errs on the safe side of what may come of it. */
+/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much
+ * (softer: the row gave some off), which errs on the safe side of what may come of it. */
 SBI_API double sbi_loads_new_energy(const sb_body *body)
 {
     double sum = 0;
@@ -22258,8 +22266,8 @@ SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const
  *
  * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
  * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
- * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest relaxation
- * time at the latest.
+ * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest
+ * relaxation time at the latest.
  *
  * Constrained bodies move in the unknowns that are no slaves, u = T u' + b, with masses and forces handed on; see
  * sbi_constraint_explicit. */
@@ -22423,7 +22431,8 @@ static double sbi_explicit_square(const sb_body *b, const sb_vec3 *v)
 
 static double sbi_explicit_kinetic(const sb_body *b) { return sbi_explicit_square(b, b->velocity); }
 
-/* What steps of h seem to add to the elastic energy at the present accelerations, which supports have no part in (J). */
+/* What steps of h seem to add to the elastic energy at the present accelerations, which supports have no part in
+ * (J). */
 static double sbi_explicit_swing(sb_body *b, sb_real h)
 {
     for (int i = 0; i < b->domain.node_count; i++)
@@ -24004,8 +24013,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
  * A and M themselves. Random vectors at the start, as many as modes are wanted, and a second handful before the end
  * see to it that no copy of a multiple frequency is missed.
  *
- * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the shapes
- * that are handed out. */
+ * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the
+ * shapes that are handed out. */
 
 #include <math.h>
 #include <string.h>

@@ -372,7 +372,8 @@ static void test_mass(void)
         }
 }
 
-/* Shares of an affine element's mass that HRZ lumping gives its nodes (formula sheet 1.4): corners, edges, faces, centre. */
+/* Shares of an affine element's mass that HRZ lumping gives its nodes (formula sheet 1.4): corners, edges, faces,
+ * centre. */
 static void test_lumped_shares(void)
 {
     static const double shares[ELEMENT_TYPES][4] = {{1.0 / 4, 0, 0, 0},

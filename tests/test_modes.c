@@ -112,8 +112,8 @@ static void test_bar(void)
     sb_mesh_free(&mesh);
 }
 
-/* A slender square cantilever: bending in pairs, near Euler and Bernoulli's 1.8751^2/(2 pi) sqrt(EI/(rho A L^4)), a little
- * below for shear. */
+/* A slender square cantilever: bending in pairs, near Euler and Bernoulli's 1.8751^2/(2 pi) sqrt(EI/(rho A L^4)), a
+ * little below for shear. */
 static void test_beam(void)
 {
     sb_mesh mesh = scene_box(SB_HEX8, 120, 2, 2, sb_v3(1, REAL(0.05), REAL(0.05)), 0);

@@ -1,5 +1,6 @@
-/* Every time scheme with everything that acts on a body or is remembered by it: springs, mappings, pressure, constraints,
- * ties, Prony terms, B-bar, quadratic hexes. Closed forms, one scheme against another, balance, undo, memory, violence. */
+/* Every time scheme with everything that acts on a body or is remembered by it: springs, mappings, pressure,
+ * constraints, ties, Prony terms, B-bar, quadratic hexes. Closed forms, one scheme against another, balance, undo,
+ * memory, violence. */
 #include "softbody.h"
 
 #include "check.h"
@@ -458,8 +459,8 @@ static void test_balance(void)
 
 /* ---- constraints that move ---- */
 
-/* A value that moves is where it should be at the end of every step, to the last bits, and so are slaves of supports and
- * of slaves; velocities say so; what the constraints push with moves the body. */
+/* A value that moves is where it should be at the end of every step, to the last bits, and so are slaves of supports
+ * and of slaves; velocities say so; what the constraints push with moves the body. */
 static void test_moving_constraints(void)
 {
     for (int s = FIRST; s <= LAST; s++) {

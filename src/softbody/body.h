@@ -89,8 +89,8 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
 SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
                                              sb_error *error);
 /* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
- * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms remember
- * of the stress along the old directions stays and fades. */
+ * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms
+ * remember of the stress along the old directions stays and fades. */
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
 /* SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
@@ -100,8 +100,10 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- supports ----
  * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of range. May allocate (to
- * remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. */
+ * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
+ * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * were. */
 /* Holds the given axes where the nodes are now. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
@@ -127,7 +129,8 @@ SB_API void sb_body_reset(sb_body *body);
 /* ---- readings: no allocation ---- */
 /* Force (N) of the supports on the body, per node, 0 on free axes, of the last step or static solve; with the
  * loads it balances the rate of momentum. At the end of the step; with SB_GENERALISED_ALPHA where that scheme has its
- * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count], valid until the next solve. */
+ * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count],
+ * valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 /* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
  * nodal forces (N), [node_count]. */

@@ -88,8 +88,8 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
 SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
-/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities balance at
- * `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
+/* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities
+ * balance at `level` of the step, accelerations at `inertia` of it (1 but for generalised alpha). */
 SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_real dt, sb_real level, sb_real inertia);
 /* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
  * constraints leaves over at each node. `out_of_balance` is overwritten. */
@@ -97,8 +97,8 @@ SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
 /* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
  * SB_ERROR_UNSUPPORTED names node and axis. */
 SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);
-/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T); 0 on
- * supported and slave axes. */
+/* elimination->reduced = lumped mass of every axis (kg), slaves' handed to their free masters (row sums of T^T M T);
+ * 0 on supported and slave axes. */
 SBI_API void sbi_constraint_masses(sb_body *body);
 /* Accelerations from forces [node_count] (N) with these masses: slaves hand their force on and follow, by
  * elimination->gap (m/s^2) ahead of their masters with_gaps. Supported axes of `acceleration` are given, the others are
@@ -109,8 +109,8 @@ SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt);
 /* v of slaves = that of their masters + share of the gaps that the step began with: with 1/dt velocities in a step of
  * dt, with h/dt ways in a part h of it. */
 SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real share);
-/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with each
- * of its masters. */
+/* What the motion of the lumped masses of slaves has (J) beyond the sum of m v^2/2: a lumped slave's mass moves with
+ * each of its masters. */
 SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v);
 #endif
 

@@ -41,8 +41,9 @@ typedef enum sb_integration {
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
  * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
- * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then
- * untouched. Release with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi. */
+ * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out,
+ * SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric map,
+ * g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
 

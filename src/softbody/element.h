@@ -146,8 +146,8 @@ SB_INLINE int sb_element_edge_count(sb_element_type type)
 SB_API const char *sb_element_name(sb_element_type type);
 
 /* Local node numbers of face `face` in [0, face_count), counter-clockwise seen from outside, and the face's
- * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written) for no
- * such face. */
+ * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written)
+ * for no such face. */
 SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
                            sb_element_type *face_type);
 

@@ -793,8 +793,8 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
     return sum;
 }
 
-/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much (softer: the
- * row gave some off), which errs on the safe side of what may come of it. */
+/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much
+ * (softer: the row gave some off), which errs on the safe side of what may come of it. */
 SBI_API double sbi_loads_new_energy(const sb_body *body)
 {
     double sum = 0;

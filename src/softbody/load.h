@@ -18,9 +18,10 @@ SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity
  * functions below take: they return
  * SB_ERROR_INDEX for one that is not there or is of another kind. Adders copy their arrays, may allocate, and change
  * nothing on failure; changing a load between steps allocates nothing. Both statics and dynamics solve for the force
- * at the new shape (generalised alpha where it has its balance, and the readings below are of there; explicit steps take
- * it as it is). A time step has the present values of loads throughout. A static solve goes evenly from the values (pressure, stiffness, points) that the last one ended
- * with to the present ones; a load that is new to it starts from no force.
+ * at the new shape (generalised alpha where it has its balance, and the readings below are of there; explicit steps
+ * take it as it is). A time step has the present values of loads throughout. A static solve goes evenly from the
+ * values (pressure, stiffness, points) that the last one ended with to the present ones; a load that is new to it
+ * starts from no force.
  *
  * Steps and Newton. Springs and mappings have an exact positive semidefinite tangent, which every step uses: stiff
  * ones are safe at any dt. The tangent of a pressure has no sign. It is part of the exact tangent, made symmetric
@@ -101,9 +102,9 @@ SBI_API double sbi_loads_new_energy(const sb_body *body);
 SBI_API void sbi_loads_begin_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
 SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
-/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the displacement
- * row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a linearised step's is the
- * one it started from). */
+/* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the
+ * displacement row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a
+ * linearised step's is the one it started from). */
 SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
 #endif
 

@@ -5,9 +5,9 @@
 #include "element.h"
 
 /* A mesh of one element type: a volume (tet4, tet10, hex8, hex20, hex27, or custom elements that `table`
- * describes) or a surface (tri3, tri6, quad4, quad8, quad9). Fill the arrays by hand or let sb_mesh_load / a generator do it. Zero-initialise before first use ({0}). Arrays made by
- * this library come from `allocator` and are released with sb_mesh_free; arrays of your own are yours to
- * release. */
+ * describes) or a surface (tri3, tri6, quad4, quad8, quad9). Fill the arrays by hand or let sb_mesh_load / a
+ * generator do it. Zero-initialise before first use ({0}). Arrays made by this library come from `allocator` and are
+ * released with sb_mesh_free; arrays of your own are yours to release. */
 typedef struct sb_mesh {
     int node_count;
     sb_vec3 *nodes; /* [node_count] positions (m) */
@@ -49,8 +49,9 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
 
 /* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
  * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
- * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE (error->node is the first), _INDEX or _MESH (error->element is the
- * first; the message lists up to 8 elements and the total). Allocates nothing; one pass. */
+ * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE
+ * (error->node is the first), _INDEX or _MESH (error->element is the first; the message lists up to 8 elements and
+ * the total). Allocates nothing; one pass. */
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error);
 
 /* What can be wrong with an element; an element is listed once, under the first that applies. A bad mid-edge
@@ -129,8 +130,8 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
  * return may be NULL: not wanted. */
 
 /* Turns inverted volume elements (corner volume negative) by renumbering them; surfaces:
- * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. Custom elements are left alone. What cannot be mended that way stays
- * for sb_mesh_validate. */
+ * sb_mesh_orient_surface. *flipped: how many. Mid-edge nodes move along. Custom elements are left alone. What cannot
+ * be mended that way stays for sb_mesh_validate. */
 SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error);
 /* Orients a surface consistently: floods over the edges of exactly two elements; a closed part is turned
  * outward (its enclosed volume positive), an open one as most of its elements were. SB_ERROR_MESH when it is

@@ -5,8 +5,8 @@
 
 #include "mesh.h"
 
-/* Common to all: type is tet4, tet10, hex8, hex20 or hex27 (edges are straight); the mesh is overwritten, not freed, and its
- * arrays come from `allocator` (NULL: malloc). SB_ERROR_ARGUMENT for a type, count or size out of range (the
+/* Common to all: type is tet4, tet10, hex8, hex20 or hex27 (edges are straight); the mesh is overwritten, not freed,
+ * and its arrays come from `allocator` (NULL: malloc). SB_ERROR_ARGUMENT for a type, count or size out of range (the
  * node and element counts must fit an int), SB_ERROR_MEMORY; then the mesh is untouched. Same bits on every
  * machine. */
 

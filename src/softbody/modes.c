@@ -5,8 +5,8 @@
  * A and M themselves. Random vectors at the start, as many as modes are wanted, and a second handful before the end
  * see to it that no copy of a multiple frequency is missed.
  *
- * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the shapes
- * that are handed out. */
+ * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the
+ * shapes that are handed out. */
 #include "modes.h"
 
 #include <math.h>

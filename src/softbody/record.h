@@ -67,9 +67,9 @@ typedef struct sb_recording_report {
  * comes with the recording): loads the state it began with, then repeats the calls.
  * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
- * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an incomplete
- * recording what there is is played. report may be NULL. Takes memory from the recording's allocator for the longest
- * list of arguments, and for constraints from the body's. */
+ * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an
+ * incomplete recording what there is is played. report may be NULL. Takes memory from the recording's allocator for
+ * the longest list of arguments, and for constraints from the body's. */
 SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report);
 
 #endif /* SB_RECORD_H */

@@ -111,8 +111,9 @@
  * incompressibility (nu above 0.49); hex8 for structured blocks, with SB_INTEGRATION_BBAR when nearly incompressible;
  * hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 cheaper.
  *
- * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for small
- * motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue, coarse meshes.
+ * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,
+ * coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *

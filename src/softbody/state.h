@@ -16,8 +16,8 @@
  *     parts: number (4) and values; the first tells the body's make,
  *     checksum of all bytes before it (8). */
 
-/* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports and
- * other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body. */
+/* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports
+ * and other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body. */
 SB_API size_t sb_body_state_size(const sb_body *body);
 
 /* Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.

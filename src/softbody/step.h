@@ -25,14 +25,14 @@ typedef struct sb_step_info {
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
  *
  * With max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the
- * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials, whose
- * forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more iterations each is
- * followed by a line search on the step's potential, which also refuses inverted elements for materials that have
- * no energy there.
+ * result is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials,
+ * whose forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more
+ * iterations each is followed by a line search on the step's potential, which also refuses inverted elements for
+ * materials that have no energy there.
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
- * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff ones
- * make substeps short. Substeps that go bad all the same (an element inverted, more
+ * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff
+ * ones make substeps short. Substeps that go bad all the same (an element inverted, more
  * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
@@ -46,11 +46,11 @@ typedef struct sb_step_info {
  * bit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and
  * Newmark in the increment du,
  *     (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;
- * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated; supports
- * and gaps of constraints are that share of their way along by then, pressures and the points of springs at their
- * present values throughout. Where the material does not admit that end, the step is done again with spectral radius 0,
- * whose balance is at the end. K in D is that of the start of the step, so that with beta > 0 iterated steps of nonlinear
- * bodies (Newmark, generalised alpha) are of first order in time.
+ * generalised alpha the same with u at the time of its balance, from which the end of the step is extrapolated;
+ * supports and gaps of constraints are that share of their way along by then, pressures and the points of springs at
+ * their present values throughout. Where the material does not admit that end, the step is done again with spectral
+ * radius 0, whose balance is at the end. K in D is that of the start of the step, so that with beta > 0 iterated
+ * steps of nonlinear bodies (Newmark, generalised alpha) are of first order in time.
  * Central difference:
  *     u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext(u') - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'),
  * and of slaves u', v', a' follow from their masters, which carry the slaves' mass lumped (row sums of T^T M T). */
@@ -59,10 +59,10 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info);
 /* *dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the
  * lumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.
  * Springs, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does
- * not change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and leaves
- * their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On failure
- * (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for constraints
- * that cannot be lumped) *dt is untouched; error may be NULL.
+ * not change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and
+ * leaves their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On
+ * failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for
+ * constraints that cannot be lumped) *dt is untouched; error may be NULL.
  * Bound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration. */
 SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error);
 

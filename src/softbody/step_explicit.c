@@ -12,8 +12,8 @@
  *
  * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
  * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
- * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest relaxation
- * time at the latest.
+ * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest
+ * relaxation time at the latest.
  *
  * Constrained bodies move in the unknowns that are no slaves, u = T u' + b, with masses and forces handed on; see
  * sbi_constraint_explicit. */
@@ -180,7 +180,8 @@ static double sbi_explicit_square(const sb_body *b, const sb_vec3 *v)
 
 static double sbi_explicit_kinetic(const sb_body *b) { return sbi_explicit_square(b, b->velocity); }
 
-/* What steps of h seem to add to the elastic energy at the present accelerations, which supports have no part in (J). */
+/* What steps of h seem to add to the elastic energy at the present accelerations, which supports have no part in
+ * (J). */
 static double sbi_explicit_swing(sb_body *b, sb_real h)
 {
     for (int i = 0; i < b->domain.node_count; i++)
