@@ -4,21 +4,12 @@
  *     ./case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]
  *
  * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
+#include "system.h"
+
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
 #include "case_reader.h"
-
-#include <sys/stat.h>
-#include <time.h>
-
-#if defined(_WIN32)
-#include <io.h>
-#define stderr_is_terminal() _isatty(2)
-#else
-#include <unistd.h>
-#define stderr_is_terminal() isatty(2)
-#endif
 
 static const char help[] =
     "case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
@@ -101,7 +92,6 @@ typedef struct run {
     int mode_count;
     int steps, newton, pcg;
     int mass_kind; /* place in mass_names, or -1: what suits the solve */
-    int show_progress;
     char failure[600]; /* what failed and where; empty: nothing */
 } run;
 
@@ -118,14 +108,9 @@ static int complain(const run *r)
 
 static void show_progress(const run *r, const char *what, double done)
 {
-    if (r->show_progress)
-        fprintf(stderr, "\r%s %5.1f %%, %d Newton iterations", what, 100 * done, r->newton);
-}
-
-static void end_progress(const run *r)
-{
-    if (r->show_progress)
-        fprintf(stderr, "\r%60s\r", "");
+    char words[64];
+    snprintf(words, sizeof words, "%s %5.1f %%, %d Newton iterations", what, 100 * done, r->newton);
+    progress_show(done, words);
 }
 
 /* ---- history ------------------------------------------------------------------------------------------- */
@@ -525,7 +510,7 @@ static int solve_and_write(run *r)
         solve_modes(r);
     else
         solve_dynamic(r);
-    end_progress(r);
+    progress_end();
     seconds = (double)(clock() - begin) / (double)CLOCKS_PER_SEC;
     if (!write_all(r))
         return complain(r);
@@ -595,7 +580,6 @@ int main(int argc, char **argv)
         fputs("usage: case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
         return EXIT_WRONG_CASE;
     }
-    r.show_progress = stderr_is_terminal();
     status = solve_and_write(&r);
     release(&r);
     return status;

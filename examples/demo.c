@@ -6,23 +6,12 @@
  * nodes that it meets stick to it until they would be pulled. Written are frames for ParaView, a picture
  * coloured by stress, and how long a step took. Exit status: 0, 2 wrong usage or a file that cannot be
  * read or written, 3 a step failed. */
-#if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
-#define _POSIX_C_SOURCE 200809L /* clock_gettime, mkdir, isatty */
-#endif
+#include "system.h"
+
 #if defined(_OPENMP)
 #define SB_USE_OPENMP
 #include <omp.h>
 #endif
-#include <errno.h>
-#include <sys/stat.h>
-#include <time.h>
-#if defined(_WIN32)
-#include <direct.h>
-#include <io.h>
-#else
-#include <unistd.h>
-#endif
-
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -31,38 +20,6 @@
 
 enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024 };
 #define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
-
-/* ---- what the operating system lends ------------------------------------------------------------ */
-
-static double seconds_now(void)
-{
-#if defined(_WIN32)
-    return (double)clock() / CLOCKS_PER_SEC; /* wall time there */
-#else
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-#endif
-}
-
-static int is_terminal(void)
-{
-#if defined(_WIN32)
-    return _isatty(2);
-#else
-    return isatty(2);
-#endif
-}
-
-/* 1 when the folder is there afterwards. */
-static int make_folder(const char *path)
-{
-#if defined(_WIN32)
-    return _mkdir(path) == 0 || errno == EEXIST;
-#else
-    return mkdir(path, 0777) == 0 || errno == EEXIST;
-#endif
-}
 
 /* ---- settings ----------------------------------------------------------------------------------- */
 
@@ -611,20 +568,14 @@ static int draw_picture(const settings *set, scene *s, const char *path)
 
 /* ---- the run ------------------------------------------------------------------------------------ */
 
-/* A bar that stays on its line in a terminal, a line now and then elsewhere. */
+/* A bar in a terminal, a line now and then elsewhere. */
 static void show_progress(int frame, int frames, double seconds)
 {
-    enum { LENGTH = 32 };
-    static const char full[] = "################################";
-    static const char empty[] = "................................";
-    int done = LENGTH * (frame + 1) / frames;
-    if (is_terminal())
-        fprintf(stderr, "\r[%.*s%.*s] frame %d of %d, %6.2f ms ", done, full, LENGTH - done, empty, frame + 1,
-                frames, 1e3 * seconds);
-    else if ((frame + 1) * 10 / frames > frame * 10 / frames)
-        fprintf(stderr, "frame %d of %d, %.2f ms\n", frame + 1, frames, 1e3 * seconds);
-    if (frame + 1 == frames && is_terminal())
-        fprintf(stderr, "\n");
+    char words[64];
+    snprintf(words, sizeof words, "frame %d of %d, %6.2f ms", frame + 1, frames, 1e3 * seconds);
+    progress_show((frame + 1.0) / frames, words);
+    if (is_terminal() ? frame + 1 == frames : (frame + 1) * 10 / frames > frame * 10 / frames)
+        fprintf(stderr, "%s\n", is_terminal() ? "" : words);
 }
 
 static int compare_doubles(const void *a, const void *b)

@@ -1,0 +1,71 @@
+/* system.h: what the operating system lends the examples: wall time, folders, and a progress bar on stderr.
+ *
+ * Include it first: it asks for POSIX functions, which must happen before any system header comes in. */
+#ifndef SYSTEM_H
+#define SYSTEM_H
+
+#if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
+#define _POSIX_C_SOURCE 200809L /* clock_gettime, mkdir, isatty */
+#endif
+#include <errno.h>
+#include <stdio.h>
+#include <sys/stat.h>
+#include <time.h>
+#if defined(_WIN32)
+#include <direct.h>
+#include <io.h>
+#else
+#include <unistd.h>
+#endif
+
+/* Wall time (s) since some fixed moment. */
+static inline double seconds_now(void)
+{
+#if defined(_WIN32)
+    return (double)clock() / CLOCKS_PER_SEC; /* wall time there */
+#else
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+#endif
+}
+
+/* Whether stderr is a terminal, where a line can be written anew. */
+static inline int is_terminal(void)
+{
+#if defined(_WIN32)
+    return _isatty(2);
+#else
+    return isatty(2);
+#endif
+}
+
+/* 1 when the folder is there afterwards. */
+static inline int make_folder(const char *path)
+{
+#if defined(_WIN32)
+    return _mkdir(path) == 0 || errno == EEXIST;
+#else
+    return mkdir(path, 0777) == 0 || errno == EEXIST;
+#endif
+}
+
+/* A bar for `done` in [0, 1] of the work, and a few words on it: stays on its line in a terminal, nothing elsewhere. */
+static inline void progress_show(double done, const char *words)
+{
+    enum { LENGTH = 32 };
+    static const char full[] = "################################";
+    static const char empty[] = "................................";
+    int marks = (int)(LENGTH * (done < 0 ? 0 : done > 1 ? 1 : done));
+    if (is_terminal())
+        fprintf(stderr, "\r[%.*s%.*s] %-44.60s", marks, full, LENGTH - marks, empty, words);
+}
+
+/* Wipes the bar away. */
+static inline void progress_end(void)
+{
+    if (is_terminal())
+        fprintf(stderr, "\r%80s\r", "");
+}
+
+#endif /* SYSTEM_H */
