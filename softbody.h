@@ -13541,7 +13541,7 @@ static void sbi_surface_set_frame(sb_surface *s, sb_vec3 low, sb_vec3 high)
     corner[3] = high.x, corner[4] = high.y, corner[5] = high.z;
     size = (sb_real)0.5 * sbi_dense_max_abs(side, 3);
     coordinate = sbi_dense_max_abs(corner, 6);
-    size = sb_max(size, SB_EPSILON * coordinate);
+    size = size > 0 ? sb_max(size, SB_EPSILON * coordinate) : coordinate;
     s->scale = s->inverse = 1;
     if (size > 0)
         sbi_dense_scale(size, &s->scale, &s->inverse);
