@@ -13552,6 +13552,11 @@ static void sbi_surface_set_frame(sb_surface *s, sb_vec3 low, sb_vec3 high)
     s->centre = sb_v3_madd(low, (sb_real)0.5, sb_v3_sub(high, low));
 }
 
+static sb_result sbi_surface_fail_extent(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_NOT_FINITE, "the surface is too large: its size is not finite");
+}
+
 static sb_result sbi_surface_check_extent(const sb_surface *s, const sb_vec3 *nodes, sb_error *error)
 {
     sb_vec3 low, high;
@@ -13560,7 +13565,7 @@ static sb_result sbi_surface_check_extent(const sb_surface *s, const sb_vec3 *no
             return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d has a coordinate that is not finite", v);
     sbi_surface_measure(s, nodes, &low, &high);
     if (!sb_v3_is_finite(sb_v3_sub(high, low)))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the surface is too large: its size is not finite");
+        return sbi_surface_fail_extent(error);
     return SB_OK;
 }
 
@@ -13807,16 +13812,24 @@ static int sbi_surface_build_allocate(const sb_allocator *allocator, int count, 
     return b->box && b->order && b->child && b->slot && b->leaf;
 }
 
+/* Box around the triangles; 0 when its size is not finite. */
+static int sbi_surface_extent(const sb_mesh *triangles, sb_vec3 *low, sb_vec3 *high)
+{
+    *low = *high = triangles->nodes[triangles->elements[0]];
+    for (size_t i = 0; i < 3 * (size_t)triangles->element_count; i++) {
+        sb_vec3 x = triangles->nodes[triangles->elements[i]];
+        *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+        *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+    }
+    return sb_v3_is_finite(sb_v3_sub(*high, *low));
+}
+
 /* Boxes in units of about the surface's size, which float can hold. */
 static void sbi_surface_build_boxes(const sb_mesh *triangles, sbi_surface_build *b)
 {
-    sb_vec3 low = triangles->nodes[triangles->elements[0]], high = low;
+    sb_vec3 low, high;
     sb_real side[3], scale = 1, inverse = 1, size;
-    for (size_t i = 0; i < 3 * (size_t)b->count; i++) {
-        sb_vec3 x = triangles->nodes[triangles->elements[i]];
-        low = sb_v3(sb_min(low.x, x.x), sb_min(low.y, x.y), sb_min(low.z, x.z));
-        high = sb_v3(sb_max(high.x, x.x), sb_max(high.y, x.y), sb_max(high.z, x.z));
-    }
+    sbi_surface_extent(triangles, &low, &high);
     side[0] = high.x - low.x, side[1] = high.y - low.y, side[2] = high.z - low.z;
     size = sbi_dense_max_abs(side, 3);
     if (size > 0)
@@ -14073,13 +14086,18 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 SBI_API sb_result sbi_surface_cut_make(const sb_mesh *mesh, const sb_allocator *allocator, sbi_surface_cut *cut,
                                        sb_error *error)
 {
+    sb_vec3 low, high;
     int per = 0;
     sb_result result = sbi_surface_check_mesh(mesh, &per, error);
     memset(cut, 0, sizeof *cut);
-    if (result == SB_OK && !sbi_surface_cut_faces(mesh, allocator, per, cut)) {
-        sbi_surface_cut_free(allocator, cut);
+    if (result != SB_OK)
+        return result;
+    if (!sbi_surface_cut_faces(mesh, allocator, per, cut))
         result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a surface of %d faces", mesh->element_count);
-    }
+    else if (!sbi_surface_extent(&cut->triangles, &low, &high))
+        result = sbi_surface_fail_extent(error);
+    if (result != SB_OK)
+        sbi_surface_cut_free(allocator, cut);
     return result;
 }
 
@@ -14098,11 +14116,6 @@ SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allo
     sbi_surface_cut_free(allocator, &cut);
     if (!made)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a surface of %d faces", mesh->element_count);
-    result = sbi_surface_check_extent(made, mesh->nodes, error);
-    if (result != SB_OK) {
-        sb_surface_destroy(made);
-        return result;
-    }
     sbi_surface_refit(made, mesh->nodes, NULL);
     *surface = made;
     return SB_OK;
