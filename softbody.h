@@ -443,6 +443,15 @@
 #define sb_body_load_force sb_body_load_force_f32
 #define sb_body_spring_forces sb_body_spring_forces_f32
 #define sb_body_mapping_forces sb_body_mapping_forces_f32
+#define sb_default_embedding_def sb_default_embedding_def_f32
+#define sb_embedding_create sb_embedding_create_f32
+#define sb_embedding_destroy sb_embedding_destroy_f32
+#define sb_embedding_update sb_embedding_update_f32
+#define sb_embedding_forces sb_embedding_forces_f32
+#define sb_embedding_get_report sb_embedding_get_report_f32
+#define sb_embedding_get_point sb_embedding_get_point_f32
+#define sb_embedding_mapping sb_embedding_mapping_f32
+#define sb_embedding_rows_free sb_embedding_rows_free_f32
 #define sb_body_add_constraint sb_body_add_constraint_f32
 #define sb_body_add_constraints sb_body_add_constraints_f32
 #define sb_body_set_constraint_value sb_body_set_constraint_value_f32
@@ -4156,6 +4165,119 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
 
 
 #endif /* SB_LOAD_H */
+
+/* ==== src/softbody/embed.h ==== */
+/* embed: points and surfaces carried along by a volume mesh, and forces on them brought back. Floor 3.
+ *
+ * How a point is held. Inside the mesh it is (element, xi) and moves as x(xi) = sum_a N_a(xi) x_a. A drawn surface is
+ * finer than the mesh, so many of its vertices lie a little outside. Such a point is x(r, s) + d n(r, s): a place on a
+ * boundary face and a distance along the smooth normal n = m / |m|, m = sum_I N_I nbar_I, of unit nodal normals nbar_I.
+ * These are made anew from the positions each frame, as mean of the normals of the faces around a node weighted by
+ * their angles at rest. So the map is continuous over edges and faces, needs no stored rotations, and is a function of
+ * the node positions alone: rigid motions are reproduced exactly, and the transpose for forces is exact and keeps force
+ * and moment. Where no such place is to be had (a deep fold, close to a centre of curvature), the point keeps its
+ * closest face point and its offset in that face's frame (tangent, normal), which is still exact for rigid motions.
+ *
+ * The closest point is global: a walk through the mesh finds a candidate, and a tree of boxes rules out every element
+ * that could be closer. A walk alone may end in the wrong lobe of an organ. */
+#ifndef SB_EMBED_H
+#define SB_EMBED_H
+
+
+typedef enum sb_embedding_kind {
+    SB_EMBED_SMOOTH = 0, /* as above */
+    SB_EMBED_PLAIN = 1   /* (element, xi); points outside extrapolate linearly from their closest point: exact for affine
+                          * motions, shears and bends show at the edges of elements */
+} sb_embedding_kind;
+
+/* How a point is held. */
+typedef enum sb_embedding_hold {
+    SB_EMBEDDED_INSIDE = 0,      /* x(xi) */
+    SB_EMBEDDED_OFFSET = 1,      /* x + d n, n the smooth normal */
+    SB_EMBEDDED_FRAME = 2,       /* x + offset in the frame of the face: the fallback */
+    SB_EMBEDDED_EXTRAPOLATED = 3 /* x + dx/dxi step: outside with SB_EMBED_PLAIN, or closest to no outer face */
+} sb_embedding_hold;
+
+typedef struct sb_embedding_def {
+    const sb_mesh *mesh;        /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
+                                 * creation only */
+    const sb_vec3 *points;      /* [point_count] points at rest (m); NULL: the nodes of surface */
+    int point_count;
+    const sb_mesh *surface;     /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
+    const sb_vec3 *normals;     /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
+                                 * instead of being made from the surface */
+    sb_embedding_kind kind;     /* SB_EMBED_SMOOTH */
+    sb_real max_distance;       /* m; a point farther outside is refused. SB_REAL_MAX: none is */
+    sb_allocator allocator;     /* zeros: malloc */
+    sb_jobs jobs;               /* threads for the creation; zeros: none */
+    unsigned cookie;            /* set by sb_default_embedding_def */
+} sb_embedding_def;
+SB_API sb_embedding_def sb_default_embedding_def(void);
+
+typedef struct sb_embedding sb_embedding;
+
+/* Embeds points in a mesh. SB_ERROR_ARGUMENT (a field out of range, a point beyond max_distance: error->node),
+ * SB_ERROR_NOT_FINITE (error->node: the point), SB_ERROR_UNSUPPORTED for custom elements, what sb_mesh_validate says of
+ * the mesh, SB_ERROR_INDEX for the surface, SB_ERROR_MEMORY; *embedding is then untouched. Copies what it keeps. About
+ * 2 microseconds for each point of a tet mesh on one thread; the result does not depend on the threads. Release with
+ * sb_embedding_destroy. */
+SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding **embedding, sb_error *error);
+SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
+
+/* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
+ * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]:
+ * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
+ *   what is drawn. Zero for a point without triangles;
+ * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
+ *   a little where F does, between elements.
+ * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
+ * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing; the same bits for
+ * any number of threads; one call at a time for each embedding. jobs: NULL for none. */
+SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
+                                     sb_vec3 *normals, const sb_jobs *jobs);
+
+/* Adds to node_forces[mesh.node_count] (N) the forces equivalent to point_forces[point_count] (N) at node_positions:
+ * the exact transpose of sb_embedding_update's derivative, with the same net force and moment. What is said there of
+ * allocation, threads and errors holds. */
+SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *node_positions,
+                                     const sb_vec3 *point_forces, sb_vec3 *node_forces, const sb_jobs *jobs);
+
+/* ---- what it found ---- */
+
+typedef struct sb_embedding_report {
+    int point_count, node_count;
+    int inside, offset, frame, extrapolated; /* points held in each way; their sum is point_count */
+    sb_real max_distance;                    /* largest distance of a point outside from the mesh (m) */
+    int farthest_point;                      /* its index, or -1 when all are inside */
+} sb_embedding_report;
+SB_API sb_embedding_report sb_embedding_get_report(const sb_embedding *embedding);
+
+/* How one point is held, at rest. */
+typedef struct sb_embedded_point {
+    sb_embedding_hold hold;
+    int element;
+    sb_real xi[3];    /* where it is in the element; for points outside their foot or closest point there */
+    sb_real distance; /* from there (m); 0 inside */
+    sb_real step[3];  /* point = x(xi) + dx/dxi step: its offset in the parameters of the element; 0 inside */
+} sb_embedded_point;
+/* SB_ERROR_INDEX for no such point; *point is then untouched. */
+SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index, sb_embedded_point *point);
+
+/* Rows of node weights for all points, for sb_body_add_mapping: landmarks that pull, measured targets. A row is the
+ * point itself for one held inside or extrapolated, else its linear extrapolation from the element: right at rest and
+ * for affine motions. Weights sum to 1. */
+typedef struct sb_embedding_rows {
+    sb_mapping mapping; /* of the arrays below */
+    int *row_start, *nodes;
+    sb_real *weights;
+    sb_allocator allocator;
+} sb_embedding_rows;
+/* SB_ERROR_MEMORY, SB_ERROR_ARGUMENT; *rows is then untouched. A NULL allocator means malloc. */
+SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_allocator *allocator,
+                                      sb_embedding_rows *rows, sb_error *error);
+SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are fine */
+
+#endif /* SB_EMBED_H */
 
 /* ==== src/softbody/constraint.h ==== */
 /* constraint: linear equations among displacements, and faces of two meshes tied together. Floor 3.
@@ -21363,6 +21485,2562 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     body->load_count--;
     sbi_body_tell(body, SBI_COMMAND_REMOVE_LOAD, load_id, 0, NULL, 0, NULL, 0);
     return SB_OK;
+}
+
+/* ==== src/softbody/embed_search.h ==== */
+/* embed_search: where a point lies in a volume mesh: the closest element, and the way to it along smooth normals.
+ * Internal to embed, floor 2. */
+#ifndef SB_EMBED_SEARCH_H
+#define SB_EMBED_SEARCH_H
+
+
+/* Face nodes, padded so that loops over them run in whole vectors. */
+enum { SBI_EMBED_FACE_LANES = 12 };
+
+/* A face type and its shape functions' slopes at its nodes: the tangents at node i are sum_j slope[k][j][i] x_j. */
+typedef struct sbi_embed_face {
+    sb_element_type type;
+    int nodes, corners, lanes; /* lanes: nodes rounded up to a multiple of 4 */
+    sb_real slope[2][SB_MAX_FACE_NODES][SBI_EMBED_FACE_LANES];
+} sbi_embed_face;
+
+SBI_API void sbi_embed_face_make(sb_element_type type, sbi_embed_face *face);
+/* Unit normals (zero where the face has none) times weight[i] at the nodes of a face at x. */
+SBI_API void sbi_embed_face_normals(const sbi_embed_face *face, const sb_vec3 *x, const sb_real *weight, sb_vec3 *out);
+/* v / |v|; zero for a vector too short to have a direction. */
+SB_INLINE sb_vec3 sbi_embed_unit(sb_vec3 v)
+{
+    sb_real square = sb_v3_dot(v, v);
+    return square > 0 ? sb_v3_scale((sb_real)1 / sb_sqrt(square), v) : sb_v3(0, 0, 0);
+}
+
+typedef struct sbi_embed_box {
+    sb_vec3 low, high;
+} sbi_embed_box;
+
+/* What queries read; nothing of it changes, so they may run on any number of threads. */
+typedef struct sbi_embed_volume {
+    sb_allocator allocator;
+    const sb_mesh *mesh;
+    int width, corners, faces;
+    int is_box;                /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
+    sb_real scale;             /* largest coordinate (m): rounding errors are epsilon times this */
+    sb_boundary boundary;      /* with the nodes of the volume */
+    sb_index_table neighbours;      /* of elements across their faces */
+    sb_index_table face_neighbours; /* of boundary faces across their edges */
+    int *boundary_face;        /* [elements][faces] or -1 */
+    sb_real (*planes)[4][4];   /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
+    sb_real *bulge;            /* [elements] how far the element may lie from its straight one (m) */
+    int leaf_first;            /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
+    int *order;                /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
+    sbi_embed_box *boxes;
+    sbi_embed_face face;
+    sb_real *weights;          /* [boundary faces][face nodes] angle at the node (rad) */
+    sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
+} sbi_embed_volume;
+
+/* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error);
+SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
+
+/* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:
+ * memory for 3 count 32-bit numbers. */
+SBI_API void sbi_embed_sort(const sb_vec3 *points, int count, int *order, uint32_t *scratch);
+
+/* The point of the mesh closest to a query point. */
+typedef struct sbi_embed_hit {
+    int element;
+    sb_real xi[3];
+    unsigned active;   /* bit f: it lies on face f of the element */
+    sb_real distance2; /* m^2 */
+} sbi_embed_hit;
+
+/* Globally closest; `hint` is an element to start from. hit->distance2 is 0 for a point inside (to rounding), and xi
+ * is then polished to solve x(xi) = point. */
+SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, int hint, sbi_embed_hit *hit);
+
+/* A point as x(r, s) + distance n(r, s) of a boundary face and its smooth normal. */
+typedef struct sbi_embed_foot {
+    int face;
+    sb_real r, s, distance;
+} sbi_embed_foot;
+
+/* Solves for the foot of a point outside from its closest point, stepping over edges. 0 when there is none nearby. */
+SBI_API int sbi_embed_find_foot(const sbi_embed_volume *volume, sb_vec3 point, const sbi_embed_hit *hit,
+                                sbi_embed_foot *foot);
+/* The closest point as a point of a boundary face, or face -1 when it lies on none. */
+SBI_API sbi_embed_foot sbi_embed_hit_foot(const sbi_embed_volume *volume, const sbi_embed_hit *hit);
+/* The map (r, s, d) -> x + d n at a foot and its Jacobian; 0 (nothing to rely on) where it has no normal or folds. */
+SBI_API int sbi_embed_foot_map(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 *at,
+                               sb_mat3 *jacobian);
+/* x(r, s) of a foot, and its tangents x_,r and x_,s. */
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2]);
+/* Element and its parameters of a point of a boundary face. */
+SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_real xi[3]);
+/* x(xi) of an element and its Jacobian's columns. */
+SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi[3], sb_mat3 *jacobian);
+
+#endif /* SB_EMBED_SEARCH_H */
+
+/* ==== src/softbody/embed_search.c ==== */
+/* embed_search: closest points in curved elements, search tree, smooth normals, feet of points outside. */
+
+#include <string.h>
+
+/* Elements of a leaf of the tree; deepest path through it. */
+enum { SBI_EMBED_LEAF = 2, SBI_EMBED_DEPTH = 64 };
+
+/* ---- faces and their normals ---- */
+
+SBI_API void sbi_embed_face_make(sb_element_type type, sbi_embed_face *face)
+{
+    memset(face, 0, sizeof *face);
+    face->type = type;
+    face->nodes = sb_element_node_count(type);
+    face->corners = sb_element_corner_count(type);
+    face->lanes = (face->nodes + 3) / 4 * 4;
+    for (int i = 0; i < face->nodes; i++) {
+        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3];
+        sb_element_node_point(type, i, xi);
+        sb_element_shape(type, xi, NULL, gradient);
+        for (int j = 0; j < face->nodes; j++) {
+            face->slope[0][j][i] = gradient[j][0];
+            face->slope[1][j][i] = gradient[j][1];
+        }
+    }
+}
+
+SBI_API void sbi_embed_face_normals(const sbi_embed_face *face, const sb_vec3 *x, const sb_real *weight, sb_vec3 *out)
+{
+    sb_real t[2][3][SBI_EMBED_FACE_LANES];
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < face->lanes; i++)
+            t[k][0][i] = t[k][1][i] = t[k][2][i] = 0;
+        for (int j = 0; j < face->nodes; j++) {
+            const sb_real *slope = face->slope[k][j];
+            for (int i = 0; i < face->lanes; i++) {
+                t[k][0][i] += slope[i] * x[j].x;
+                t[k][1][i] += slope[i] * x[j].y;
+                t[k][2][i] += slope[i] * x[j].z;
+            }
+        }
+    }
+    for (int i = 0; i < face->nodes; i++) {
+        sb_vec3 a = sb_v3(t[0][0][i], t[0][1][i], t[0][2][i]), b = sb_v3(t[1][0][i], t[1][1][i], t[1][2][i]);
+        out[i] = sb_v3_scale(weight[i], sbi_embed_unit(sb_v3_cross(a, b)));
+    }
+}
+
+/* Angle of a face at its node i: between its edges at a corner, pi on an edge, the whole turn inside. */
+static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i)
+{
+    const sb_real half_turn = (sb_real)3.14159265358979323846;
+    sb_real gradient[SB_MAX_FACE_NODES][3], at[3], ends[2][3];
+    sb_vec3 t[2];
+    if (i >= face->corners)
+        return i < 2 * face->corners ? half_turn : 2 * half_turn;
+    sb_element_node_point(face->type, i, at);
+    sb_element_node_point(face->type, (i + 1) % face->corners, ends[0]);
+    sb_element_node_point(face->type, (i + face->corners - 1) % face->corners, ends[1]);
+    sb_element_shape(face->type, at, NULL, gradient);
+    for (int k = 0; k < 2; k++) {
+        t[k] = sb_v3(0, 0, 0);
+        for (int j = 0; j < face->nodes; j++)
+            t[k] = sb_v3_madd(t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
+    }
+    return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
+}
+
+static const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face)
+{
+    return volume->boundary.surface.elements + (size_t)face * (size_t)volume->face.nodes;
+}
+
+static void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to)
+{
+    for (int a = 0; a < count; a++)
+        to[a] = from[nodes[a]];
+}
+
+/* weights and normals of the volume at rest. */
+static void sbi_embed_fill_normals(sbi_embed_volume *volume)
+{
+    int count = volume->face.nodes;
+    for (int f = 0; f < volume->boundary.surface.element_count; f++) {
+        const int *nodes = sbi_embed_face_row(volume, f);
+        sb_real *weight = volume->weights + (size_t)f * (size_t)count;
+        sb_vec3 x[SB_MAX_FACE_NODES], n[SB_MAX_FACE_NODES];
+        sbi_embed_gather(volume->mesh->nodes, nodes, count, x);
+        for (int i = 0; i < count; i++)
+            weight[i] = sbi_embed_face_angle(&volume->face, x, i);
+        sbi_embed_face_normals(&volume->face, x, weight, n);
+        for (int i = 0; i < count; i++)
+            volume->normals[nodes[i]] = sb_v3_add(volume->normals[nodes[i]], n[i]);
+    }
+    for (int i = 0; i < volume->mesh->node_count; i++)
+        volume->normals[i] = sbi_embed_unit(volume->normals[i]);
+}
+
+/* ---- Morton order ---- */
+
+/* The ten bits of x spread to every third bit. */
+static uint32_t sbi_embed_spread(uint32_t x)
+{
+    x = (x | (x << 16)) & 0x030000FFu;
+    x = (x | (x << 8)) & 0x0300F00Fu;
+    x = (x | (x << 4)) & 0x030C30C3u;
+    return (x | (x << 2)) & 0x09249249u;
+}
+
+static uint32_t sbi_embed_morton_cell(sb_real x, sb_real low, sb_real inverse)
+{
+    sb_real cell = (x - low) * inverse;
+    return cell > 0 ? (cell < 1023 ? (uint32_t)cell : 1023u) : 0u;
+}
+
+static void sbi_embed_grow(sbi_embed_box *box, sb_vec3 low, sb_vec3 high)
+{
+    box->low = sb_v3(sb_min(box->low.x, low.x), sb_min(box->low.y, low.y), sb_min(box->low.z, low.z));
+    box->high = sb_v3(sb_max(box->high.x, high.x), sb_max(box->high.y, high.y), sb_max(box->high.z, high.z));
+}
+
+static sbi_embed_box sbi_embed_empty_box(void)
+{
+    sbi_embed_box box;
+    box.low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+    box.high = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    return box;
+}
+
+SBI_API void sbi_embed_sort(const sb_vec3 *points, int count, int *order, uint32_t *scratch)
+{
+    uint32_t *key = scratch, *from = scratch + count, *to = from + count;
+    sbi_embed_box box = sbi_embed_empty_box();
+    sb_real side, inverse;
+    for (int i = 0; i < count; i++)
+        sbi_embed_grow(&box, points[i], points[i]);
+    side = sb_max(sb_max(box.high.x - box.low.x, box.high.y - box.low.y), box.high.z - box.low.z);
+    inverse = side > 0 ? 1024 / side : (sb_real)0;
+    for (int i = 0; i < count; i++) {
+        key[i] = sbi_embed_spread(sbi_embed_morton_cell(points[i].x, box.low.x, inverse)) |
+                 sbi_embed_spread(sbi_embed_morton_cell(points[i].y, box.low.y, inverse)) << 1 |
+                 sbi_embed_spread(sbi_embed_morton_cell(points[i].z, box.low.z, inverse)) << 2;
+        from[i] = (uint32_t)i;
+    }
+    for (int shift = 0; shift < 30; shift += 10) { /* three stable passes by ten bits */
+        int start[1025];
+        uint32_t *swap = from;
+        memset(start, 0, sizeof start);
+        for (int i = 0; i < count; i++)
+            start[(key[i] >> shift & 1023u) + 1]++;
+        for (int d = 0; d < 1024; d++)
+            start[d + 1] += start[d];
+        for (int i = 0; i < count; i++)
+            to[start[key[from[i]] >> shift & 1023u]++] = from[i];
+        from = to;
+        to = swap;
+    }
+    for (int i = 0; i < count; i++)
+        order[i] = (int)from[i];
+}
+
+/* ---- preparation ---- */
+
+SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume)
+{
+    const sb_allocator *allocator = &volume->allocator;
+    sb_boundary_free(&volume->boundary);
+    sb_index_table_free(&volume->neighbours);
+    sb_index_table_free(&volume->face_neighbours);
+    sbi_free(allocator, volume->boundary_face);
+    sbi_free(allocator, volume->planes);
+    sbi_free(allocator, volume->bulge);
+    sbi_free(allocator, volume->order);
+    sbi_free(allocator, volume->boxes);
+    sbi_free(allocator, volume->weights);
+    sbi_free(allocator, volume->normals);
+}
+
+/* Largest distance of an element from the straight one of its corners: that of its nodes, times what their shape
+ * functions can sum up to (mid-edge nodes of a tet 3/2; of a hex 3, hex27 less). */
+static sb_real sbi_embed_bulge(const sbi_embed_volume *volume, const sb_vec3 *x)
+{
+    sb_element_type type = volume->mesh->element_type, straight = sb_element_straight(type);
+    sb_real largest = 0;
+    for (int a = volume->corners; a < volume->width; a++) {
+        sb_real xi[3], shape[SB_MAX_ELEMENT_NODES];
+        sb_vec3 at = sb_v3(0, 0, 0);
+        sb_element_node_point(type, a, xi);
+        sb_element_shape(straight, xi, shape, NULL);
+        for (int c = 0; c < volume->corners; c++)
+            at = sb_v3_madd(at, shape[c], x[c]);
+        largest = sb_max(largest, sb_v3_norm(sb_v3_sub(x[a], at)));
+    }
+    return largest * (volume->is_box ? (sb_real)3 : (sb_real)1.5);
+}
+
+/* L_a as linear functions of the position, for the straight tet of four corners. */
+static void sbi_embed_fill_planes(const sb_vec3 *x, sb_real (*planes)[4])
+{
+    sb_mat3 inverse =
+        sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
+    for (int k = 0; k < 4; k++)
+        planes[0][k] = 0;
+    for (int a = 1; a < 4; a++) {
+        const sb_real *row = inverse.m[a - 1];
+        for (int k = 0; k < 3; k++) {
+            planes[a][k] = row[k];
+            planes[0][k] -= row[k];
+        }
+        planes[a][3] = -sb_v3_dot(sb_v3(row[0], row[1], row[2]), x[0]);
+        planes[0][3] -= planes[a][3];
+    }
+    planes[0][3] += 1;
+}
+
+/* Boxes of the leaves, then of their parents. centres: the elements'. */
+static void sbi_embed_fill_tree(sbi_embed_volume *volume, const sbi_embed_box *element_boxes)
+{
+    int elements = volume->mesh->element_count, leaves = volume->leaf_first + 1;
+    for (int i = 0; i < leaves; i++) {
+        sbi_embed_box *box = &volume->boxes[volume->leaf_first + i];
+        *box = sbi_embed_empty_box();
+        for (int k = 0; k < SBI_EMBED_LEAF; k++) {
+            long long at = (long long)i * SBI_EMBED_LEAF + k;
+            if (at < elements)
+                sbi_embed_grow(box, element_boxes[volume->order[at]].low, element_boxes[volume->order[at]].high);
+        }
+    }
+    for (int i = volume->leaf_first - 1; i >= 0; i--) {
+        volume->boxes[i] = volume->boxes[2 * i + 1];
+        sbi_embed_grow(&volume->boxes[i], volume->boxes[2 * i + 2].low, volume->boxes[2 * i + 2].high);
+    }
+}
+
+/* bulge, planes, order and boxes; scratch for each element: a box, a centre and three numbers. */
+static void sbi_embed_fill_elements(sbi_embed_volume *volume, sbi_embed_box *boxes, sb_vec3 *centres, uint32_t *scratch)
+{
+    const sb_mesh *mesh = volume->mesh;
+    for (int e = 0; e < mesh->element_count; e++) {
+        sb_vec3 x[SB_MAX_ELEMENT_NODES], margin;
+        sb_real bulge;
+        sbi_embed_gather(mesh->nodes, mesh->elements + (size_t)e * (size_t)volume->width, volume->width, x);
+        bulge = volume->bulge[e] = sbi_embed_bulge(volume, x);
+        if (volume->planes)
+            sbi_embed_fill_planes(x, volume->planes[e]);
+        boxes[e] = sbi_embed_empty_box();
+        for (int c = 0; c < volume->corners; c++)
+            sbi_embed_grow(&boxes[e], x[c], x[c]);
+        margin = sb_v3(bulge, bulge, bulge);
+        boxes[e].low = sb_v3_sub(boxes[e].low, margin);
+        boxes[e].high = sb_v3_add(boxes[e].high, margin);
+        centres[e] = sb_v3_scale((sb_real)0.5, sb_v3_add(boxes[e].low, boxes[e].high));
+    }
+    sbi_embed_sort(centres, mesh->element_count, volume->order, scratch);
+    sbi_embed_fill_tree(volume, boxes);
+}
+
+static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *error)
+{
+    const sb_allocator *allocator = &volume->allocator;
+    sb_result result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    size_t entries = (size_t)volume->mesh->element_count * (size_t)volume->faces;
+    if (result == SB_OK)
+        result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
+    if (result == SB_OK)
+        result = sb_mesh_neighbours(&volume->boundary.surface, allocator, &volume->face_neighbours, error);
+    if (result != SB_OK)
+        return result;
+    volume->boundary_face = (int *)sbi_alloc(allocator, entries, sizeof(int));
+    if (!volume->boundary_face)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of %d elements", volume->mesh->element_count);
+    memset(volume->boundary_face, 0xff, entries * sizeof(int));
+    for (int f = 0; f < volume->boundary.surface.element_count; f++)
+        volume->boundary_face[(size_t)volume->boundary.elements[f] * (size_t)volume->faces +
+                              (size_t)volume->boundary.faces[f]] = f;
+    return SB_OK;
+}
+
+static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *error)
+{
+    const sb_allocator *allocator = &volume->allocator;
+    size_t elements = (size_t)volume->mesh->element_count, nodes = (size_t)volume->mesh->node_count, leaves = 1;
+    size_t entries = (size_t)volume->boundary.surface.element_count * (size_t)volume->face.nodes;
+    sbi_embed_box *boxes = (sbi_embed_box *)sbi_alloc(allocator, elements, sizeof(sbi_embed_box));
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(allocator, elements, sizeof(sb_vec3));
+    uint32_t *scratch = (uint32_t *)sbi_alloc(allocator, elements, 3 * sizeof(uint32_t));
+    sb_result result = SB_OK;
+    while (leaves * SBI_EMBED_LEAF < elements)
+        leaves *= 2;
+    volume->leaf_first = (int)(leaves - 1);
+    volume->boxes = (sbi_embed_box *)sbi_alloc(allocator, 2 * leaves - 1, sizeof(sbi_embed_box));
+    volume->order = (int *)sbi_alloc(allocator, elements, sizeof(int));
+    volume->bulge = (sb_real *)sbi_alloc(allocator, elements, sizeof(sb_real));
+    volume->weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    volume->normals = (sb_vec3 *)sbi_alloc_zeroed(allocator, nodes, sizeof(sb_vec3));
+    if (!volume->is_box)
+        volume->planes = (sb_real(*)[4][4])sbi_alloc(allocator, elements, sizeof(sb_real[4][4]));
+    if (boxes && centres && scratch && volume->boxes && volume->order && volume->bulge && volume->weights &&
+        volume->normals && (volume->is_box || volume->planes)) {
+        sbi_embed_fill_elements(volume, boxes, centres, scratch);
+        sbi_embed_fill_normals(volume);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory to search %d elements", volume->mesh->element_count);
+    }
+    sbi_free(allocator, boxes);
+    sbi_free(allocator, centres);
+    sbi_free(allocator, scratch);
+    return result;
+}
+
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error)
+{
+    sb_result result;
+    sb_vec3 low, high;
+    memset(volume, 0, sizeof *volume);
+    if (allocator)
+        volume->allocator = *allocator;
+    volume->mesh = mesh;
+    volume->width = sb_element_node_count(mesh->element_type);
+    volume->corners = sb_element_corner_count(mesh->element_type);
+    volume->faces = sb_element_face_count(mesh->element_type);
+    volume->is_box = sb_element_straight(mesh->element_type) == SB_HEX8;
+    sb_mesh_bounds(mesh, &low, &high);
+    volume->scale = sb_max(sb_max(sb_max(sb_abs(low.x), sb_abs(high.x)), sb_max(sb_abs(low.y), sb_abs(high.y))),
+                           sb_max(sb_abs(low.z), sb_abs(high.z)));
+    result = sbi_embed_prepare_topology(volume, error);
+    if (result == SB_OK) {
+        sbi_embed_face_make(volume->boundary.surface.element_type, &volume->face);
+        result = sbi_embed_prepare_geometry(volume, error);
+    }
+    if (result != SB_OK)
+        sbi_embed_volume_free(volume);
+    return result;
+}
+
+/* ---- closest point in one element: min |x(xi) - v|^2 with xi in the element ----
+ * Levenberg-Marquardt: each trial solves the quadratic model within the element's faces exactly, by the primal
+ * active-set method in the free directions (of a tet: from one free corner to the others; of a hex: free axes). For a
+ * straight tet the model is exact and the first trial is the answer. */
+
+/* xi and, for tets, all four barycentric coordinates, so that those on a face are exactly 0. active: tets bit a for
+ * L_a = 0; hexes bits 2 k and 2 k + 1 for xi_k = -1 and 1. */
+typedef struct sbi_embed_state {
+    sb_real at[4]; /* tets L_0 .. L_3, hexes xi */
+    unsigned active;
+} sbi_embed_state;
+
+static void sbi_embed_state_xi(const sbi_embed_state *state, int is_box, sb_real xi[3])
+{
+    for (int k = 0; k < 3; k++)
+        xi[k] = state->at[is_box ? k : k + 1];
+}
+
+/* Solves the leading count x count system (count <= 3) of a positive definite matrix; 0 when it is singular. */
+static int sbi_embed_solve(sb_real *a, int count, sb_real *b)
+{
+    if (sb_cholesky_factor(a, count))
+        return 0;
+    sb_cholesky_solve(a, count, b);
+    return 1;
+}
+
+/* Free corners (tets) or axes (hexes). */
+static int sbi_embed_free_directions(unsigned active, int is_box, int free[4])
+{
+    int count = 0;
+    for (int a = 0; a < (is_box ? 3 : 4); a++)
+        if (is_box ? !(active >> (2 * a) & 3u) : !(active >> a & 1u))
+            free[count++] = a;
+    return count;
+}
+
+/* Minimiser of 1/2 p.A p + h.p over the free directions; change[4] in the terms of state->at. */
+static int sbi_embed_free_step(const sb_mat3 *a, const sb_real *h, unsigned active, int is_box, sb_real change[4])
+{
+    sb_real m[9], b[3];
+    int free[4], count = sbi_embed_free_directions(active, is_box, free), n = is_box ? count : count - 1;
+    change[0] = change[1] = change[2] = change[3] = 0;
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            if (is_box) {
+                m[i * n + j] = a->m[free[i]][free[j]];
+            } else { /* corner 0 is the origin of xi: its row is zero */
+                int p = free[i + 1] - 1, q = free[j + 1] - 1, o = free[0] - 1;
+                m[i * n + j] = a->m[p][q] - (o < 0 ? (sb_real)0 : a->m[p][o] + a->m[o][q] - a->m[o][o]);
+            }
+        }
+        b[i] = is_box ? -h[free[i]] : (free[0] > 0 ? h[free[0] - 1] : (sb_real)0) - h[free[i + 1] - 1];
+    }
+    if (n > 0 && !sbi_embed_solve(m, n, b))
+        return 0;
+    for (int i = 0; i < n; i++) {
+        change[free[is_box ? i : i + 1]] += b[i];
+        if (!is_box)
+            change[free[0]] -= b[i];
+    }
+    return 1;
+}
+
+/* How far along change the element reaches, at most 1; *blocking: the constraint met, or -1. */
+static sb_real sbi_embed_reach(const sbi_embed_state *state, const sb_real change[4], int is_box, int *blocking)
+{
+    sb_real t = 1;
+    *blocking = -1;
+    for (int a = 0; a < (is_box ? 3 : 4); a++) {
+        sb_real room = is_box ? (change[a] > 0 ? 1 - state->at[a] : 1 + state->at[a]) : state->at[a];
+        sb_real speed = is_box ? sb_abs(change[a]) : -change[a];
+        if (speed > 0 && room < t * speed) {
+            t = sb_max(room, 0) / speed;
+            *blocking = is_box ? 2 * a + (change[a] > 0) : a;
+        }
+    }
+    return t;
+}
+
+/* The active constraint whose release descends most steeply, or -1. h: gradient in xi. */
+static int sbi_embed_release(const sb_real *h, unsigned active, int is_box, sb_real tolerance)
+{
+    int best = -1, base = 0;
+    sb_real steepest = -tolerance;
+    while (!is_box && base < 3 && active >> base & 1u)
+        base++;
+    for (int c = 0; c < (is_box ? 6 : 4); c++) {
+        sb_real slope;
+        if (!(active >> c & 1u))
+            continue;
+        if (is_box)
+            slope = c & 1 ? -h[c / 2] : h[c / 2];
+        else
+            slope = (c > 0 ? h[c - 1] : (sb_real)0) - (base > 0 ? h[base - 1] : (sb_real)0);
+        if (slope < steepest) {
+            steepest = slope;
+            best = c;
+        }
+    }
+    return best;
+}
+
+/* The quadratic model 1/2 p.A p + g.p of half the squared distance around xi = start, p = xi - start. */
+typedef struct sbi_embed_model {
+    sb_mat3 a;
+    sb_real g[3], start[3];
+} sbi_embed_model;
+
+static void sbi_embed_model_gradient(const sbi_embed_model *model, const sbi_embed_state *state, int is_box,
+                                     sb_real h[3])
+{
+    sb_real p[3];
+    sbi_embed_state_xi(state, is_box, p);
+    for (int k = 0; k < 3; k++)
+        p[k] -= model->start[k];
+    for (int k = 0; k < 3; k++)
+        h[k] = model->g[k] + model->a.m[k][0] * p[0] + model->a.m[k][1] * p[1] + model->a.m[k][2] * p[2];
+}
+
+/* To the minimum of the model on the active faces, or onto one more of them: 1 in the second case. */
+static int sbi_embed_descend(const sbi_embed_model *model, const sb_real h[3], int is_box, sbi_embed_state *state)
+{
+    sb_real change[4], t;
+    int blocking;
+    if (!sbi_embed_free_step(&model->a, h, state->active, is_box, change))
+        return 0;
+    t = sbi_embed_reach(state, change, is_box, &blocking);
+    for (int k = 0; k < 4; k++)
+        state->at[k] += t * change[k];
+    if (blocking < 0)
+        return 0;
+    state->active |= 1u << blocking;
+    if (is_box)
+        state->at[blocking / 2] = blocking & 1 ? (sb_real)1 : -(sb_real)1;
+    else
+        state->at[blocking] = 0;
+    return 1;
+}
+
+/* Moves state to the minimum of the model within the element. The rounds are bounded only for the sake of rounding:
+ * every release is followed by a descent. */
+static void sbi_embed_minimise(const sbi_embed_model *model, int is_box, sbi_embed_state *state)
+{
+    sb_real h[3], tolerance = 64 * SB_EPSILON * (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) +
+                                                 sb_abs(model->g[2]));
+    for (int round = 0; round < 24; round++) {
+        int released;
+        sbi_embed_model_gradient(model, state, is_box, h);
+        if (sbi_embed_descend(model, h, is_box, state))
+            continue;
+        sbi_embed_model_gradient(model, state, is_box, h);
+        released = sbi_embed_release(h, state->active, is_box, tolerance);
+        if (released < 0)
+            return;
+        state->active &= ~(1u << released);
+    }
+}
+
+/* x(xi), and its Jacobian's columns if wanted, of an element with nodes at x. */
+static sb_vec3 sbi_embed_evaluate(sb_element_type type, const sb_vec3 *x, const sb_real xi[3], sb_mat3 *jacobian)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
+    int count = sb_element_node_count(type);
+    sb_vec3 at = sb_v3(0, 0, 0);
+    sb_element_shape(type, xi, shape, jacobian ? gradient : NULL);
+    for (int a = 0; a < count; a++)
+        at = sb_v3_madd(at, shape[a], x[a]);
+    if (jacobian) {
+        sb_vec3 column[3];
+        for (int k = 0; k < 3; k++) {
+            column[k] = sb_v3(0, 0, 0);
+            for (int a = 0; a < count; a++)
+                column[k] = sb_v3_madd(column[k], gradient[a][k], x[a]);
+        }
+        *jacobian = sb_m3_columns(column[0], column[1], column[2]);
+    }
+    return at;
+}
+
+SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi[3], sb_mat3 *jacobian)
+{
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    int width = sb_element_node_count(mesh->element_type);
+    sbi_embed_gather(mesh->nodes, mesh->elements + (size_t)element * (size_t)width, width, x);
+    return sbi_embed_evaluate(mesh->element_type, x, xi, jacobian);
+}
+
+/* Where to start: the point guess, or in a curved element a corner or the centre that is nearer. */
+static void sbi_embed_start(sb_element_type type, const sb_vec3 *x, sb_vec3 point, int is_box, sbi_embed_state *state)
+{
+    sbi_embed_state best = *state, trial;
+    sb_real nearest = SB_REAL_MAX;
+    int corners = sb_element_corner_count(type);
+    for (int c = -2; c < corners; c++) { /* guess, centre, corners */
+        sb_real xi[3], d;
+        sb_vec3 offset;
+        trial = *state;
+        for (int k = 0; c >= -1 && k < 4; k++)
+            trial.at[k] = c >= 0 || is_box ? (sb_real)0 : (sb_real)0.25;
+        if (c >= 0 && is_box)
+            sb_element_node_point(type, c, trial.at);
+        else if (c >= 0)
+            trial.at[c] = 1;
+        sbi_embed_state_xi(&trial, is_box, xi);
+        offset = sb_v3_sub(sbi_embed_evaluate(type, x, xi, NULL), point);
+        d = sb_v3_dot(offset, offset);
+        if (d < nearest) {
+            nearest = d;
+            best = trial;
+        }
+    }
+    *state = best;
+}
+
+/* Largest change of parameters between two states. */
+static sb_real sbi_embed_state_change(const sbi_embed_state *a, const sbi_embed_state *b)
+{
+    sb_real largest = 0;
+    for (int k = 0; k < 4; k++)
+        largest = sb_max(largest, sb_abs(a->at[k] - b->at[k]));
+    return largest;
+}
+
+/* Levenberg-Marquardt from state; returns the squared distance. flat: the map is linear, one step is exact. */
+static sb_real sbi_embed_descend_element(sb_element_type type, const sb_vec3 *x, sb_vec3 point, int flat, int is_box,
+                                         sbi_embed_state *state)
+{
+    const sb_real still = SB_REAL_IS_FLOAT ? (sb_real)1e-4 : (sb_real)1e-7; /* the distance is off by its square */
+    sb_real damping = 0, distance2;
+    sb_mat3 jacobian;
+    sbi_embed_model model;
+    sb_vec3 r;
+    sbi_embed_state_xi(state, is_box, model.start);
+    r = sb_v3_sub(sbi_embed_evaluate(type, x, model.start, &jacobian), point);
+    distance2 = sb_v3_dot(r, r);
+    for (int step = 0; step < 60 && distance2 > 0; step++) {
+        sb_vec3 g = sb_m3_tapply(jacobian, r), trial_r;
+        sb_real trial2, trial_xi[3], ridge, change;
+        sb_mat3 trial_jacobian;
+        sbi_embed_state trial = *state;
+        model.a = sb_m3_tmul(jacobian, jacobian);
+        ridge = damping * sb_m3_trace(model.a);
+        for (int k = 0; k < 3; k++)
+            model.a.m[k][k] += ridge;
+        model.g[0] = g.x, model.g[1] = g.y, model.g[2] = g.z;
+        sbi_embed_state_xi(state, is_box, model.start);
+        sbi_embed_minimise(&model, is_box, &trial);
+        sbi_embed_state_xi(&trial, is_box, trial_xi);
+        trial_r = sb_v3_sub(sbi_embed_evaluate(type, x, trial_xi, &trial_jacobian), point);
+        trial2 = sb_v3_dot(trial_r, trial_r);
+        change = sbi_embed_state_change(&trial, state);
+        if (trial2 < distance2 || (trial2 <= distance2 && trial.active != state->active)) {
+            *state = trial;
+            distance2 = trial2;
+            jacobian = trial_jacobian;
+            r = trial_r;
+            damping = damping > (sb_real)1e-4 ? damping / 10 : (sb_real)0;
+        } else {
+            damping = sb_max(10 * damping, (sb_real)1e-4);
+        }
+        if (flat || change < still)
+            break;
+    }
+    return distance2;
+}
+
+/* ---- closest element ---- */
+
+/* A search under way. */
+typedef struct sbi_embed_query {
+    const sbi_embed_volume *volume;
+    sb_vec3 point;
+    sb_real enough; /* squared distance that counts as inside */
+    sbi_embed_hit best;
+} sbi_embed_query;
+
+/* The face of a tet opposite each corner. */
+static const unsigned char sbi_embed_opposite[4] = {1, 2, 0, 3};
+
+/* 1 for a tet that is straight but for the rounding of its nodes, as of those read from a file. */
+static int sbi_embed_is_flat(const sbi_embed_volume *volume, int element)
+{
+    const int *nodes = volume->mesh->elements + (size_t)element * (size_t)volume->width;
+    sb_vec3 edge = sb_v3_sub(volume->mesh->nodes[nodes[1]], volume->mesh->nodes[nodes[0]]);
+    return !volume->is_box && volume->bulge[element] <= (sb_real)1e-5 * sb_v3_norm(edge);
+}
+
+/* Faces of active constraints: tet face of L_a = 0, hex faces in the order of the bits. */
+static unsigned sbi_embed_active_faces(unsigned active, int is_box)
+{
+    unsigned faces = 0;
+    if (is_box)
+        return active;
+    for (int a = 0; a < 4; a++)
+        if (active >> a & 1u)
+            faces |= 1u << sbi_embed_opposite[a];
+    return faces;
+}
+
+/* Barycentric coordinates in the straight tet; returns a lower bound of the distance to the element (m). */
+static sb_real sbi_embed_planes(const sbi_embed_volume *volume, int element, sb_vec3 point, sb_real bary[4])
+{
+    sb_real bound = 0;
+    for (int a = 0; a < 4; a++) {
+        const sb_real *p = volume->planes[element][a];
+        bary[a] = p[0] * point.x + p[1] * point.y + p[2] * point.z + p[3];
+        if (bary[a] < 0)
+            bound = sb_max(bound, -bary[a] / sb_sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]));
+    }
+    return bound - volume->bulge[element];
+}
+
+/* Takes the element's closest point when it beats the best so far. */
+static void sbi_embed_try(sbi_embed_query *query, int element)
+{
+    const sbi_embed_volume *volume = query->volume;
+    const sb_mesh *mesh = volume->mesh;
+    sb_element_type type = mesh->element_type;
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sbi_embed_state state;
+    sb_real distance2;
+    int flat = sbi_embed_is_flat(volume, element);
+    memset(&state, 0, sizeof state);
+    if (!volume->is_box) {
+        sb_real bound = sbi_embed_planes(volume, element, query->point, state.at), sum = 0;
+        if (bound > 0 && bound * bound >= query->best.distance2)
+            return;
+        for (int a = 0; a < 4; a++) {
+            state.at[a] = sb_max(state.at[a], 0);
+            sum += state.at[a];
+        }
+        for (int a = 0; a < 4; a++)
+            state.at[a] /= sum;
+    }
+    sbi_embed_gather(mesh->nodes, mesh->elements + (size_t)element * (size_t)volume->width, volume->width, x);
+    if (flat)
+        type = SB_TET4;
+    else
+        sbi_embed_start(type, x, query->point, volume->is_box, &state);
+    distance2 = sbi_embed_descend_element(type, x, query->point, flat, volume->is_box, &state);
+    if (distance2 < query->best.distance2) {
+        query->best.element = element;
+        query->best.distance2 = distance2;
+        query->best.active = sbi_embed_active_faces(state.active, volume->is_box);
+        sbi_embed_state_xi(&state, volume->is_box, query->best.xi);
+    }
+}
+
+/* Walks through straight tets across the face that the point lies farthest beyond, towards a good start. */
+static int sbi_embed_walk(const sbi_embed_query *query, int element)
+{
+    const sbi_embed_volume *volume = query->volume;
+    int before = -1;
+    for (int step = 0; step < 1000 && !volume->is_box; step++) {
+        sb_real bary[4], lowest = 0;
+        int next = -1;
+        sbi_embed_planes(volume, element, query->point, bary);
+        for (int a = 0; a < 4; a++) {
+            int other = volume->neighbours.items[4 * (size_t)element + sbi_embed_opposite[a]];
+            if (bary[a] < lowest && other >= 0 && other != before) {
+                lowest = bary[a];
+                next = other;
+            }
+        }
+        if (next < 0)
+            break;
+        before = element;
+        element = next;
+    }
+    return element;
+}
+
+static sb_real sbi_embed_box_distance2(const sbi_embed_box *box, sb_vec3 p)
+{
+    sb_real x = sb_max(sb_max(box->low.x - p.x, p.x - box->high.x), 0);
+    sb_real y = sb_max(sb_max(box->low.y - p.y, p.y - box->high.y), 0);
+    sb_real z = sb_max(sb_max(box->low.z - p.z, p.z - box->high.z), 0);
+    return x * x + y * y + z * z;
+}
+
+/* Branch and bound: every element whose box is nearer than the best so far, nearer boxes first. */
+static void sbi_embed_search_tree(sbi_embed_query *query)
+{
+    const sbi_embed_volume *volume = query->volume;
+    int stack[SBI_EMBED_DEPTH], depth = 0;
+    stack[depth++] = 0;
+    while (depth > 0 && query->best.distance2 > query->enough) {
+        int box = stack[--depth];
+        if (sbi_embed_box_distance2(&volume->boxes[box], query->point) >= query->best.distance2)
+            continue;
+        if (box < volume->leaf_first) {
+            int left = 2 * box + 1, right = left + 1;
+            int left_first = sbi_embed_box_distance2(&volume->boxes[left], query->point) <=
+                             sbi_embed_box_distance2(&volume->boxes[right], query->point);
+            stack[depth++] = left_first ? right : left;
+            stack[depth++] = left_first ? left : right;
+        } else {
+            for (int k = 0; k < SBI_EMBED_LEAF; k++) {
+                long long at = (long long)(box - volume->leaf_first) * SBI_EMBED_LEAF + k;
+                if (at < volume->mesh->element_count)
+                    sbi_embed_try(query, volume->order[at]);
+            }
+        }
+    }
+}
+
+/* Newton for x(xi) = point without bounds: a point inside solves it to rounding. */
+static void sbi_embed_polish(const sbi_embed_volume *volume, sb_vec3 point, sbi_embed_hit *hit)
+{
+    for (int step = 0; step < 3; step++) {
+        sb_mat3 jacobian;
+        sb_vec3 r = sb_v3_sub(point, sbi_embed_map(volume->mesh, hit->element, hit->xi, &jacobian));
+        sb_vec3 change;
+        if (!(sb_m3_det(jacobian) > 0))
+            return;
+        change = sb_m3_apply(sb_m3_inverse(jacobian), r);
+        hit->xi[0] += change.x;
+        hit->xi[1] += change.y;
+        hit->xi[2] += change.z;
+        if (sb_abs(change.x) + sb_abs(change.y) + sb_abs(change.z) < 4 * SB_EPSILON)
+            return;
+    }
+}
+
+SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, int hint, sbi_embed_hit *hit)
+{
+    sbi_embed_query query;
+    sb_real slack = 64 * SB_EPSILON * volume->scale;
+    query.volume = volume;
+    query.point = point;
+    query.best.element = hint;
+    query.best.xi[0] = query.best.xi[1] = query.best.xi[2] = 0;
+    query.best.active = 0;
+    query.best.distance2 = SB_REAL_MAX;
+    query.enough = slack * slack;
+    sbi_embed_try(&query, sbi_embed_walk(&query, hint));
+    sbi_embed_search_tree(&query);
+    if (sbi_embed_is_flat(volume, query.best.element)) /* the straight tet that stood in for it is off by as much */
+        slack += volume->bulge[query.best.element];
+    if (query.best.distance2 <= slack * slack) {
+        query.best.distance2 = 0;
+        sbi_embed_polish(volume, point, &query.best);
+    }
+    *hit = query.best;
+}
+
+/* ---- feet: x(r, s) + d n(r, s) = point ---- */
+
+/* How far (r, s) lies outside a face, and the edge it lies beyond. */
+static sb_real sbi_embed_face_excess(const sbi_embed_face *face, const sbi_embed_foot *foot, int *edge)
+{
+    sb_real excess[4], largest;
+    if (face->corners == 3) {
+        excess[0] = -foot->s;
+        excess[1] = foot->r + foot->s - 1;
+        excess[2] = -foot->r;
+    } else {
+        excess[0] = -1 - foot->s;
+        excess[1] = foot->r - 1;
+        excess[2] = foot->s - 1;
+        excess[3] = -1 - foot->r;
+    }
+    *edge = 0;
+    largest = excess[0];
+    for (int e = 1; e < face->corners; e++)
+        if (excess[e] > largest) {
+            largest = excess[e];
+            *edge = e;
+        }
+    return largest;
+}
+
+/* Moves foot to the same place on the edge of the neighbouring face; 0 when there is none. */
+static int sbi_embed_cross_edge(const sbi_embed_volume *volume, int edge, sbi_embed_foot *foot)
+{
+    const sbi_embed_face *face = &volume->face;
+    int next = volume->face_neighbours.items[(size_t)foot->face * (size_t)face->corners + (size_t)edge];
+    const int *here = sbi_embed_face_row(volume, foot->face), *there;
+    sb_real a[3], b[3], along, length2;
+    int ends[2] = {here[edge], here[(edge + 1) % face->corners]}, local[2] = {-1, -1};
+    if (next < 0)
+        return 0;
+    sb_element_node_point(face->type, edge, a);
+    sb_element_node_point(face->type, (edge + 1) % face->corners, b);
+    length2 = (b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1]);
+    along = ((foot->r - a[0]) * (b[0] - a[0]) + (foot->s - a[1]) * (b[1] - a[1])) / length2;
+    along = sb_min(sb_max(along, 0), 1);
+    there = sbi_embed_face_row(volume, next);
+    for (int c = 0; c < face->corners; c++)
+        for (int k = 0; k < 2; k++)
+            if (there[c] == ends[k])
+                local[k] = c;
+    if (local[0] < 0 || local[1] < 0)
+        return 0;
+    sb_element_node_point(face->type, local[0], a);
+    sb_element_node_point(face->type, local[1], b);
+    foot->face = next;
+    foot->r = a[0] + along * (b[0] - a[0]);
+    foot->s = a[1] + along * (b[1] - a[1]);
+    return 1;
+}
+
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2])
+{
+    const int *nodes = sbi_embed_face_row(volume, foot->face);
+    sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], xi[3];
+    sb_vec3 x = sb_v3(0, 0, 0);
+    xi[0] = foot->r, xi[1] = foot->s, xi[2] = 0;
+    tangents[0] = tangents[1] = x;
+    sb_element_shape(volume->face.type, xi, shape, gradient);
+    for (int i = 0; i < volume->face.nodes; i++) {
+        sb_vec3 node = volume->mesh->nodes[nodes[i]];
+        x = sb_v3_madd(x, shape[i], node);
+        for (int k = 0; k < 2; k++)
+            tangents[k] = sb_v3_madd(tangents[k], gradient[i][k], node);
+    }
+    return x;
+}
+
+SBI_API int sbi_embed_foot_map(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 *at,
+                               sb_mat3 *jacobian)
+{
+    const int *nodes = sbi_embed_face_row(volume, foot->face);
+    sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], xi[3], length, inverse, flat_det;
+    sb_vec3 x = sb_v3(0, 0, 0), m = x, dx[2], dm[2], n;
+    dx[0] = dx[1] = dm[0] = dm[1] = x;
+    xi[0] = foot->r, xi[1] = foot->s, xi[2] = 0;
+    sb_element_shape(volume->face.type, xi, shape, gradient);
+    for (int i = 0; i < volume->face.nodes; i++) {
+        sb_vec3 node = volume->mesh->nodes[nodes[i]], normal = volume->normals[nodes[i]];
+        x = sb_v3_madd(x, shape[i], node);
+        m = sb_v3_madd(m, shape[i], normal);
+        for (int k = 0; k < 2; k++) {
+            dx[k] = sb_v3_madd(dx[k], gradient[i][k], node);
+            dm[k] = sb_v3_madd(dm[k], gradient[i][k], normal);
+        }
+    }
+    length = sb_v3_norm(m);
+    if (!(length > (sb_real)0.1))
+        return 0;
+    inverse = 1 / length;
+    n = sb_v3_scale(inverse, m);
+    *at = sb_v3_madd(x, foot->distance, n);
+    flat_det = sb_v3_dot(sb_v3_cross(dx[0], dx[1]), n);
+    for (int k = 0; k < 2; k++) /* n_,k = (I - n n^T) m_,k / |m| */
+        dx[k] = sb_v3_madd(dx[k], foot->distance * inverse, sb_v3_madd(dm[k], -sb_v3_dot(n, dm[k]), n));
+    *jacobian = sb_m3_columns(dx[0], dx[1], n);
+    /* close to a centre of curvature, where neighbouring normals meet, small strains would move the point far */
+    return flat_det > 0 && sb_m3_det(*jacobian) > (sb_real)0.1 * flat_det;
+}
+
+/* Newton on one face and its continuation. 1: solved (perhaps outside the face), 0: gave up there. */
+static int sbi_embed_foot_newton(const sbi_embed_volume *volume, sb_vec3 point, sbi_embed_foot *foot)
+{
+    sb_real tolerance = 16 * SB_EPSILON * (volume->scale + sb_v3_norm(point));
+    for (int step = 0; step < 12; step++) {
+        sb_mat3 jacobian;
+        sb_vec3 at, r;
+        int edge;
+        if (!sbi_embed_foot_map(volume, foot, &at, &jacobian))
+            return 0;
+        r = sb_v3_sub(point, at);
+        if (sb_v3_norm(r) <= tolerance)
+            return 1;
+        r = sb_m3_apply(sb_m3_inverse(jacobian), r);
+        foot->r += r.x;
+        foot->s += r.y;
+        foot->distance += r.z;
+        if (!(sbi_embed_face_excess(&volume->face, foot, &edge) < (sb_real)0.5))
+            return 1; /* leave the face rather than trust its continuation */
+    }
+    return 0;
+}
+
+/* From one face over edges until the foot lies on the face it was solved for. */
+static int sbi_embed_follow_foot(const sbi_embed_volume *volume, sb_vec3 point, sb_real farthest, sbi_embed_foot *foot)
+{
+    const sb_real inside = 10000 * SB_EPSILON; /* (r, s) this far beyond an edge still belong to the face */
+    for (int visit = 0; visit < 16; visit++) {
+        int edge;
+        sbi_embed_foot before = *foot;
+        if (!sbi_embed_foot_newton(volume, point, foot) || !sb_is_finite(foot->r + foot->s + foot->distance))
+            return 0;
+        if (sbi_embed_face_excess(&volume->face, foot, &edge) <= inside)
+            return foot->distance > 0 && foot->distance <= farthest;
+        foot->distance = before.distance;
+        if (!sbi_embed_cross_edge(volume, edge, foot))
+            return 0;
+    }
+    return 0;
+}
+
+/* (r, s) on boundary face f of a point xi of its element. */
+static sbi_embed_foot sbi_embed_face_foot(const sbi_embed_volume *volume, int face, const sb_real xi[3])
+{
+    sbi_embed_foot foot;
+    int nodes[SB_MAX_FACE_NODES], corner = volume->is_box ? 3 : 2;
+    sb_real p[3][3], rs[2];
+    sb_element_face(volume->mesh->element_type, volume->boundary.faces[face], nodes, NULL);
+    sb_element_node_point(volume->mesh->element_type, nodes[0], p[0]);
+    sb_element_node_point(volume->mesh->element_type, nodes[1], p[1]);
+    sb_element_node_point(volume->mesh->element_type, nodes[corner], p[2]);
+    foot.face = face;
+    foot.distance = 0;
+    if (volume->is_box) { /* the edges from corner 0 have length 2 along an axis */
+        for (int i = 0; i < 2; i++) {
+            rs[i] = -1;
+            for (int k = 0; k < 3; k++)
+                rs[i] += (xi[k] - p[0][k]) * (p[i + 1][k] - p[0][k]) / 2;
+        }
+    } else { /* L of the face's second and third corner */
+        for (int i = 0; i < 2; i++)
+            rs[i] = nodes[i + 1] > 0 ? xi[nodes[i + 1] - 1] : 1 - xi[0] - xi[1] - xi[2];
+    }
+    foot.r = rs[0];
+    foot.s = rs[1];
+    return foot;
+}
+
+SBI_API int sbi_embed_find_foot(const sbi_embed_volume *volume, sb_vec3 point, const sbi_embed_hit *hit,
+                                sbi_embed_foot *foot)
+{
+    sb_real distance = sb_sqrt(hit->distance2);
+    for (int f = 0; f < volume->faces; f++) {
+        int face = volume->boundary_face[(size_t)hit->element * (size_t)volume->faces + (size_t)f];
+        sbi_embed_foot trial;
+        if (!(hit->active >> f & 1u) || face < 0)
+            continue;
+        trial = sbi_embed_face_foot(volume, face, hit->xi);
+        trial.distance = distance;
+        if (sbi_embed_follow_foot(volume, point, 3 * distance, &trial)) {
+            *foot = trial;
+            return 1;
+        }
+    }
+    return 0;
+}
+
+SBI_API sbi_embed_foot sbi_embed_hit_foot(const sbi_embed_volume *volume, const sbi_embed_hit *hit)
+{
+    sbi_embed_foot foot;
+    memset(&foot, 0, sizeof foot);
+    foot.face = -1;
+    for (int f = 0; f < volume->faces && foot.face < 0; f++) {
+        int face = volume->boundary_face[(size_t)hit->element * (size_t)volume->faces + (size_t)f];
+        if (hit->active >> f & 1u && face >= 0)
+            foot = sbi_embed_face_foot(volume, face, hit->xi);
+    }
+    return foot;
+}
+
+SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_real xi[3])
+{
+    int nodes[SB_MAX_FACE_NODES], element = volume->boundary.elements[foot->face];
+    sb_real at[3], shape[SB_MAX_FACE_NODES];
+    at[0] = foot->r, at[1] = foot->s, at[2] = 0;
+    sb_element_shape(sb_element_straight(volume->face.type), at, shape, NULL);
+    sb_element_face(volume->mesh->element_type, volume->boundary.faces[foot->face], nodes, NULL);
+    xi[0] = xi[1] = xi[2] = 0;
+    for (int c = 0; c < volume->face.corners; c++) {
+        sb_real corner[3];
+        sb_element_node_point(volume->mesh->element_type, nodes[c], corner);
+        for (int k = 0; k < 3; k++)
+            xi[k] += shape[c] * corner[k];
+    }
+    return element;
+}
+
+/* ==== src/softbody/embed.c ==== */
+/* embed: creation, groups of points that share a cell, evaluation, transpose. */
+
+#include <limits.h>
+#include <string.h>
+
+#define SBI_EMBED_COOKIE 0x73626d31u
+
+/* Points are evaluated SBI_EMBED_LANES at a time, whole vectors of any machine; groups are padded to that. The other
+ * sizes divide the work among threads and depend on nothing but the problem. */
+enum {
+    SBI_EMBED_LANES = 8,
+    SBI_EMBED_GROUP = 256,       /* most points of a group */
+    SBI_EMBED_TASK_SLOTS = 1024, /* points of a task */
+    SBI_EMBED_TASK_FACES = 128,
+    SBI_EMBED_TASK_NODES = 512,
+    SBI_EMBED_TASK_RINGS = 2048,
+    SBI_EMBED_TASK_BUILD = 256,
+    SBI_EMBED_RING = 64          /* most triangles around a point whose ring is put in order */
+};
+
+/* Rows of ascending items. */
+typedef struct sbi_embed_lists {
+    int rows;
+    int *starts; /* [rows + 1] */
+    int *items;
+} sbi_embed_lists;
+
+/* Points held in the same way by the same cell (an element, or a face for OFFSET and FRAME). */
+typedef struct sbi_embed_group {
+    sb_embedding_hold hold;
+    int first, count;           /* slots; first is a multiple of SBI_EMBED_LANES */
+    int node_first, node_count; /* in sb_embedding.nodes */
+} sbi_embed_group;
+
+struct sb_embedding {
+    sb_allocator allocator;
+    sb_element_type type;
+    sb_embedding_report report;
+    sb_embedded_point *points; /* [point_count] */
+    int *elements;             /* the mesh's */
+    sbi_embed_face face;
+
+    int group_count, task_count, slot_count;
+    sbi_embed_group *groups;
+    int *tasks;              /* [task_count + 1] first group of each */
+    int *slot_point;         /* [slot_count]; padding repeats the last point of its group */
+    sb_real *parameters[3];  /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
+    sb_real *offsets[3];     /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
+    sb_real *carried[3];     /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
+
+    /* Node entries: those of the groups, then those of the faces whose normals they need. */
+    int group_entries, entry_count, face_count, normal_count, touched_count;
+    int *nodes;              /* [entry_count] */
+    int *normal_of;          /* [entry_count] the smooth normal there, or -1 */
+    sb_real *weights;        /* [face_count][face nodes] */
+    sbi_embed_lists normal_faces;  /* smooth normal -> entries of its faces, counted from the first of them */
+    sbi_embed_lists normal_groups; /* smooth normal -> entries of groups */
+    sbi_embed_lists touched;       /* touched node -> entries */
+    int *touched_nodes;            /* [touched_count] */
+    sbi_embed_lists rings;   /* point -> its neighbours in order around it; ~index starts a new run */
+
+    /* scratch of updates */
+    sb_vec3 *face_normals;   /* [face_count][face nodes] */
+    sb_vec3 *normals;        /* [normal_count] unit */
+    sb_real *lengths;        /* [normal_count] of the sums that they are the directions of */
+    sb_vec3 *entry_forces;   /* [entry_count] */
+    sb_vec3 *entry_pulls;    /* [group_entries] derivative with respect to the smooth normal */
+    sb_vec3 *normal_pulls;   /* [normal_count] */
+};
+
+/* ---- shape functions of SBI_EMBED_LANES points ---- */
+
+typedef struct sbi_embed_lanes {
+    sb_real shape[SB_MAX_ELEMENT_NODES][SBI_EMBED_LANES];
+    sb_real slope[SB_MAX_ELEMENT_NODES][3][SBI_EMBED_LANES];
+} sbi_embed_lanes;
+
+/* Simplices, formulas as in sb_element_shape. */
+static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const xi[3], int slopes, sbi_embed_lanes *lanes)
+{
+    static const signed char tri[3][2] = {{0, 1}, {1, 2}, {2, 0}};
+    static const signed char tet[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+    const signed char(*edges)[2] = type == SB_TRI6 ? tri : tet;
+    sb_real bary[4][SBI_EMBED_LANES];
+    int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), curved = nodes > corners;
+    for (int l = 0; l < SBI_EMBED_LANES; l++)
+        bary[0][l] = 1;
+    for (int a = 1; a < corners; a++)
+        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+            bary[a][l] = xi[a - 1][l];
+            bary[0][l] -= xi[a - 1][l];
+        }
+    for (int a = 0; a < corners; a++)
+        for (int l = 0; l < SBI_EMBED_LANES; l++)
+            lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
+    for (int a = corners; a < nodes; a++) {
+        const sb_real *p = bary[edges[a - corners][0]], *q = bary[edges[a - corners][1]];
+        for (int l = 0; l < SBI_EMBED_LANES; l++)
+            lanes->shape[a][l] = 4 * p[l] * q[l];
+    }
+    for (int a = 0; slopes && a < nodes; a++) {
+        int p = a < corners ? a : edges[a - corners][0], q = a < corners ? a : edges[a - corners][1];
+        for (int k = 0; k < 3; k++) {
+            sb_real dp = (sb_real)((p == k + 1) - (p == 0)), dq = (sb_real)((q == k + 1) - (q == 0));
+            for (int l = 0; l < SBI_EMBED_LANES; l++)
+                lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
+                                        : curved     ? (4 * bary[a][l] - 1) * dp
+                                                     : dp;
+        }
+    }
+}
+
+/* quad4 and hex8: products of (1 +- xi_k) / 2. */
+static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int slopes, sbi_embed_lanes *lanes)
+{
+    static const signed char corner[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                             {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
+    const sb_real half = (sb_real)0.5;
+    sb_real side[3][2][SBI_EMBED_LANES];
+    for (int k = 0; k < 3; k++)
+        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+            sb_real x = k < dimension ? xi[k][l] : -(sb_real)1;
+            side[k][0][l] = half - half * x;
+            side[k][1][l] = half + half * x;
+        }
+    for (int a = 0; a < (1 << dimension); a++) {
+        const sb_real *x = side[0][corner[a][0]], *y = side[1][corner[a][1]], *z = side[2][corner[a][2]];
+        for (int l = 0; l < SBI_EMBED_LANES; l++)
+            lanes->shape[a][l] = x[l] * y[l] * z[l];
+        for (int l = 0; slopes && l < SBI_EMBED_LANES; l++) {
+            lanes->slope[a][0][l] = (corner[a][0] ? half : -half) * y[l] * z[l];
+            lanes->slope[a][1][l] = (corner[a][1] ? half : -half) * x[l] * z[l];
+            lanes->slope[a][2][l] = dimension == 3 ? (corner[a][2] ? half : -half) * x[l] * y[l] : (sb_real)0;
+        }
+    }
+}
+
+/* xi[k]: parameter k of the points. slopes 0: shape functions only. */
+static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[3], int slopes, sbi_embed_lanes *lanes)
+{
+    int nodes = sb_element_node_count(type);
+    if (type == SB_TRI3 || type == SB_TRI6 || type == SB_TET4 || type == SB_TET10) {
+        sbi_embed_simplex_lanes(type, xi, slopes, lanes);
+        return;
+    }
+    if (type == SB_QUAD4 || type == SB_HEX8) {
+        sbi_embed_box_lanes(sb_element_dimension(type), xi, slopes, lanes);
+        return;
+    }
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        sb_real at[3], shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3];
+        at[0] = xi[0][l], at[1] = xi[1][l], at[2] = xi[2][l];
+        sb_element_shape(type, at, shape, slopes ? slope : NULL);
+        for (int a = 0; a < nodes; a++) {
+            lanes->shape[a][l] = shape[a];
+            for (int k = 0; slopes && k < 3; k++)
+                lanes->slope[a][k][l] = slope[a][k];
+        }
+    }
+}
+
+/* ---- vectors of SBI_EMBED_LANES points ---- */
+
+typedef struct sbi_embed_vec3 {
+    sb_real x[SBI_EMBED_LANES], y[SBI_EMBED_LANES], z[SBI_EMBED_LANES];
+} sbi_embed_vec3;
+
+SB_INLINE sb_vec3 sbi_embed_lane(const sbi_embed_vec3 *v, int l) { return sb_v3(v->x[l], v->y[l], v->z[l]); }
+SB_INLINE void sbi_embed_set_lane(sbi_embed_vec3 *v, int l, sb_vec3 value)
+{
+    v->x[l] = value.x;
+    v->y[l] = value.y;
+    v->z[l] = value.z;
+}
+
+/* 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
+SBI_FORCE_INLINE sb_real sbi_embed_rsqrt(sb_real x)
+{
+    sb_real y, half = (sb_real)0.5 * x;
+#if SB_REAL_IS_FLOAT
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    bits = 0x5f3759dfu - (bits >> 1);
+#else
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    bits = UINT64_C(0x5fe6eb50c7b537a9) - (bits >> 1);
+#endif
+    memcpy(&y, &bits, sizeof y);
+    y = y * ((sb_real)1.5 - half * y * y); /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+    y = y * ((sb_real)1.5 - half * y * y);
+    y = y * ((sb_real)1.5 - half * y * y);
+    return y * ((sb_real)1.5 - half * y * y);
+}
+
+/* out = sum_a weight_a x_a; the weights of node a start at weight + a * stride. */
+SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride, const sb_vec3 *x, sbi_embed_vec3 *out)
+{
+    sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
+    for (int l = 0; l < SBI_EMBED_LANES; l++)
+        sx[l] = sy[l] = sz[l] = 0;
+    for (int a = 0; a < count; a++) {
+        const sb_real *w = weight + a * stride;
+        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+            sx[l] += w[l] * x[a].x;
+            sy[l] += w[l] * x[a].y;
+            sz[l] += w[l] * x[a].z;
+        }
+    }
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        out->x[l] = sx[l];
+        out->y[l] = sy[l];
+        out->z[l] = sz[l];
+    }
+}
+
+/* v / |v|, and 1 / |v|. */
+SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
+{
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        sb_real scale = sbi_embed_rsqrt(v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l]);
+        v->x[l] *= scale;
+        v->y[l] *= scale;
+        v->z[l] *= scale;
+        inverse[l] = scale;
+    }
+}
+
+/* v += s w */
+SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
+{
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        v->x[l] += s[l] * w->x[l];
+        v->y[l] += s[l] * w->y[l];
+        v->z[l] += s[l] * w->z[l];
+    }
+}
+
+/* ---- evaluation of a group ---- */
+
+/* What a task of an update reads and writes. */
+typedef struct sbi_embed_frame {
+    sb_embedding *embedding;
+    const sb_vec3 *x;
+    sb_vec3 *points, *normals;
+    const sb_vec3 *forces;
+    sb_vec3 *node_forces;
+} sbi_embed_frame;
+
+/* A group's cell in this frame. */
+typedef struct sbi_embed_cell {
+    sb_element_type type;
+    int count;
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sb_vec3 normal[SB_MAX_FACE_NODES]; /* OFFSET */
+} sbi_embed_cell;
+
+static int sbi_embed_is_on_face(sb_embedding_hold hold)
+{
+    return hold == SB_EMBEDDED_OFFSET || hold == SB_EMBEDDED_FRAME;
+}
+
+static void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
+                                  sbi_embed_cell *cell)
+{
+    const int *nodes = e->nodes + group->node_first, *ids = e->normal_of + group->node_first;
+    cell->type = sbi_embed_is_on_face(group->hold) ? e->face.type : e->type;
+    cell->count = group->node_count;
+    for (int a = 0; a < group->node_count; a++) {
+        cell->x[a] = x[nodes[a]];
+        if (group->hold == SB_EMBEDDED_OFFSET)
+            cell->normal[a] = e->normals[ids[a]];
+    }
+}
+
+/* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
+static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count, int slot, int slopes,
+                                 sbi_embed_lanes *lanes)
+{
+    const sb_real *xi[3];
+    for (int k = 0; k < 3; k++)
+        xi[k] = e->parameters[k] + slot;
+    sbi_embed_shape_lanes(type, xi, slopes || hold >= SB_EMBEDDED_FRAME, lanes);
+    if (hold != SB_EMBEDDED_EXTRAPOLATED)
+        return;
+    for (int a = 0; a < count; a++)
+        for (int k = 0; k < 3; k++)
+            for (int l = 0; l < SBI_EMBED_LANES; l++)
+                lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
+}
+
+/* The frame of a face with tangents a and b: along a, across, normal. Zero vectors where it has none. */
+static sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
+{
+    sb_vec3 along = sbi_embed_unit(a), normal = sbi_embed_unit(sb_v3_cross(a, b));
+    return sb_m3_columns(along, sb_v3_cross(normal, along), normal);
+}
+
+/* Tangents of the cell (d/dr, d/ds, and d/dt of elements). */
+static void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3])
+{
+    for (int k = 0; k < 3; k++)
+        sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &tangent[k]);
+}
+
+/* Carried normals from the columns g of the present map: w_0 g_1 x g_2 + w_1 g_2 x g_0 + w_2 g_0 x g_1. */
+static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec3 g[3], sbi_embed_vec3 *out)
+{
+    sb_real unused[SBI_EMBED_LANES];
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = 0; k < 3; k++)
+            sum = sb_v3_madd(sum, e->carried[k][slot + l],
+                             sb_v3_cross(sbi_embed_lane(&g[(k + 1) % 3], l), sbi_embed_lane(&g[(k + 2) % 3], l)));
+        sbi_embed_set_lane(out, l, sum);
+    }
+    sbi_embed_normalise(out, unused);
+}
+
+/* x + d n; carried normals, unless NULL, from the tangents x_,k + d n_,k with n_,k = (I - n n^T) m_,k / |m|. */
+static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
+                                   int slot, sbi_embed_vec3 *at, sbi_embed_vec3 *normal)
+{
+    sb_real inverse[SBI_EMBED_LANES];
+    sbi_embed_vec3 g[3];
+    const sb_real *distance = e->parameters[2] + slot;
+    sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
+    sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &g[2]);
+    sbi_embed_normalise(&g[2], inverse);
+    sbi_embed_madd(at, distance, &g[2]);
+    for (int k = 0; normal && k < 2; k++) {
+        sbi_embed_vec3 turn;
+        sb_real scale[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
+        sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &g[k]);
+        sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->normal, &turn);
+        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+            scale[l] = distance[l] * inverse[l];
+            along[l] = -(turn.x[l] * g[2].x[l] + turn.y[l] * g[2].y[l] + turn.z[l] * g[2].z[l]);
+        }
+        sbi_embed_madd(&turn, along, &g[2]);
+        sbi_embed_madd(&g[k], scale, &turn);
+    }
+    if (normal)
+        sbi_embed_carry(e, slot, g, normal);
+}
+
+/* x + E o in the frame E of the face. */
+static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
+                                  int slot, sbi_embed_vec3 *at, sbi_embed_vec3 *normal)
+{
+    sbi_embed_vec3 tangent[3];
+    sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
+    sbi_embed_tangents(cell, lanes, tangent);
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        int s = slot + l;
+        sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
+        sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
+        sbi_embed_set_lane(at, l, sb_v3_add(sbi_embed_lane(at, l), sb_m3_apply(frame, offset)));
+        if (normal)
+            sbi_embed_set_lane(normal, l, sb_m3_apply(frame, sb_v3(e->carried[0][s], e->carried[1][s], e->carried[2][s])));
+    }
+}
+
+static void sbi_embed_slots_volume(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
+                                   int slot, sbi_embed_vec3 *at, sbi_embed_vec3 *normal)
+{
+    sbi_embed_vec3 g[3];
+    sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
+    if (!normal)
+        return;
+    sbi_embed_tangents(cell, lanes, g);
+    sbi_embed_carry(e, slot, g, normal);
+}
+
+static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed_group *group)
+{
+    const sb_embedding *e = frame->embedding;
+    sb_vec3 *normals = e->carried[0] ? frame->normals : NULL;
+    sbi_embed_cell cell;
+    sbi_embed_cell_gather(e, group, frame->x, &cell);
+    for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
+        const int *point = e->slot_point + slot;
+        sbi_embed_lanes lanes;
+        sbi_embed_vec3 at, normal, *wanted = normals ? &normal : NULL;
+        sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, normals != NULL, &lanes);
+        if (group->hold == SB_EMBEDDED_OFFSET)
+            sbi_embed_slots_offset(e, &cell, &lanes, slot, &at, wanted);
+        else if (group->hold == SB_EMBEDDED_FRAME)
+            sbi_embed_slots_frame(e, &cell, &lanes, slot, &at, wanted);
+        else
+            sbi_embed_slots_volume(e, &cell, &lanes, slot, &at, wanted);
+        for (int l = 0; l < SBI_EMBED_LANES; l++) /* padding writes its point again */
+            frame->points[point[l]] = sbi_embed_lane(&at, l);
+        for (int l = 0; normals && l < SBI_EMBED_LANES; l++)
+            normals[point[l]] = sbi_embed_lane(&normal, l);
+    }
+}
+
+/* ---- tasks of an update ---- */
+
+static void sbi_embed_task_faces(void *user, int task)
+{
+    const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
+    sb_embedding *e = frame->embedding;
+    int width = e->face.nodes, end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, e->face_count);
+    for (int f = task * SBI_EMBED_TASK_FACES; f < end; f++) {
+        size_t first = (size_t)f * (size_t)width;
+        const int *nodes = e->nodes + (size_t)e->group_entries + first;
+        sb_vec3 x[SB_MAX_FACE_NODES];
+        for (int i = 0; i < width; i++)
+            x[i] = frame->x[nodes[i]];
+        sbi_embed_face_normals(&e->face, x, e->weights + first, e->face_normals + first);
+    }
+}
+
+static void sbi_embed_task_normals(void *user, int task)
+{
+    sb_embedding *e = ((const sbi_embed_frame *)user)->embedding;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->normal_count);
+    for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = e->normal_faces.starts[i]; k < e->normal_faces.starts[i + 1]; k++)
+            sum = sb_v3_add(sum, e->face_normals[e->normal_faces.items[k]]);
+        e->normals[i] = sbi_embed_unit(sum);
+        e->lengths[i] = sb_v3_norm(sum);
+    }
+}
+
+static void sbi_embed_task_points(void *user, int task)
+{
+    const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
+    const sb_embedding *e = frame->embedding;
+    for (int g = e->tasks[task]; g < e->tasks[task + 1]; g++)
+        sbi_embed_group_points(frame, &e->groups[g]);
+}
+
+/* Twice the area vector of the polygons around a point: sums of products of neighbours next to each other, seen from
+ * the point so that it does not lose digits far from the origin. */
+static void sbi_embed_task_rings(void *user, int task)
+{
+    const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
+    const sbi_embed_lists *rings = &frame->embedding->rings;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_RINGS, rings->rows);
+    for (int p = task * SBI_EMBED_TASK_RINGS; p < end; p++) {
+        sb_vec3 origin = frame->points[p], sum = sb_v3(0, 0, 0), before = sum;
+        for (int k = rings->starts[p]; k < rings->starts[p + 1]; k++) {
+            int item = rings->items[k];
+            sb_vec3 next = sb_v3_sub(frame->points[item < 0 ? ~item : item], origin);
+            if (item >= 0)
+                sum = sb_v3_add(sum, sb_v3_cross(before, next));
+            before = next;
+        }
+        frame->normals[p] = sbi_embed_unit(sum);
+    }
+}
+
+static int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
+
+/* Smooth normals at frame->x. */
+static void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
+{
+    const sb_embedding *e = frame->embedding;
+    sbi_run(jobs, sbi_embed_task_faces, frame, sbi_embed_tasks(e->face_count, SBI_EMBED_TASK_FACES));
+    sbi_run(jobs, sbi_embed_task_normals, frame, sbi_embed_tasks(e->normal_count, SBI_EMBED_TASK_NODES));
+}
+
+SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
+                                     sb_vec3 *normals, const sb_jobs *jobs)
+{
+    sbi_embed_frame frame;
+    if (!embedding || !node_positions || !points ||
+        (normals && !embedding->carried[0] && !embedding->rings.starts))
+        return SB_ERROR_ARGUMENT;
+    memset(&frame, 0, sizeof frame);
+    frame.embedding = embedding;
+    frame.x = node_positions;
+    frame.points = points;
+    frame.normals = normals;
+    sbi_embed_make_normals(&frame, jobs);
+    sbi_run(jobs, sbi_embed_task_points, &frame, embedding->task_count);
+    if (normals && !embedding->carried[0])
+        sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
+    return SB_OK;
+}
+
+/* ---- the transpose ---- */
+
+/* Sums of force contributions of a group, lane by lane. */
+typedef struct sbi_embed_sums {
+    sbi_embed_vec3 force[SB_MAX_ELEMENT_NODES];
+    sbi_embed_vec3 pull[SB_MAX_FACE_NODES];
+} sbi_embed_sums;
+
+/* sum_a += weight_a v */
+static void sbi_embed_spread_force(int count, const sb_real *weight, int stride, const sbi_embed_vec3 *v,
+                                   sbi_embed_vec3 *sum)
+{
+    for (int a = 0; a < count; a++)
+        sbi_embed_madd(&sum[a], weight + a * stride, v);
+}
+
+/* Derivative with respect to the sum m of nodal normals: d (F - n (n . F)) / |m|. */
+static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
+                                  int slot, const sbi_embed_vec3 *force, sbi_embed_sums *sums)
+{
+    sb_real inverse[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
+    const sb_real *distance = e->parameters[2] + slot;
+    sbi_embed_vec3 n, pull = *force;
+    sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
+    sbi_embed_normalise(&n, inverse);
+    for (int l = 0; l < SBI_EMBED_LANES; l++)
+        along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
+    sbi_embed_madd(&pull, along, &n);
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        sb_real scale = distance[l] * inverse[l];
+        pull.x[l] *= scale;
+        pull.y[l] *= scale;
+        pull.z[l] *= scale;
+    }
+    sbi_embed_spread_force(cell->count, lanes->shape[0], SBI_EMBED_LANES, &pull, sums->pull);
+}
+
+/* Forces on the tangents a, b that turn the frame which holds offset o: with the moment t = o x F,
+ * dW = h . dn + (t . n) (e2 . da) / |a|, h = (t . e2) e1 - (t . e1) e2, dn = (I - n n^T) (da x b + a x db) / |a x b|. */
+static void sbi_embed_pull_frame(sb_vec3 a, sb_vec3 b, sb_vec3 coordinates, sb_vec3 force, sb_vec3 *on_a, sb_vec3 *on_b)
+{
+    sb_mat3 frame = sbi_embed_face_frame(a, b);
+    sb_vec3 e1 = sb_m3_column(frame, 0), e2 = sb_m3_column(frame, 1), n = sb_m3_column(frame, 2);
+    sb_vec3 moment = sb_v3_cross(sb_m3_apply(frame, coordinates), force), h;
+    sb_real area = sb_v3_norm(sb_v3_cross(a, b)), length = sb_v3_norm(a);
+    *on_a = *on_b = sb_v3(0, 0, 0);
+    if (!(area > 0))
+        return;
+    h = sb_v3_scale(1 / area, sb_v3_sub(sb_v3_scale(sb_v3_dot(moment, e2), e1), sb_v3_scale(sb_v3_dot(moment, e1), e2)));
+    *on_a = sb_v3_madd(sb_v3_cross(b, h), sb_v3_dot(moment, n) / length, e2);
+    *on_b = sb_v3_cross(h, a);
+}
+
+static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
+                                  int slot, const sbi_embed_vec3 *force, sbi_embed_sums *sums)
+{
+    sbi_embed_vec3 tangent[3], pull[2];
+    sbi_embed_tangents(cell, lanes, tangent);
+    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        sb_vec3 on[2];
+        sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
+        sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
+                             sbi_embed_lane(force, l), &on[0], &on[1]);
+        sbi_embed_set_lane(&pull[0], l, on[0]);
+        sbi_embed_set_lane(&pull[1], l, on[1]);
+    }
+    for (int k = 0; k < 2; k++)
+        sbi_embed_spread_force(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, &pull[k], sums->force);
+}
+
+static sb_vec3 sbi_embed_lane_sum(const sbi_embed_vec3 *v)
+{
+    sb_vec3 sum = sbi_embed_lane(v, 0);
+    for (int l = 1; l < SBI_EMBED_LANES; l++)
+        sum = sb_v3_add(sum, sbi_embed_lane(v, l));
+    return sum;
+}
+
+static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed_group *group)
+{
+    sb_embedding *e = frame->embedding;
+    int is_offset = group->hold == SB_EMBEDDED_OFFSET;
+    sbi_embed_cell cell;
+    sbi_embed_sums sums;
+    sbi_embed_cell_gather(e, group, frame->x, &cell);
+    memset(sums.force, 0, sizeof sums.force[0] * (size_t)cell.count);
+    memset(sums.pull, 0, sizeof sums.pull);
+    for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
+        sbi_embed_lanes lanes;
+        sbi_embed_vec3 force;
+        for (int l = 0; l < SBI_EMBED_LANES; l++)
+            sbi_embed_set_lane(&force, l, slot + l < group->first + group->count
+                                              ? frame->forces[e->slot_point[slot + l]]
+                                              : sb_v3(0, 0, 0));
+        sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, 0, &lanes);
+        sbi_embed_spread_force(cell.count, lanes.shape[0], SBI_EMBED_LANES, &force, sums.force);
+        if (is_offset)
+            sbi_embed_pull_offset(e, &cell, &lanes, slot, &force, &sums);
+        else if (group->hold == SB_EMBEDDED_FRAME)
+            sbi_embed_pull_frames(e, &cell, &lanes, slot, &force, &sums);
+    }
+    for (int a = 0; a < cell.count; a++) {
+        e->entry_forces[group->node_first + a] = sbi_embed_lane_sum(&sums.force[a]);
+        if (is_offset)
+            e->entry_pulls[group->node_first + a] = sbi_embed_lane_sum(&sums.pull[a]);
+    }
+}
+
+static void sbi_embed_task_forces(void *user, int task)
+{
+    const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
+    const sb_embedding *e = frame->embedding;
+    for (int g = e->tasks[task]; g < e->tasks[task + 1]; g++)
+        sbi_embed_group_forces(frame, &e->groups[g]);
+}
+
+/* From a unit nodal normal to the sum of face normals it is the direction of. */
+static void sbi_embed_task_normal_pulls(void *user, int task)
+{
+    sb_embedding *e = ((const sbi_embed_frame *)user)->embedding;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->normal_count);
+    for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0), n = e->normals[i];
+        for (int k = e->normal_groups.starts[i]; k < e->normal_groups.starts[i + 1]; k++)
+            sum = sb_v3_add(sum, e->entry_pulls[e->normal_groups.items[k]]);
+        sum = sb_v3_madd(sum, -sb_v3_dot(n, sum), n);
+        e->normal_pulls[i] = e->lengths[i] > 0 ? sb_v3_scale(1 / e->lengths[i], sum) : sb_v3(0, 0, 0);
+    }
+}
+
+/* From the face normals n = a x b / |a x b| to the nodes: q = (I - n n^T) g / |a x b|, f_I = N_I,r b x q - N_I,s a x q. */
+static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
+{
+    sb_embedding *e = frame->embedding;
+    int width = e->face.nodes;
+    size_t first = (size_t)f * (size_t)width, entry = (size_t)e->group_entries + first;
+    sb_vec3 *out = e->entry_forces + entry, x[SB_MAX_FACE_NODES];
+    for (int i = 0; i < width; i++) {
+        x[i] = frame->x[e->nodes[entry + (size_t)i]];
+        out[i] = sb_v3(0, 0, 0);
+    }
+    for (int i = 0; i < width; i++) {
+        int id = e->normal_of[entry + (size_t)i];
+        sb_vec3 a = sb_v3(0, 0, 0), b = a, n, q, on_a, on_b;
+        sb_real area;
+        for (int j = 0; j < width; j++) {
+            a = sb_v3_madd(a, e->face.slope[0][j][i], x[j]);
+            b = sb_v3_madd(b, e->face.slope[1][j][i], x[j]);
+        }
+        n = sb_v3_cross(a, b);
+        area = sb_v3_norm(n);
+        if (id < 0 || !(area > 0))
+            continue;
+        n = sb_v3_scale(1 / area, n);
+        q = sb_v3_scale(e->weights[first + (size_t)i] / area, e->normal_pulls[id]);
+        q = sb_v3_madd(q, -sb_v3_dot(n, q), n);
+        on_a = sb_v3_cross(b, q);
+        on_b = sb_v3_cross(q, a);
+        for (int j = 0; j < width; j++)
+            out[j] = sb_v3_madd(sb_v3_madd(out[j], e->face.slope[0][j][i], on_a), e->face.slope[1][j][i], on_b);
+    }
+}
+
+static void sbi_embed_task_face_forces(void *user, int task)
+{
+    const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, frame->embedding->face_count);
+    for (int f = task * SBI_EMBED_TASK_FACES; f < end; f++)
+        sbi_embed_face_forces(frame, f);
+}
+
+static void sbi_embed_task_touched(void *user, int task)
+{
+    const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
+    const sb_embedding *e = frame->embedding;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->touched_count);
+    for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = e->touched.starts[i]; k < e->touched.starts[i + 1]; k++)
+            sum = sb_v3_add(sum, e->entry_forces[e->touched.items[k]]);
+        frame->node_forces[e->touched_nodes[i]] = sb_v3_add(frame->node_forces[e->touched_nodes[i]], sum);
+    }
+}
+
+SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *node_positions,
+                                     const sb_vec3 *point_forces, sb_vec3 *node_forces, const sb_jobs *jobs)
+{
+    sbi_embed_frame frame;
+    if (!embedding || !node_positions || !point_forces || !node_forces)
+        return SB_ERROR_ARGUMENT;
+    memset(&frame, 0, sizeof frame);
+    frame.embedding = embedding;
+    frame.x = node_positions;
+    frame.forces = point_forces;
+    frame.node_forces = node_forces;
+    sbi_embed_make_normals(&frame, jobs);
+    sbi_run(jobs, sbi_embed_task_forces, &frame, embedding->task_count);
+    sbi_run(jobs, sbi_embed_task_normal_pulls, &frame, sbi_embed_tasks(embedding->normal_count, SBI_EMBED_TASK_NODES));
+    sbi_run(jobs, sbi_embed_task_face_forces, &frame, sbi_embed_tasks(embedding->face_count, SBI_EMBED_TASK_FACES));
+    sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
+    return SB_OK;
+}
+
+/* ---- creation: where each point is ---- */
+
+/* A point's place while the embedding is made. */
+typedef struct sbi_embed_place {
+    sb_embedding_hold hold;
+    int cell; /* element, or boundary face */
+    sb_real parameters[3], offset[3], carried[3];
+    sb_real gap; /* distance to the mesh (m) */
+} sbi_embed_place;
+
+/* A creation under way. */
+typedef struct sbi_embed_build {
+    const sb_embedding_def *def;
+    const sb_vec3 *rest;  /* the points */
+    int count;
+    sbi_embed_volume volume;
+    int *order;           /* points along Morton's curve; later by hold and cell */
+    uint32_t *scratch;    /* [3 count] */
+    int *hints;           /* element to start from for each task */
+    sbi_embed_place *places;
+    sb_embedding *e;
+} sbi_embed_build;
+
+/* The offset of a point from x(xi) in the parameters of the element, corrected once for rounding. */
+static void sbi_embed_find_step(const sbi_embed_volume *volume, sb_vec3 point, sb_embedded_point *info)
+{
+    sb_mat3 jacobian, inverse;
+    sb_vec3 offset = sb_v3_sub(point, sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian)), step;
+    inverse = sb_m3_inverse(jacobian);
+    step = sb_m3_apply(inverse, offset);
+    step = sb_v3_add(step, sb_m3_apply(inverse, sb_v3_sub(offset, sb_m3_apply(jacobian, step))));
+    info->step[0] = step.x, info->step[1] = step.y, info->step[2] = step.z;
+    info->distance = sb_v3_norm(offset);
+}
+
+static void sbi_embed_place_foot(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sbi_embed_place *place,
+                                 sb_embedded_point *info)
+{
+    place->cell = foot->face;
+    place->parameters[0] = foot->r;
+    place->parameters[1] = foot->s;
+    place->parameters[2] = foot->distance;
+    info->element = sbi_embed_foot_element(volume, foot, info->xi);
+}
+
+/* How a point outside is held. */
+static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
+                                    const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
+{
+    sbi_embed_foot foot;
+    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
+        place->hold = SB_EMBEDDED_OFFSET;
+        sbi_embed_place_foot(volume, &foot, place, info);
+        return;
+    }
+    foot = sbi_embed_hit_foot(volume, hit);
+    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
+        sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
+        offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
+        place->hold = SB_EMBEDDED_FRAME;
+        sbi_embed_place_foot(volume, &foot, place, info);
+        place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
+        return;
+    }
+    place->hold = SB_EMBEDDED_EXTRAPOLATED;
+}
+
+/* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
+ * cof(F) N = cof(J') J^T N / det J; in the frame of a face E^T N. */
+static void sbi_embed_place_normal(const sbi_embed_volume *volume, sb_vec3 normal, const sb_embedded_point *info,
+                                   sbi_embed_place *place)
+{
+    sbi_embed_foot foot;
+    sb_mat3 jacobian;
+    sb_vec3 at, tangent[2], carried;
+    foot.face = place->cell;
+    foot.r = place->parameters[0], foot.s = place->parameters[1], foot.distance = place->parameters[2];
+    normal = sbi_embed_unit(normal);
+    if (place->hold == SB_EMBEDDED_FRAME) {
+        sbi_embed_foot_tangents(volume, &foot, tangent);
+        carried = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), normal);
+    } else {
+        if (place->hold == SB_EMBEDDED_OFFSET)
+            sbi_embed_foot_map(volume, &foot, &at, &jacobian);
+        else
+            sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian);
+        carried = sb_v3_scale(1 / sb_m3_det(jacobian), sb_m3_tapply(jacobian, normal));
+    }
+    place->carried[0] = carried.x, place->carried[1] = carried.y, place->carried[2] = carried.z;
+}
+
+/* Places one point; *hint is an element nearby, and then the point's own. */
+static void sbi_embed_place_point(sbi_embed_build *build, int index, int *hint)
+{
+    const sbi_embed_volume *volume = &build->volume;
+    sbi_embed_place *place = &build->places[index];
+    sb_embedded_point *info = &build->e->points[index];
+    sb_vec3 point = build->rest[index];
+    sbi_embed_hit hit;
+    memset(place, 0, sizeof *place);
+    memset(info, 0, sizeof *info);
+    sbi_embed_closest(volume, point, *hint, &hit);
+    *hint = hit.element;
+    place->cell = info->element = hit.element;
+    place->gap = sb_sqrt(hit.distance2);
+    for (int k = 0; k < 3; k++)
+        place->parameters[k] = info->xi[k] = hit.xi[k];
+    if (hit.distance2 > 0) {
+        sbi_embed_place_outside(volume, build->def->kind, point, &hit, place, info);
+        sbi_embed_find_step(volume, point, info);
+        for (int k = 0; place->hold == SB_EMBEDDED_EXTRAPOLATED && k < 3; k++)
+            place->offset[k] = info->step[k];
+    }
+    info->hold = place->hold;
+    if (build->def->normals)
+        sbi_embed_place_normal(volume, build->def->normals[index], info, place);
+}
+
+static void sbi_embed_task_place(void *user, int task)
+{
+    sbi_embed_build *build = (sbi_embed_build *)user;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_BUILD, build->count), hint = build->volume.order[0];
+    for (int i = task * SBI_EMBED_TASK_BUILD; i < end; i++)
+        sbi_embed_place_point(build, build->order[i], &hint);
+}
+
+/* Places all points and fills the report. */
+static sb_result sbi_embed_place_all(sbi_embed_build *build, sb_error *error)
+{
+    sb_embedding_report *report = &build->e->report;
+    report->point_count = build->count;
+    report->node_count = build->def->mesh->node_count;
+    report->farthest_point = -1;
+    sbi_embed_sort(build->rest, build->count, build->order, build->scratch);
+    sbi_run(&build->def->jobs, sbi_embed_task_place, build, sbi_embed_tasks(build->count, SBI_EMBED_TASK_BUILD));
+    for (int i = 0; i < build->count; i++) {
+        const sbi_embed_place *place = &build->places[i];
+        if (!(place->gap <= build->def->max_distance) || place->gap * place->gap >= SB_REAL_MAX)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "point %d lies %g m outside the mesh", i,
+                                 (double)place->gap);
+        report->inside += place->hold == SB_EMBEDDED_INSIDE;
+        report->offset += place->hold == SB_EMBEDDED_OFFSET;
+        report->frame += place->hold == SB_EMBEDDED_FRAME;
+        report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
+        if (place->gap > report->max_distance) {
+            report->max_distance = place->gap;
+            report->farthest_point = i;
+        }
+    }
+    return SB_OK;
+}
+
+/* ---- creation: arrays ---- */
+
+/* Allocates for the embedding; NULL (and *ok = 0) when memory is short. */
+static void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size)
+{
+    void *pointer = *ok ? sbi_alloc(&e->allocator, count, size) : NULL;
+    if (!pointer)
+        *ok = 0;
+    return pointer;
+}
+
+/* Rows of the indices i with keys[i] = row; keys < 0 belong to none. */
+static int sbi_embed_lists_make(const sb_embedding *e, const int *keys, int count, int rows, sbi_embed_lists *lists)
+{
+    int ok = 1;
+    lists->rows = rows;
+    lists->starts = (int *)sbi_embed_take(e, &ok, (size_t)rows + 2, sizeof(int));
+    lists->items = (int *)sbi_embed_take(e, &ok, (size_t)count, sizeof(int));
+    if (!ok)
+        return 0;
+    memset(lists->starts, 0, ((size_t)rows + 2) * sizeof(int));
+    for (int i = 0; i < count; i++)
+        if (keys[i] >= 0)
+            lists->starts[keys[i] + 2]++;
+    for (int r = 0; r < rows; r++)
+        lists->starts[r + 2] += lists->starts[r + 1];
+    for (int i = 0; i < count; i++) /* starts[r + 1] runs from the start of row r to its end */
+        if (keys[i] >= 0)
+            lists->items[lists->starts[keys[i] + 1]++] = i;
+    return 1;
+}
+
+static void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
+{
+    sbi_free(&e->allocator, lists->starts);
+    sbi_free(&e->allocator, lists->items);
+    memset(lists, 0, sizeof *lists);
+}
+
+SB_API void sb_embedding_destroy(sb_embedding *embedding)
+{
+    sb_allocator allocator;
+    if (!embedding)
+        return;
+    allocator = embedding->allocator;
+    for (int k = 0; k < 3; k++) {
+        sbi_free(&allocator, embedding->parameters[k]);
+        sbi_free(&allocator, embedding->offsets[k]);
+        sbi_free(&allocator, embedding->carried[k]);
+    }
+    sbi_embed_lists_free(embedding, &embedding->normal_faces);
+    sbi_embed_lists_free(embedding, &embedding->normal_groups);
+    sbi_embed_lists_free(embedding, &embedding->touched);
+    sbi_embed_lists_free(embedding, &embedding->rings);
+    sbi_free(&allocator, embedding->points);
+    sbi_free(&allocator, embedding->elements);
+    sbi_free(&allocator, embedding->groups);
+    sbi_free(&allocator, embedding->tasks);
+    sbi_free(&allocator, embedding->slot_point);
+    sbi_free(&allocator, embedding->nodes);
+    sbi_free(&allocator, embedding->normal_of);
+    sbi_free(&allocator, embedding->weights);
+    sbi_free(&allocator, embedding->touched_nodes);
+    sbi_free(&allocator, embedding->face_normals);
+    sbi_free(&allocator, embedding->normals);
+    sbi_free(&allocator, embedding->lengths);
+    sbi_free(&allocator, embedding->entry_forces);
+    sbi_free(&allocator, embedding->entry_pulls);
+    sbi_free(&allocator, embedding->normal_pulls);
+    sbi_free(&allocator, embedding);
+}
+
+static sb_result sbi_embed_no_memory(sb_error *error, int count)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory to embed %d points", count);
+}
+
+/* build->order = points by hold, then cell, then as before. */
+static int sbi_embed_sort_places(sbi_embed_build *build)
+{
+    int *scratch = (int *)build->scratch, rows = sbi_max_int(build->volume.mesh->element_count,
+                                                              build->volume.boundary.surface.element_count);
+    int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
+    int *starts = (int *)sbi_embed_take(build->e, &ok, (size_t)rows + 1, sizeof(int));
+    if (!ok)
+        return 0;
+    memset(starts, 0, ((size_t)rows + 1) * sizeof(int));
+    for (int i = 0; i < build->count; i++) {
+        starts[build->places[i].cell + 1]++;
+        hold_starts[(int)build->places[i].hold + 1]++;
+    }
+    for (int r = 0; r < rows; r++)
+        starts[r + 1] += starts[r];
+    for (int h = 0; h < 4; h++)
+        hold_starts[h + 1] += hold_starts[h];
+    for (int i = 0; i < build->count; i++)
+        scratch[starts[build->places[build->order[i]].cell]++] = build->order[i];
+    for (int i = 0; i < build->count; i++)
+        build->order[hold_starts[(int)build->places[scratch[i]].hold]++] = scratch[i];
+    sbi_free(&build->e->allocator, starts);
+    return 1;
+}
+
+/* One more group from place i of the order on; returns where the next one starts. group NULL: only counts. */
+static int sbi_embed_next_group(const sbi_embed_build *build, int i, sbi_embed_group *group)
+{
+    const sbi_embed_place *first = &build->places[build->order[i]];
+    int end = i + 1;
+    while (end < build->count && end - i < SBI_EMBED_GROUP && build->places[build->order[end]].hold == first->hold &&
+           build->places[build->order[end]].cell == first->cell)
+        end++;
+    group->hold = first->hold;
+    group->count = end - i;
+    group->node_count = sbi_embed_is_on_face(first->hold) ? build->e->face.nodes : build->volume.width;
+    return end;
+}
+
+static const int *sbi_embed_cell_nodes(const sbi_embed_build *build, sb_embedding_hold hold, int cell)
+{
+    const int *all = sbi_embed_is_on_face(hold) ? build->volume.boundary.surface.elements : build->def->mesh->elements;
+    return all + (size_t)cell * (size_t)(sbi_embed_is_on_face(hold) ? build->e->face.nodes : build->volume.width);
+}
+
+/* Counts groups, slots and node entries; 0 when they do not fit an int. */
+static int sbi_embed_count_groups(sbi_embed_build *build)
+{
+    sb_embedding *e = build->e;
+    long long slots = 0, entries = 0;
+    for (int i = 0; i < build->count;) {
+        sbi_embed_group group;
+        i = sbi_embed_next_group(build, i, &group);
+        e->group_count++;
+        slots += (long long)sbi_embed_tasks(group.count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
+        entries += group.node_count;
+    }
+    if (slots > INT_MAX || entries > INT_MAX / 2)
+        return 0;
+    e->slot_count = (int)slots;
+    e->group_entries = (int)entries;
+    e->task_count = sbi_embed_tasks(e->slot_count, SBI_EMBED_TASK_SLOTS);
+    return 1;
+}
+
+/* Slots of a group, with their numbers. from: its first place in the order. */
+static void sbi_embed_fill_slots(const sbi_embed_build *build, const sbi_embed_group *group, int from)
+{
+    sb_embedding *e = build->e;
+    int padded = sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
+    for (int s = 0; s < padded; s++) {
+        int point = build->order[from + sbi_min_int(s, group->count - 1)], slot = group->first + s;
+        e->slot_point[slot] = point;
+        for (int k = 0; k < 3; k++) {
+            e->parameters[k][slot] = build->places[point].parameters[k];
+            if (e->offsets[0])
+                e->offsets[k][slot] = build->places[point].offset[k];
+            if (e->carried[0])
+                e->carried[k][slot] = build->places[point].carried[k];
+        }
+    }
+}
+
+static int sbi_embed_allocate_groups(sbi_embed_build *build)
+{
+    sb_embedding *e = build->e;
+    size_t slots = (size_t)e->slot_count;
+    int ok = 1, with_offsets = e->report.frame + e->report.extrapolated > 0;
+    e->groups = (sbi_embed_group *)sbi_embed_take(e, &ok, (size_t)e->group_count, sizeof(sbi_embed_group));
+    e->tasks = (int *)sbi_embed_take(e, &ok, (size_t)e->task_count + 1, sizeof(int));
+    e->slot_point = (int *)sbi_embed_take(e, &ok, slots, sizeof(int));
+    for (int k = 0; k < 3; k++) {
+        e->parameters[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
+        if (with_offsets)
+            e->offsets[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
+        if (build->def->normals)
+            e->carried[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
+    }
+    return ok;
+}
+
+/* groups, slots and tasks, from the order by hold and cell. */
+static int sbi_embed_make_groups(sbi_embed_build *build)
+{
+    sb_embedding *e = build->e;
+    int slot = 0, entry = 0, task = 0;
+    if (!sbi_embed_sort_places(build) || !sbi_embed_count_groups(build) || !sbi_embed_allocate_groups(build))
+        return 0;
+    for (int g = 0, i = 0; g < e->group_count; g++) {
+        sbi_embed_group *group = &e->groups[g];
+        int from = i;
+        i = sbi_embed_next_group(build, i, group);
+        group->first = slot;
+        group->node_first = entry;
+        if (slot >= task * SBI_EMBED_TASK_SLOTS && task < e->task_count)
+            e->tasks[task++] = g;
+        sbi_embed_fill_slots(build, group, from);
+        slot += sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
+        entry += group->node_count;
+    }
+    e->task_count = task;
+    e->tasks[task] = e->group_count;
+    return 1;
+}
+
+/* ---- creation: smooth normals and node entries ---- */
+
+/* Numbers the nodes that need smooth normals (ids: -1 or the number, by mesh node) and lists the boundary faces around
+ * them in faces. */
+static void sbi_embed_pick_normals(sbi_embed_build *build, int *ids, int *faces)
+{
+    sb_embedding *e = build->e;
+    int width = e->face.nodes;
+    memset(ids, 0xff, (size_t)build->def->mesh->node_count * sizeof(int));
+    for (int i = 0; i < build->count; i++) {
+        const int *nodes = sbi_embed_cell_nodes(build, build->places[i].hold, build->places[i].cell);
+        for (int a = 0; a < width && build->places[i].hold == SB_EMBEDDED_OFFSET; a++)
+            if (ids[nodes[a]] < 0)
+                ids[nodes[a]] = e->normal_count++;
+    }
+    for (int f = 0; f < build->volume.boundary.surface.element_count; f++) {
+        const int *nodes = sbi_embed_cell_nodes(build, SB_EMBEDDED_OFFSET, f);
+        int wanted = 0;
+        for (int a = 0; a < width; a++)
+            wanted |= ids[nodes[a]] >= 0;
+        if (wanted)
+            faces[e->face_count++] = f;
+    }
+}
+
+/* Fills nodes and normal_of of all entries, and the weights of the faces. */
+static void sbi_embed_fill_entries(sbi_embed_build *build, const int *ids, const int *faces)
+{
+    sb_embedding *e = build->e;
+    int width = e->face.nodes;
+    for (int g = 0; g < e->group_count; g++) {
+        const sbi_embed_group *group = &e->groups[g];
+        int cell = build->places[e->slot_point[group->first]].cell;
+        const int *nodes = sbi_embed_cell_nodes(build, group->hold, cell);
+        for (int a = 0; a < group->node_count; a++) {
+            e->nodes[group->node_first + a] = nodes[a];
+            e->normal_of[group->node_first + a] = group->hold == SB_EMBEDDED_OFFSET ? ids[nodes[a]] : -1;
+        }
+    }
+    for (int f = 0; f < e->face_count; f++) {
+        const int *nodes = sbi_embed_cell_nodes(build, SB_EMBEDDED_OFFSET, faces[f]);
+        size_t first = (size_t)f * (size_t)width;
+        memcpy(e->weights + first, build->volume.weights + (size_t)faces[f] * (size_t)width,
+               sizeof(sb_real) * (size_t)width);
+        for (int a = 0; a < width; a++) {
+            e->nodes[(size_t)e->group_entries + first + (size_t)a] = nodes[a];
+            e->normal_of[(size_t)e->group_entries + first + (size_t)a] = ids[nodes[a]];
+        }
+    }
+}
+
+/* touched and touched_nodes; rows[entry_count] is scratch. */
+static int sbi_embed_make_touched(sb_embedding *e, int node_count, int *rows)
+{
+    int ok = 1, *row_of = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
+    if (!ok)
+        return 0;
+    memset(row_of, 0xff, (size_t)node_count * sizeof(int));
+    for (int i = 0; i < e->entry_count; i++) {
+        if (row_of[e->nodes[i]] < 0)
+            row_of[e->nodes[i]] = e->touched_count++;
+        rows[i] = row_of[e->nodes[i]];
+    }
+    e->touched_nodes = (int *)sbi_embed_take(e, &ok, (size_t)e->touched_count, sizeof(int));
+    for (int i = 0; ok && i < e->entry_count; i++)
+        e->touched_nodes[rows[i]] = e->nodes[i];
+    sbi_free(&e->allocator, row_of);
+    return ok && sbi_embed_lists_make(e, rows, e->entry_count, e->touched_count, &e->touched);
+}
+
+static int sbi_embed_allocate_entries(sb_embedding *e)
+{
+    size_t entries = (size_t)e->entry_count, faces = (size_t)e->face_count, width = (size_t)e->face.nodes;
+    int ok = 1;
+    e->nodes = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
+    e->normal_of = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
+    e->weights = (sb_real *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_real));
+    e->face_normals = (sb_vec3 *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_vec3));
+    e->normals = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
+    e->lengths = (sb_real *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_real));
+    e->normal_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
+    e->entry_forces = (sb_vec3 *)sbi_embed_take(e, &ok, entries, sizeof(sb_vec3));
+    e->entry_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->group_entries, sizeof(sb_vec3));
+    return ok;
+}
+
+static int sbi_embed_make_entries(sbi_embed_build *build)
+{
+    sb_embedding *e = build->e;
+    int ok = 1, node_count = build->def->mesh->node_count, *rows = NULL;
+    int *ids = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
+    int *faces = (int *)sbi_embed_take(e, &ok, (size_t)build->volume.boundary.surface.element_count, sizeof(int));
+    if (ok) {
+        long long entries;
+        sbi_embed_pick_normals(build, ids, faces);
+        entries = (long long)e->group_entries + (long long)e->face_count * e->face.nodes;
+        ok = entries <= INT_MAX;
+        e->entry_count = ok ? (int)entries : 0;
+    }
+    ok = ok && sbi_embed_allocate_entries(e);
+    rows = (int *)sbi_embed_take(e, &ok, (size_t)e->entry_count, sizeof(int));
+    if (ok) {
+        sbi_embed_fill_entries(build, ids, faces);
+        ok = sbi_embed_make_touched(e, node_count, rows) &&
+             sbi_embed_lists_make(e, e->normal_of + e->group_entries, e->entry_count - e->group_entries,
+                                  e->normal_count, &e->normal_faces) &&
+             sbi_embed_lists_make(e, e->normal_of, e->group_entries, e->normal_count, &e->normal_groups);
+    }
+    sbi_free(&e->allocator, rows);
+    sbi_free(&e->allocator, faces);
+    sbi_free(&e->allocator, ids);
+    return ok;
+}
+
+/* ---- creation: rings ---- */
+
+/* Appends the ring of one point to items and returns how many. pairs[count][2]: the neighbours of the point in each of
+ * its triangles, in their orientation. A pair that begins where the one before ended continues its run. */
+static int sbi_embed_make_ring(int (*pairs)[2], int count, int *items)
+{
+    int used = 0;
+    for (int i = 0; i < count; i++) {
+        int continues = i > 0 && pairs[i][0] == pairs[i - 1][1];
+        for (int j = i; i > 0 && !continues && count <= SBI_EMBED_RING && j < count; j++)
+            if (pairs[j][0] == pairs[i - 1][1]) {
+                int a = pairs[j][0], b = pairs[j][1];
+                pairs[j][0] = pairs[i][0], pairs[j][1] = pairs[i][1];
+                pairs[i][0] = a, pairs[i][1] = b;
+                continues = 1;
+            }
+        if (!continues)
+            items[used++] = ~pairs[i][0];
+        items[used++] = pairs[i][1];
+    }
+    return used;
+}
+
+/* An open fan must start at its rim to be one run: moves the pair that no other leads to to the front. */
+static void sbi_embed_start_ring(int (*pairs)[2], int count)
+{
+    for (int i = 0; count <= SBI_EMBED_RING && i < count; i++) {
+        int led_to = 0;
+        for (int j = 0; j < count; j++)
+            led_to |= pairs[j][1] == pairs[i][0];
+        if (!led_to) {
+            int a = pairs[i][0], b = pairs[i][1];
+            pairs[i][0] = pairs[0][0], pairs[i][1] = pairs[0][1];
+            pairs[0][0] = a, pairs[0][1] = b;
+            return;
+        }
+    }
+}
+
+/* Writes the rings of all points; pairs: memory for one point's. */
+static void sbi_embed_fill_rings(const sb_mesh *surface, const sbi_embed_lists *corners, int (*pairs)[2],
+                                 sbi_embed_lists *rings)
+{
+    int width = sb_element_node_count(surface->element_type);
+    rings->rows = corners->rows;
+    rings->starts[0] = 0;
+    for (int p = 0; p < corners->rows; p++) {
+        int count = corners->starts[p + 1] - corners->starts[p];
+        for (int i = 0; i < count; i++) {
+            int entry = corners->items[corners->starts[p] + i], local = entry % width;
+            const int *nodes = surface->elements + (entry - local);
+            pairs[i][0] = nodes[(local + 1) % width];
+            pairs[i][1] = nodes[(local + width - 1) % width];
+        }
+        sbi_embed_start_ring(pairs, count);
+        rings->starts[p + 1] = rings->starts[p] + sbi_embed_make_ring(pairs, count, rings->items + rings->starts[p]);
+    }
+}
+
+static int sbi_embed_make_rings(sbi_embed_build *build)
+{
+    sb_embedding *e = build->e;
+    const sb_mesh *surface = build->def->surface;
+    int entries, most = 0, ok = 1, (*pairs)[2], *items;
+    sbi_embed_lists corners;
+    memset(&corners, 0, sizeof corners);
+    if (!surface || build->def->normals)
+        return 1;
+    entries = surface->element_count * sb_element_node_count(surface->element_type);
+    ok = sbi_embed_lists_make(e, surface->elements, entries, build->count, &corners);
+    for (int p = 0; ok && p < build->count; p++)
+        most = sbi_max_int(most, corners.starts[p + 1] - corners.starts[p]);
+    pairs = (int(*)[2])sbi_embed_take(e, &ok, (size_t)most, sizeof(int[2]));
+    e->rings.starts = (int *)sbi_embed_take(e, &ok, (size_t)build->count + 1, sizeof(int));
+    e->rings.items = (int *)sbi_embed_take(e, &ok, (size_t)entries, 2 * sizeof(int));
+    if (ok)
+        sbi_embed_fill_rings(surface, &corners, pairs, &e->rings);
+    sbi_free(&e->allocator, pairs);
+    sbi_embed_lists_free(e, &corners);
+    if (!ok) /* a surface without rings would look like no surface */
+        return 0;
+    items = (int *)sbi_embed_take(e, &ok, (size_t)e->rings.starts[build->count], sizeof(int));
+    if (!ok)
+        return 0;
+    memcpy(items, e->rings.items, (size_t)e->rings.starts[build->count] * sizeof(int));
+    sbi_free(&e->allocator, e->rings.items);
+    e->rings.items = items;
+    return 1;
+}
+
+/* ---- creation ---- */
+
+SB_API sb_embedding_def sb_default_embedding_def(void)
+{
+    sb_embedding_def def;
+    memset(&def, 0, sizeof def);
+    def.kind = SB_EMBED_SMOOTH;
+    def.max_distance = SB_REAL_MAX;
+    def.cookie = SBI_EMBED_COOKIE;
+    return def;
+}
+
+static sb_result sbi_embed_check_surface(const sb_embedding_def *def, sb_error *error)
+{
+    const sb_mesh *surface = def->surface;
+    sb_result result = sbi_mesh_check_arrays(surface, error);
+    if (result != SB_OK)
+        return result;
+    if (surface->element_type != SB_TRI3 && surface->element_type != SB_QUAD4)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.surface has %s elements; it takes tri3 or quad4",
+                        sb_element_name(surface->element_type));
+    if (def->points && def->point_count != surface->node_count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.point_count is %d, but def.surface has %d nodes",
+                        def->point_count, surface->node_count);
+    if (surface->element_count > INT_MAX / 8)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.surface has more than %d elements", INT_MAX / 8);
+    return SB_OK;
+}
+
+static sb_result sbi_embed_check_points(const sbi_embed_build *build, sb_error *error)
+{
+    for (int i = 0; i < build->count; i++)
+        if (!sb_v3_is_finite(build->rest[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d has a coordinate that is not finite", i);
+    for (int i = 0; build->def->normals && i < build->count; i++)
+        if (!sb_v3_is_finite(build->def->normals[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "normal %d has a coordinate that is not finite", i);
+    return SB_OK;
+}
+
+static sb_result sbi_embed_check_def(const sb_embedding_def *def, sbi_embed_build *build, sb_error *error)
+{
+    sb_result result;
+    if (!def || def->cookie != SBI_EMBED_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_embedding_def");
+    if (!def->mesh || (!def->points && !def->surface))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL, or both def.points and def.surface");
+    if (def->kind != SB_EMBED_SMOOTH && def->kind != SB_EMBED_PLAIN)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.kind is %d", (int)def->kind);
+    if (!(def->max_distance >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_distance is %g", (double)def->max_distance);
+    if (def->mesh->element_type == SB_CUSTOM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "points cannot be embedded in custom elements");
+    if (def->surface && (result = sbi_embed_check_surface(def, error)) != SB_OK)
+        return result;
+    build->def = def;
+    build->rest = def->points ? def->points : def->surface->nodes;
+    build->count = def->points ? def->point_count : def->surface->node_count;
+    if (build->count < 1 || build->count > INT_MAX / 16)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.point_count is %d; it takes 1 to %d", build->count, INT_MAX / 16);
+    result = sbi_embed_check_points(build, error);
+    if (result == SB_OK)
+        result = sb_mesh_validate(def->mesh, error);
+    if (result == SB_OK && sb_element_dimension(def->mesh->element_type) != 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "points are embedded in volumes, not in %s",
+                        sb_element_name(def->mesh->element_type));
+    return result;
+}
+
+/* Everything after the checks and the volume. */
+static sb_result sbi_embed_build_all(sbi_embed_build *build, sb_error *error)
+{
+    sb_embedding *e = build->e;
+    size_t count = (size_t)build->count;
+    size_t entries = (size_t)build->def->mesh->element_count * (size_t)build->volume.width;
+    int ok = 1;
+    sb_result result;
+    e->face = build->volume.face;
+    e->elements = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
+    e->points = (sb_embedded_point *)sbi_embed_take(e, &ok, count, sizeof(sb_embedded_point));
+    build->order = (int *)sbi_embed_take(e, &ok, count, sizeof(int));
+    build->scratch = (uint32_t *)sbi_embed_take(e, &ok, count, 3 * sizeof(uint32_t));
+    build->places = (sbi_embed_place *)sbi_embed_take(e, &ok, count, sizeof(sbi_embed_place));
+    if (!ok)
+        return sbi_embed_no_memory(error, build->count);
+    memcpy(e->elements, build->def->mesh->elements, entries * sizeof(int));
+    result = sbi_embed_place_all(build, error);
+    if (result == SB_OK &&
+        (!sbi_embed_make_groups(build) || !sbi_embed_make_entries(build) || !sbi_embed_make_rings(build)))
+        result = sbi_embed_no_memory(error, build->count);
+    return result;
+}
+
+SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding **embedding, sb_error *error)
+{
+    sbi_embed_build build;
+    sb_result result;
+    memset(&build, 0, sizeof build);
+    if (!embedding)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "embedding is NULL");
+    result = sbi_embed_check_def(def, &build, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_embed_volume_create(def->mesh, &def->allocator, &build.volume, error);
+    if (result != SB_OK)
+        return result;
+    build.e = (sb_embedding *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *build.e);
+    if (build.e) {
+        build.e->allocator = def->allocator;
+        build.e->type = def->mesh->element_type;
+        result = sbi_embed_build_all(&build, error);
+    } else {
+        result = sbi_embed_no_memory(error, build.count);
+    }
+    sbi_free(&def->allocator, build.order);
+    sbi_free(&def->allocator, build.scratch);
+    sbi_free(&def->allocator, build.places);
+    sbi_embed_volume_free(&build.volume);
+    if (result == SB_OK)
+        *embedding = build.e;
+    else
+        sb_embedding_destroy(build.e);
+    return result;
+}
+
+/* ---- readings ---- */
+
+SB_API sb_embedding_report sb_embedding_get_report(const sb_embedding *embedding)
+{
+    sb_embedding_report none;
+    memset(&none, 0, sizeof none);
+    none.farthest_point = -1;
+    return embedding ? embedding->report : none;
+}
+
+SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index, sb_embedded_point *point)
+{
+    if (!embedding || !point)
+        return SB_ERROR_ARGUMENT;
+    if (index < 0 || index >= embedding->report.point_count)
+        return SB_ERROR_INDEX;
+    *point = embedding->points[index];
+    return SB_OK;
+}
+
+/* Nodes and weights of one point: N_a(xi) + dN_a/dxi . step. */
+static void sbi_embed_fill_row(const sb_embedding *e, const sb_embedded_point *point, int *nodes, sb_real *weights)
+{
+    int width = sb_element_node_count(e->type);
+    sb_real shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3];
+    sb_element_shape(e->type, point->xi, shape, slope);
+    for (int a = 0; a < width; a++) {
+        nodes[a] = e->elements[(size_t)point->element * (size_t)width + (size_t)a];
+        weights[a] = shape[a] + slope[a][0] * point->step[0] + slope[a][1] * point->step[1] +
+                     slope[a][2] * point->step[2];
+    }
+}
+
+SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_allocator *allocator,
+                                      sb_embedding_rows *rows, sb_error *error)
+{
+    int width, count, *starts, *nodes;
+    sb_real *weights;
+    size_t entries;
+    if (!embedding || !rows)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the embedding or rows is NULL");
+    width = sb_element_node_count(embedding->type);
+    count = embedding->report.point_count;
+    if (count > INT_MAX / width)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d rows of %d nodes are more than a mapping can number", count, width);
+    entries = (size_t)count * (size_t)width;
+    starts = (int *)sbi_alloc(allocator, (size_t)count + 1, sizeof(int));
+    nodes = (int *)sbi_alloc(allocator, entries, sizeof(int));
+    weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    if (!starts || !nodes || !weights) {
+        sbi_free(allocator, starts);
+        sbi_free(allocator, nodes);
+        sbi_free(allocator, weights);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows", count);
+    }
+    for (int i = 0; i <= count; i++)
+        starts[i] = i * width;
+    for (int i = 0; i < count; i++)
+        sbi_embed_fill_row(embedding, &embedding->points[i], nodes + starts[i], weights + starts[i]);
+    memset(rows, 0, sizeof *rows);
+    if (allocator)
+        rows->allocator = *allocator;
+    rows->mapping.row_count = count;
+    rows->mapping.row_start = rows->row_start = starts;
+    rows->mapping.nodes = rows->nodes = nodes;
+    rows->mapping.weights = rows->weights = weights;
+    return SB_OK;
+}
+
+SB_API void sb_embedding_rows_free(sb_embedding_rows *rows)
+{
+    sb_allocator allocator;
+    if (!rows)
+        return;
+    allocator = rows->allocator;
+    sbi_free(&allocator, rows->row_start);
+    sbi_free(&allocator, rows->nodes);
+    sbi_free(&allocator, rows->weights);
+    memset(rows, 0, sizeof *rows);
 }
 
 /* ==== src/softbody/constraint.c ==== */
