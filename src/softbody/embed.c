@@ -20,6 +20,13 @@ enum {
     SBI_EMBED_RING = 64          /* most triangles around a point whose ring is put in order */
 };
 
+/* gcc would unroll a loop over lanes before it can see vectors in it, and then spill what it unrolled. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define SBI_EMBED_EACH_LANE(l) _Pragma("GCC unroll 1") for (int l = 0; l < SBI_EMBED_LANES; l++)
+#else
+#define SBI_EMBED_EACH_LANE(l) for (int l = 0; l < SBI_EMBED_LANES; l++)
+#endif
+
 /* Rows of ascending items. */
 typedef struct sbi_embed_lists {
     int rows;
@@ -85,26 +92,26 @@ static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const x
     const signed char(*edges)[2] = type == SB_TRI6 ? tri : tet;
     sb_real bary[4][SBI_EMBED_LANES];
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), curved = nodes > corners;
-    for (int l = 0; l < SBI_EMBED_LANES; l++)
+    SBI_EMBED_EACH_LANE(l)
         bary[0][l] = 1;
     for (int a = 1; a < corners; a++)
-        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        SBI_EMBED_EACH_LANE(l) {
             bary[a][l] = xi[a - 1][l];
             bary[0][l] -= xi[a - 1][l];
         }
     for (int a = 0; a < corners; a++)
-        for (int l = 0; l < SBI_EMBED_LANES; l++)
+        SBI_EMBED_EACH_LANE(l)
             lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
     for (int a = corners; a < nodes; a++) {
         const sb_real *p = bary[edges[a - corners][0]], *q = bary[edges[a - corners][1]];
-        for (int l = 0; l < SBI_EMBED_LANES; l++)
+        SBI_EMBED_EACH_LANE(l)
             lanes->shape[a][l] = 4 * p[l] * q[l];
     }
     for (int a = 0; slopes && a < nodes; a++) {
         int p = a < corners ? a : edges[a - corners][0], q = a < corners ? a : edges[a - corners][1];
         for (int k = 0; k < 3; k++) {
             sb_real dp = (sb_real)((p == k + 1) - (p == 0)), dq = (sb_real)((q == k + 1) - (q == 0));
-            for (int l = 0; l < SBI_EMBED_LANES; l++)
+            SBI_EMBED_EACH_LANE(l)
                 lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
                                         : curved     ? (4 * bary[a][l] - 1) * dp
                                                      : dp;
@@ -120,16 +127,18 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     const sb_real half = (sb_real)0.5;
     sb_real side[3][2][SBI_EMBED_LANES];
     for (int k = 0; k < 3; k++)
-        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        SBI_EMBED_EACH_LANE(l) {
             sb_real x = k < dimension ? xi[k][l] : -(sb_real)1;
             side[k][0][l] = half - half * x;
             side[k][1][l] = half + half * x;
         }
     for (int a = 0; a < (1 << dimension); a++) {
         const sb_real *x = side[0][corner[a][0]], *y = side[1][corner[a][1]], *z = side[2][corner[a][2]];
-        for (int l = 0; l < SBI_EMBED_LANES; l++)
+        SBI_EMBED_EACH_LANE(l)
             lanes->shape[a][l] = x[l] * y[l] * z[l];
-        for (int l = 0; slopes && l < SBI_EMBED_LANES; l++) {
+        if (!slopes)
+            continue;
+        SBI_EMBED_EACH_LANE(l) {
             lanes->slope[a][0][l] = (corner[a][0] ? half : -half) * y[l] * z[l];
             lanes->slope[a][1][l] = (corner[a][1] ? half : -half) * x[l] * z[l];
             lanes->slope[a][2][l] = dimension == 3 ? (corner[a][2] ? half : -half) * x[l] * y[l] : (sb_real)0;
@@ -149,7 +158,7 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
         sbi_embed_box_lanes(sb_element_dimension(type), xi, slopes, lanes);
         return;
     }
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         sb_real at[3], shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3];
         at[0] = xi[0][l], at[1] = xi[1][l], at[2] = xi[2][l];
         sb_element_shape(type, at, shape, slopes ? slope : NULL);
@@ -175,41 +184,45 @@ SB_INLINE void sbi_embed_set_lane(sbi_embed_vec3 *v, int l, sb_vec3 value)
     v->z[l] = value.z;
 }
 
-/* 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
-SBI_FORCE_INLINE sb_real sbi_embed_rsqrt(sb_real x)
+/* x -> 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
+SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
 {
-    sb_real y, half = (sb_real)0.5 * x;
+    sb_real y[SBI_EMBED_LANES];
 #if SB_REAL_IS_FLOAT
-    uint32_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    bits = 0x5f3759dfu - (bits >> 1);
+    uint32_t bits[SBI_EMBED_LANES];
+    const uint32_t magic = 0x5f3759dfu;
 #else
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    bits = UINT64_C(0x5fe6eb50c7b537a9) - (bits >> 1);
+    uint64_t bits[SBI_EMBED_LANES];
+    const uint64_t magic = UINT64_C(0x5fe6eb50c7b537a9);
 #endif
-    memcpy(&y, &bits, sizeof y);
-    y = y * ((sb_real)1.5 - half * y * y); /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
-    y = y * ((sb_real)1.5 - half * y * y);
-    y = y * ((sb_real)1.5 - half * y * y);
-    return y * ((sb_real)1.5 - half * y * y);
+    memcpy(bits, x, sizeof bits);
+    SBI_EMBED_EACH_LANE(l)
+        bits[l] = magic - (bits[l] >> 1);
+    memcpy(y, bits, sizeof y);
+    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+        sb_real half = (sb_real)0.5 * x[l], z = y[l];
+        z = z * ((sb_real)1.5 - half * z * z);
+        z = z * ((sb_real)1.5 - half * z * z);
+        z = z * ((sb_real)1.5 - half * z * z);
+        x[l] = z * ((sb_real)1.5 - half * z * z);
+    }
 }
 
 /* out = sum_a weight_a x_a; the weights of node a start at weight + a * stride. */
 SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride, const sb_vec3 *x, sbi_embed_vec3 *out)
 {
     sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
-    for (int l = 0; l < SBI_EMBED_LANES; l++)
+    SBI_EMBED_EACH_LANE(l)
         sx[l] = sy[l] = sz[l] = 0;
     for (int a = 0; a < count; a++) {
         const sb_real *w = weight + a * stride;
-        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        SBI_EMBED_EACH_LANE(l) {
             sx[l] += w[l] * x[a].x;
             sy[l] += w[l] * x[a].y;
             sz[l] += w[l] * x[a].z;
         }
     }
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         out->x[l] = sx[l];
         out->y[l] = sy[l];
         out->z[l] = sz[l];
@@ -219,19 +232,20 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 /* v / |v|, and 1 / |v|. */
 SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 {
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
-        sb_real scale = sbi_embed_rsqrt(v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l]);
-        v->x[l] *= scale;
-        v->y[l] *= scale;
-        v->z[l] *= scale;
-        inverse[l] = scale;
+    SBI_EMBED_EACH_LANE(l)
+        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
+    sbi_embed_rsqrt(inverse);
+    SBI_EMBED_EACH_LANE(l) {
+        v->x[l] *= inverse[l];
+        v->y[l] *= inverse[l];
+        v->z[l] *= inverse[l];
     }
 }
 
 /* v += s w */
 SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
 {
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         v->x[l] += s[l] * w->x[l];
         v->y[l] += s[l] * w->y[l];
         v->z[l] += s[l] * w->z[l];
@@ -287,7 +301,7 @@ static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, 
         return;
     for (int a = 0; a < count; a++)
         for (int k = 0; k < 3; k++)
-            for (int l = 0; l < SBI_EMBED_LANES; l++)
+            SBI_EMBED_EACH_LANE(l)
                 lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
 }
 
@@ -309,7 +323,7 @@ static void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes
 static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec3 g[3], sbi_embed_vec3 *out)
 {
     sb_real unused[SBI_EMBED_LANES];
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = 0; k < 3; k++)
             sum = sb_v3_madd(sum, e->carried[k][slot + l],
@@ -335,7 +349,7 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
         sb_real scale[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &g[k]);
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->normal, &turn);
-        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+        SBI_EMBED_EACH_LANE(l) {
             scale[l] = distance[l] * inverse[l];
             along[l] = -(turn.x[l] * g[2].x[l] + turn.y[l] * g[2].y[l] + turn.z[l] * g[2].z[l]);
         }
@@ -353,7 +367,7 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_vec3 tangent[3];
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_tangents(cell, lanes, tangent);
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         int s = slot + l;
         sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
         sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
@@ -391,7 +405,7 @@ static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed
             sbi_embed_slots_frame(e, &cell, &lanes, slot, &at, wanted);
         else
             sbi_embed_slots_volume(e, &cell, &lanes, slot, &at, wanted);
-        for (int l = 0; l < SBI_EMBED_LANES; l++) /* padding writes its point again */
+        SBI_EMBED_EACH_LANE(l) /* padding writes its point again */
             frame->points[point[l]] = sbi_embed_lane(&at, l);
         for (int l = 0; normals && l < SBI_EMBED_LANES; l++)
             normals[point[l]] = sbi_embed_lane(&normal, l);
@@ -510,10 +524,10 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_vec3 n, pull = *force;
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
     sbi_embed_normalise(&n, inverse);
-    for (int l = 0; l < SBI_EMBED_LANES; l++)
+    SBI_EMBED_EACH_LANE(l)
         along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
     sbi_embed_madd(&pull, along, &n);
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         sb_real scale = distance[l] * inverse[l];
         pull.x[l] *= scale;
         pull.y[l] *= scale;
@@ -543,7 +557,7 @@ static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *c
 {
     sbi_embed_vec3 tangent[3], pull[2];
     sbi_embed_tangents(cell, lanes, tangent);
-    for (int l = 0; l < SBI_EMBED_LANES; l++) {
+    SBI_EMBED_EACH_LANE(l) {
         sb_vec3 on[2];
         sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
         sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
@@ -575,7 +589,7 @@ static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed
     for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
         sbi_embed_lanes lanes;
         sbi_embed_vec3 force;
-        for (int l = 0; l < SBI_EMBED_LANES; l++)
+        SBI_EMBED_EACH_LANE(l)
             sbi_embed_set_lane(&force, l, slot + l < group->first + group->count
                                               ? frame->forces[e->slot_point[slot + l]]
                                               : sb_v3(0, 0, 0));
@@ -825,7 +839,7 @@ static sb_result sbi_embed_place_all(sbi_embed_build *build, sb_error *error)
     sbi_run(&build->def->jobs, sbi_embed_task_place, build, sbi_embed_tasks(build->count, SBI_EMBED_TASK_BUILD));
     for (int i = 0; i < build->count; i++) {
         const sbi_embed_place *place = &build->places[i];
-        if (!(place->gap <= build->def->max_distance) || place->gap * place->gap >= SB_REAL_MAX)
+        if (!(place->gap <= build->def->max_distance) || !(place->gap < (sb_real)0.5 * sb_sqrt(SB_REAL_MAX)))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "point %d lies %g m outside the mesh", i,
                                  (double)place->gap);
         report->inside += place->hold == SB_EMBEDDED_INSIDE;

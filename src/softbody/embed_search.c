@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* Elements of a leaf of the tree; deepest path through it. */
-enum { SBI_EMBED_LEAF = 2, SBI_EMBED_DEPTH = 64 };
+enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
 /* ---- faces and their normals ---- */
 
@@ -523,31 +523,31 @@ SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi
     return sbi_embed_evaluate(mesh->element_type, x, xi, jacobian);
 }
 
-/* Where to start: the point guess, or in a curved element a corner or the centre that is nearer. */
+/* Where to start: the guess in state, or in a curved element a corner or the centre that is nearer. */
 static void sbi_embed_start(sb_element_type type, const sb_vec3 *x, sb_vec3 point, int is_box, sbi_embed_state *state)
 {
-    sbi_embed_state best = *state, trial;
-    sb_real nearest = SB_REAL_MAX;
-    int corners = sb_element_corner_count(type);
+    sb_real nearest = SB_REAL_MAX, xi[3];
+    int corners = sb_element_corner_count(type), best = -2;
+    sbi_embed_state centre = *state;
+    for (int k = 0; k < 4; k++)
+        centre.at[k] = is_box ? (sb_real)0 : (sb_real)0.25;
     for (int c = -2; c < corners; c++) { /* guess, centre, corners */
-        sb_real xi[3], d;
         sb_vec3 offset;
-        trial = *state;
-        for (int k = 0; c >= -1 && k < 4; k++)
-            trial.at[k] = c >= 0 || is_box ? (sb_real)0 : (sb_real)0.25;
-        if (c >= 0 && is_box)
-            sb_element_node_point(type, c, trial.at);
-        else if (c >= 0)
-            trial.at[c] = 1;
-        sbi_embed_state_xi(&trial, is_box, xi);
-        offset = sb_v3_sub(sbi_embed_evaluate(type, x, xi, NULL), point);
+        sb_real d;
+        sbi_embed_state_xi(c == -2 ? state : &centre, is_box, xi);
+        offset = sb_v3_sub(c >= 0 ? x[c] : sbi_embed_evaluate(type, x, xi, NULL), point);
         d = sb_v3_dot(offset, offset);
         if (d < nearest) {
             nearest = d;
-            best = trial;
+            best = c;
         }
     }
-    *state = best;
+    if (best >= -1)
+        *state = centre;
+    for (int k = 0; best >= 0 && k < 4; k++)
+        state->at[k] = !is_box && k == best ? (sb_real)1 : (sb_real)0;
+    if (best >= 0 && is_box)
+        sb_element_node_point(type, best, state->at);
 }
 
 /* Largest change of parameters between two states. */
@@ -760,6 +760,46 @@ static void sbi_embed_polish(const sbi_embed_volume *volume, sb_vec3 point, sbi_
     }
 }
 
+/* 1 when the hit lies on a face of its element that is a boundary face. */
+static int sbi_embed_hit_is_outer(const sbi_embed_volume *volume, const sbi_embed_hit *hit)
+{
+    for (int f = 0; f < volume->faces; f++)
+        if (hit->active >> f & 1u && volume->boundary_face[(size_t)hit->element * (size_t)volume->faces + (size_t)f] >= 0)
+            return 1;
+    return 0;
+}
+
+/* A closest point on an edge or corner may have been found in an element without a boundary face there: goes on through
+ * the faces that it lies on to one that has. Leaves the hit as it is when there is none among the nearest. */
+static void sbi_embed_reach_boundary(const sbi_embed_query *query, sbi_embed_hit *hit)
+{
+    enum { MOST = 64 };
+    const sbi_embed_volume *volume = query->volume;
+    sbi_embed_hit queue[MOST];
+    int count = 1;
+    queue[0] = *hit;
+    for (int i = 0; i < count; i++) {
+        if (sbi_embed_hit_is_outer(volume, &queue[i])) {
+            *hit = queue[i];
+            return;
+        }
+        for (int f = 0; f < volume->faces; f++) {
+            int next = volume->neighbours.items[(size_t)queue[i].element * (size_t)volume->faces + (size_t)f];
+            int known = next < 0 || count == MOST || !(queue[i].active >> f & 1u);
+            sbi_embed_query there = *query;
+            for (int k = 0; k < count && !known; k++)
+                known = queue[k].element == next;
+            if (known)
+                continue;
+            there.best.distance2 = hit->distance2 * ((sb_real)1 + 100 * sb_sqrt(SB_EPSILON));
+            there.best.element = -1;
+            sbi_embed_try(&there, next);
+            if (there.best.element >= 0)
+                queue[count++] = there.best;
+        }
+    }
+}
+
 SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, int hint, sbi_embed_hit *hit)
 {
     sbi_embed_query query;
@@ -778,6 +818,8 @@ SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, in
     if (query.best.distance2 <= slack * slack) {
         query.best.distance2 = 0;
         sbi_embed_polish(volume, point, &query.best);
+    } else {
+        sbi_embed_reach_boundary(&query, &query.best);
     }
     *hit = query.best;
 }
