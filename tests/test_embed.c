@@ -194,7 +194,8 @@ static void test_ball(void)
         sb_embedding *embedding;
         double worst = 0;
         memset(&mesh, 0, sizeof mesh);
-        CHECK_OK(sb_mesh_ellipsoid(t ? SB_HEX8 : SB_TET10, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 12, NULL, &mesh, NULL));
+        CHECK_OK(sb_mesh_ellipsoid(t ? SB_HEX8 : SB_TET10, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 12, NULL, &mesh,
+                                   NULL));
         for (int i = 0; i < COUNT; i++) {
             sb_vec3 v = sb_v3(REAL(check_random_in(&seed, -1, 1)), REAL(check_random_in(&seed, -1, 1)),
                               REAL(check_random_in(&seed, -1, 1)));
@@ -231,7 +232,8 @@ static sb_mesh embed_ring(sb_element_type type)
     return mesh;
 }
 
-static void embed_check_rigid(const sb_mesh *mesh, const sb_vec3 *points, int count, sb_embedding_kind kind, double size)
+static void embed_check_rigid(const sb_mesh *mesh, const sb_vec3 *points, int count, sb_embedding_kind kind,
+                              double size)
 {
     sb_embedding *embedding = embed_points(mesh, points, count, kind);
     sb_vec3 *x = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)mesh->node_count);
@@ -657,7 +659,8 @@ static void test_balance(void)
 static void test_forces_add(void)
 {
     sb_mesh mesh = embed_block(SB_TET4, 1);
-    sb_vec3 point = mesh.nodes[mesh.node_count - 1], force = sb_v3(1, 2, 3), inside = sb_v3(REAL(0.01), REAL(0.01), REAL(0.01));
+    sb_vec3 point = mesh.nodes[mesh.node_count - 1], inside = sb_v3(REAL(0.01), REAL(0.01), REAL(0.01));
+    sb_vec3 force = sb_v3(1, 2, 3);
     sb_vec3 *forces = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)mesh.node_count), sum;
     sb_embedding *embedding = embed_points(&mesh, &point, 1, SB_EMBED_SMOOTH);
     CHECK_INT(sb_embedding_get_report(embedding).inside, 1);

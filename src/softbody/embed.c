@@ -85,7 +85,8 @@ typedef struct sbi_embed_lanes {
 } sbi_embed_lanes;
 
 /* Simplices, formulas as in sb_element_shape. */
-static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const xi[3], int slopes, sbi_embed_lanes *lanes)
+static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const xi[3], int slopes,
+                                    sbi_embed_lanes *lanes)
 {
     static const signed char tri[3][2] = {{0, 1}, {1, 2}, {2, 0}};
     static const signed char tet[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
@@ -290,8 +291,8 @@ static void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *
 }
 
 /* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
-static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count, int slot, int slopes,
-                                 sbi_embed_lanes *lanes)
+static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
+                                 int slot, int slopes, sbi_embed_lanes *lanes)
 {
     const sb_real *xi[3];
     for (int k = 0; k < 3; k++)
@@ -373,7 +374,8 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
         sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
         sbi_embed_set_lane(at, l, sb_v3_add(sbi_embed_lane(at, l), sb_m3_apply(frame, offset)));
         if (normal)
-            sbi_embed_set_lane(normal, l, sb_m3_apply(frame, sb_v3(e->carried[0][s], e->carried[1][s], e->carried[2][s])));
+            sbi_embed_set_lane(normal, l,
+                               sb_m3_apply(frame, sb_v3(e->carried[0][s], e->carried[1][s], e->carried[2][s])));
     }
 }
 
@@ -537,7 +539,8 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
 }
 
 /* Forces on the tangents a, b that turn the frame which holds offset o: with the moment t = o x F,
- * dW = h . dn + (t . n) (e2 . da) / |a|, h = (t . e2) e1 - (t . e1) e2, dn = (I - n n^T) (da x b + a x db) / |a x b|. */
+ * dW = h . dn + (t . n) (e2 . da) / |a|, h = (t . e2) e1 - (t . e1) e2,
+ * dn = (I - n n^T) (da x b + a x db) / |a x b|. */
 static void sbi_embed_pull_frame(sb_vec3 a, sb_vec3 b, sb_vec3 coordinates, sb_vec3 force, sb_vec3 *on_a, sb_vec3 *on_b)
 {
     sb_mat3 frame = sbi_embed_face_frame(a, b);
@@ -547,7 +550,8 @@ static void sbi_embed_pull_frame(sb_vec3 a, sb_vec3 b, sb_vec3 coordinates, sb_v
     *on_a = *on_b = sb_v3(0, 0, 0);
     if (!(area > 0))
         return;
-    h = sb_v3_scale(1 / area, sb_v3_sub(sb_v3_scale(sb_v3_dot(moment, e2), e1), sb_v3_scale(sb_v3_dot(moment, e1), e2)));
+    h = sb_v3_sub(sb_v3_scale(sb_v3_dot(moment, e2), e1), sb_v3_scale(sb_v3_dot(moment, e1), e2));
+    h = sb_v3_scale(1 / area, h);
     *on_a = sb_v3_madd(sb_v3_cross(b, h), sb_v3_dot(moment, n) / length, e2);
     *on_b = sb_v3_cross(h, a);
 }
@@ -629,7 +633,8 @@ static void sbi_embed_task_normal_pulls(void *user, int task)
     }
 }
 
-/* From the face normals n = a x b / |a x b| to the nodes: q = (I - n n^T) g / |a x b|, f_I = N_I,r b x q - N_I,s a x q. */
+/* From the face normals n = a x b / |a x b| to the nodes: q = (I - n n^T) g / |a x b|,
+ * f_I = N_I,r b x q - N_I,s a x q. */
 static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
 {
     sb_embedding *e = frame->embedding;
@@ -1320,7 +1325,8 @@ static sb_result sbi_embed_check_def(const sb_embedding_def *def, sbi_embed_buil
     build->rest = def->points ? def->points : def->surface->nodes;
     build->count = def->points ? def->point_count : def->surface->node_count;
     if (build->count < 1 || build->count > INT_MAX / 16)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.point_count is %d; it takes 1 to %d", build->count, INT_MAX / 16);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.point_count is %d; it takes 1 to %d", build->count,
+                        INT_MAX / 16);
     result = sbi_embed_check_points(build, error);
     if (result == SB_OK)
         result = sb_mesh_validate(def->mesh, error);
@@ -1430,7 +1436,8 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
     width = sb_element_node_count(embedding->type);
     count = embedding->report.point_count;
     if (count > INT_MAX / width)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d rows of %d nodes are more than a mapping can number", count, width);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d rows of %d nodes are more than a mapping can number", count,
+                        width);
     entries = (size_t)count * (size_t)width;
     starts = (int *)sbi_alloc(allocator, (size_t)count + 1, sizeof(int));
     nodes = (int *)sbi_alloc(allocator, entries, sizeof(int));

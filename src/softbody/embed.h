@@ -18,8 +18,8 @@
 
 typedef enum sb_embedding_kind {
     SB_EMBED_SMOOTH = 0, /* as above */
-    SB_EMBED_PLAIN = 1   /* (element, xi); points outside extrapolate linearly from their closest point: exact for affine
-                          * motions, shears and bends show at the edges of elements */
+    SB_EMBED_PLAIN = 1   /* (element, xi); points outside extrapolate linearly from their closest point: exact for
+                          * affine motions, shears and bends show at the edges of elements */
 } sb_embedding_kind;
 
 /* How a point is held. */

@@ -62,7 +62,8 @@ static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x
     for (int k = 0; k < 2; k++) {
         t[k] = sb_v3(0, 0, 0);
         for (int j = 0; j < face->nodes; j++)
-            t[k] = sb_v3_madd(t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
+            t[k] = sb_v3_madd(
+                t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
     }
     return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
 }
@@ -763,8 +764,9 @@ static void sbi_embed_polish(const sbi_embed_volume *volume, sb_vec3 point, sbi_
 /* 1 when the hit lies on a face of its element that is a boundary face. */
 static int sbi_embed_hit_is_outer(const sbi_embed_volume *volume, const sbi_embed_hit *hit)
 {
+    const int *outer = volume->boundary_face + (size_t)hit->element * (size_t)volume->faces;
     for (int f = 0; f < volume->faces; f++)
-        if (hit->active >> f & 1u && volume->boundary_face[(size_t)hit->element * (size_t)volume->faces + (size_t)f] >= 0)
+        if (hit->active >> f & 1u && outer[f] >= 0)
             return 1;
     return 0;
 }
@@ -880,7 +882,8 @@ static int sbi_embed_cross_edge(const sbi_embed_volume *volume, int edge, sbi_em
     return 1;
 }
 
-SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2])
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot,
+                                        sb_vec3 tangents[2])
 {
     const int *nodes = sbi_embed_face_row(volume, foot->face);
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], xi[3];

@@ -86,7 +86,8 @@ SBI_API sbi_embed_foot sbi_embed_hit_foot(const sbi_embed_volume *volume, const 
 SBI_API int sbi_embed_foot_map(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 *at,
                                sb_mat3 *jacobian);
 /* x(r, s) of a foot, and its tangents x_,r and x_,s. */
-SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2]);
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot,
+                                        sb_vec3 tangents[2]);
 /* Element and its parameters of a point of a boundary face. */
 SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_real xi[3]);
 /* x(xi) of an element and its Jacobian's columns. */

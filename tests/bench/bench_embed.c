@@ -1,10 +1,10 @@
-/* bench_embed: the workload embed_100k: about 100,000 vertices of a liver's surface on about 3,000 tet10, built once and
- * evaluated per frame, and the same surface on the finer and straight-sided meshes of other element types.
+/* bench_embed: the workload embed_100k: about 100,000 vertices of a liver's surface on about 3,000 tet10, built once
+ * and evaluated per frame; and the same surface on tet4 and on a generated organ of hex8.
  *
  * The liver is that of the shared data (folder SHARED, else ../shared), or a generated organ. One line per mesh:
  *     name points elements inside offset frame | build points points+normals carried forces (median/min ms) | checksum
- * The build is the fastest of 5; the times of frames are medians and smallest over 200. `carried` is with rest normals instead of the surface's. The checksum is the
- * sum of all coordinates of points and normals. Asserts nothing. */
+ * The build is the fastest of 5; the times of frames are medians and smallest over 200. `carried` is with rest normals
+ * instead of the surface's. The checksum is the sum of all coordinates of points and normals. Asserts nothing. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
