@@ -21801,7 +21801,7 @@ static void sbi_embed_fill_planes(const sb_vec3 *x, sb_real (*planes)[4])
     planes[0][3] += 1;
 }
 
-/* Boxes of the leaves, then of their parents. centres: the elements'. */
+/* Boxes of the leaves, then of their parents. */
 static void sbi_embed_fill_tree(sbi_embed_volume *volume, const sbi_embed_box *element_boxes)
 {
     int elements = volume->mesh->element_count, leaves = volume->leaf_first + 1;
@@ -23598,7 +23598,7 @@ static int sbi_embed_sort_places(sbi_embed_build *build)
     return 1;
 }
 
-/* One more group from place i of the order on; returns where the next one starts. group NULL: only counts. */
+/* One more group from place i of the order on; returns where the next one starts. */
 static int sbi_embed_next_group(const sbi_embed_build *build, int i, sbi_embed_group *group)
 {
     const sbi_embed_place *first = &build->places[build->order[i]];

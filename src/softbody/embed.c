@@ -962,7 +962,7 @@ static int sbi_embed_sort_places(sbi_embed_build *build)
     return 1;
 }
 
-/* One more group from place i of the order on; returns where the next one starts. group NULL: only counts. */
+/* One more group from place i of the order on; returns where the next one starts. */
 static int sbi_embed_next_group(const sbi_embed_build *build, int i, sbi_embed_group *group)
 {
     const sbi_embed_place *first = &build->places[build->order[i]];

@@ -215,7 +215,7 @@ static void sbi_embed_fill_planes(const sb_vec3 *x, sb_real (*planes)[4])
     planes[0][3] += 1;
 }
 
-/* Boxes of the leaves, then of their parents. centres: the elements'. */
+/* Boxes of the leaves, then of their parents. */
 static void sbi_embed_fill_tree(sbi_embed_volume *volume, const sbi_embed_box *element_boxes)
 {
     int elements = volume->mesh->element_count, leaves = volume->leaf_first + 1;
