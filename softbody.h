@@ -394,6 +394,8 @@
 #define sb_pcg_solve sb_pcg_solve_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_default_body_def sb_default_body_def_f32
 #define sb_body_create sb_body_create_f32
 #define sb_body_destroy sb_body_destroy_f32
@@ -3843,7 +3845,9 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 /* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
  * and the reference gradients (1/m) of the cell's shape functions. With these
  *     F = I + sum_a u_a (x) grad N_a,   f_a += w P grad N_a,   K_ab += w grad N_a . dP/dF . grad N_b
- * serve every element, and whatever else can name its nodes, weights and gradients. */
+ * serve every element, and whatever else can name its nodes, weights and gradients: a body takes a domain of one's own
+ * (sb_body_def.domain). Several cells may then have the same nodes, and weights may be 0: such a point takes no part,
+ * not even where its deformation is one that the material does not admit. */
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
@@ -3859,6 +3863,8 @@ typedef struct sb_domain {
     sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
     sb_real *corner_gradients;    /* [cell_count][4][3] of the straight corner tet (1/m), or NULL */
+    sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
+                                   * row by row (n nodes per cell); NULL: the cells are elements, full of material */
     sb_allocator allocator;
 } sb_domain;
 
@@ -3891,6 +3897,24 @@ typedef enum sb_mass_kind {
     SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
                              * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
+
+/* ---- points between nodes ---- */
+
+/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
+ * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
+ * whose weights do not sum to 1 is no point, but works too. */
+typedef struct sb_mapping {
+    int row_count;
+    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;         /* [row_start[row_count]] */
+    const sb_real *weights;   /* [row_start[row_count]] */
+} sb_mapping;
+
+/* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
+ * displacements. Not checked: nodes must be within x. out and x do not overlap. */
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out);
+/* forces[nodes] += H f: forces f[row_count] at the rows' points, brought to their nodes. */
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces);
 
 
 #endif /* SB_DOMAIN_H */
@@ -3927,6 +3951,11 @@ typedef struct sb_region_material {
 typedef struct sb_body_def {
     const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
                                        * custom elements, which the body keeps */
+    const sb_domain *domain;          /* integration points of one's own (an immersed grid's) instead of those of the mesh's
+                                       * elements, or NULL (default). Its cells are the elements of mesh, in their order
+                                       * and with their nodes; several may have the same nodes. Copied; integration and
+                                       * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
+                                       * SB_ERROR_NOT_FINITE name the cell that does not fit */
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
@@ -4042,7 +4071,8 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body);
  * add. SB_ERROR_INDEX,
  * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
-/* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
+/* Von Mises stress (Pa) of every element, mean over its points (over their weights where def.domain was given), 0 where
+ * there is none; values[element_count]. */
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values);
 /* The same as nodal averages weighted by volume, for colouring; values[node_count]. */
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
@@ -4058,7 +4088,8 @@ enum {
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
     SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
-    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice */
+    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice. Not
+                                  * looked for where def.domain was given: its cells may well share their nodes */
 };
 typedef struct sb_check_report {
     unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
@@ -4121,16 +4152,6 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
                                      int uniform, const sb_vec3 *points, int *load_id, sb_error *error);
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
-
-/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
- * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
- * whose weights do not sum to 1 is no point, but works too. */
-typedef struct sb_mapping {
-    int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
-} sb_mapping;
 
 /* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
  * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
@@ -4666,6 +4687,16 @@ SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_preco
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/domain.h, internal ==== */
+/* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
+ * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
+ * that do not sum to 0; SB_ERROR_NOT_FINITE; both name the cell; and what sb_domain_create returns. *copy is untouched
+ * on failure. */
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error);
+/* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
+ * SB_MASS_REDUCED makes no difference. */
+SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load);
 /* The element of the cells. */
 SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
 {
@@ -16049,6 +16080,7 @@ SB_API void sb_domain_free(sb_domain *domain)
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
     sbi_free(&allocator, domain->corner_gradients);
+    sbi_free(&allocator, domain->cell_mass);
     memset(domain, 0, sizeof *domain);
 }
 
@@ -16192,6 +16224,21 @@ static sb_result sbi_domain_allocate(const sb_mesh *mesh, const sb_allocator *al
     return SB_OK;
 }
 
+/* What every domain asks of its mesh. */
+static sb_result sbi_domain_check_mesh(const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = sb_mesh_validate(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) != 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (!sbi_element_is_enabled(mesh->element_type))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
+                        sb_element_name(mesh->element_type));
+    return SB_OK;
+}
+
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error)
 {
@@ -16202,15 +16249,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     memset(&made, 0, sizeof made);
     if (!mesh || !domain)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_domain_create needs a mesh and a domain");
-    result = sb_mesh_validate(mesh, error);
+    result = sbi_domain_check_mesh(mesh, error);
     if (result != SB_OK)
         return result;
-    if (sb_element_dimension(mesh->element_type) != 3)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
-                        sb_element_name(mesh->element_type));
-    if (!sbi_element_is_enabled(mesh->element_type))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
-                        sb_element_name(mesh->element_type));
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
@@ -16240,6 +16281,140 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     return SB_OK;
 }
 
+/* ---- domains from elsewhere ---- */
+
+/* 1 when bodies have loops for so many points of these cells. */
+static int sbi_domain_has_loops(const sb_domain *domain, const sb_mesh *mesh)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int plain = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    int curved = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
+    int ordinary = domain->points_per_cell - domain->mean_point;
+    return ordinary == plain || (ordinary == curved && !domain->single_rotation);
+}
+
+/* Counts, flags and arrays against the mesh. */
+static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *mesh, sb_error *error)
+{
+    size_t entries = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
+    if (domain->element_type != mesh->element_type || domain->node_count != mesh->node_count ||
+        domain->cell_count != mesh->element_count || domain->nodes_per_cell != sb_mesh_element_width(mesh) ||
+        (mesh->element_type == SB_CUSTOM && domain->table != mesh->table))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain has %d nodes and %d cells of %s, the mesh %d nodes and %d elements of %s",
+                        domain->node_count, domain->cell_count, sb_element_name(domain->element_type), mesh->node_count,
+                        mesh->element_count, sb_element_name(mesh->element_type));
+    if (domain->mean_point != (domain->mean_point && mesh->element_type == SB_HEX8) ||
+        domain->single_rotation != (domain->single_rotation && mesh->element_type == SB_TET10))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain's mean_point %d is 0, or 1 for hex8; its single_rotation %d 0, or 1 for tet10",
+                        domain->mean_point, domain->single_rotation);
+    if (!sbi_domain_has_loops(domain, mesh))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
+                        domain->points_per_cell, sb_element_name(mesh->element_type));
+    if (!domain->cells || !domain->gradients || !domain->weights ||
+        (domain->single_rotation && !domain->corner_gradients))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an array of the domain is NULL");
+    for (size_t i = 0; i < entries; i++)
+        if (domain->cells[i] != mesh->elements[i])
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, (int)(i / (size_t)domain->nodes_per_cell),
+                                    "cell %d of the domain has other nodes than the mesh's element",
+                                    (int)(i / (size_t)domain->nodes_per_cell));
+    return SB_OK;
+}
+
+static int sbi_domain_all_finite(const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!sb_is_finite(values[i]))
+            return 0;
+    return 1;
+}
+
+/* 1 when gradients[n][3] sum to 0 up to rounding: then a translation is no deformation. */
+static int sbi_domain_is_balanced(const sb_real *gradients, int n)
+{
+    sb_real size = 0, sum[3] = {0, 0, 0};
+    for (int a = 0; a < 3 * n; a++) {
+        sum[a % 3] += gradients[a];
+        size += sb_abs(gradients[a]);
+    }
+    return sb_abs(sum[0]) + sb_abs(sum[1]) + sb_abs(sum[2]) <= 1000 * SB_EPSILON * size;
+}
+
+/* The numbers of one cell; *volume += its weights. */
+static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *volume, sb_error *error)
+{
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell, pairs = n * (n + 1) / 2;
+    const sb_real *weights = domain->weights + (size_t)e * q, *gradients = domain->gradients + (size_t)e * q * 3 * n;
+    const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
+    if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
+        (mass && !sbi_domain_all_finite(mass, pairs)) ||
+        (domain->single_rotation && !sbi_domain_all_finite(domain->corner_gradients + (size_t)e * 12, 12)))
+        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
+    for (size_t p = 0; p < q; p++) {
+        if (!(weights[p] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "point %d of cell %d of the domain has the weight %g",
+                                    (int)p, e, (double)weights[p]);
+        if (!sbi_domain_is_balanced(gradients + p * 3 * n, (int)n))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e,
+                                    "the gradients at point %d of cell %d of the domain do not sum to 0", (int)p, e);
+        *volume += weights[p];
+    }
+    for (size_t a = 0, at = 0; mass && a < n; at += n - a, a++)
+        if (!(mass[at] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "cell %d of the domain has a negative mass %g", e,
+                                    (double)mass[at]);
+    return SB_OK;
+}
+
+/* A copy of `count` numbers, or NULL: of none, or (then *failed is 1) for lack of memory. */
+static sb_real *sbi_domain_copy_reals(const sb_allocator *allocator, const sb_real *from, size_t rows, size_t columns,
+                                      int *failed)
+{
+    sb_real *to = from ? (sb_real *)sbi_alloc(allocator, rows, columns * sizeof(sb_real)) : NULL;
+    if (to)
+        memcpy(to, from, rows * columns * sizeof(sb_real));
+    *failed |= from && !to;
+    return to;
+}
+
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error)
+{
+    sb_domain made = *domain;
+    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    sb_real volume = 0;
+    int failed = 0;
+    sb_result result = sbi_domain_check_mesh(mesh, error);
+    if (result == SB_OK)
+        result = sbi_domain_check_fit(domain, mesh, error);
+    for (int e = 0; e < domain->cell_count && result == SB_OK; e++)
+        result = sbi_domain_check_cell(domain, e, &volume, error);
+    if (result == SB_OK && !(volume > 0))
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the domain are 0");
+    if (result != SB_OK)
+        return result;
+    memset(&made.allocator, 0, sizeof made.allocator);
+    if (allocator)
+        made.allocator = *allocator;
+    made.cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    if (made.cells)
+        memcpy(made.cells, domain->cells, cells * n * sizeof(int));
+    made.gradients = sbi_domain_copy_reals(allocator, domain->gradients, cells, q * n * 3, &failed);
+    made.weights = sbi_domain_copy_reals(allocator, domain->weights, cells, q, &failed);
+    made.corner_gradients = sbi_domain_copy_reals(
+        allocator, domain->single_rotation ? domain->corner_gradients : NULL, cells, 12, &failed);
+    made.cell_mass = sbi_domain_copy_reals(allocator, domain->cell_mass, cells, n * (n + 1) / 2, &failed);
+    if (failed || !made.cells) {
+        sb_domain_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", domain->cell_count);
+    }
+    *copy = made;
+    return SB_OK;
+}
+
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
@@ -16265,6 +16440,17 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
     return volume;
 }
 
+/* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */
+static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
+{
+    sb_real trace = 0;
+    for (int a = 0; a < n; a++)
+        trace += mass[a * n + a];
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++)
+            mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
+}
+
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load)
 {
@@ -16274,14 +16460,55 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
         sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
         sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
-    if (kind == SB_MASS_LUMPED) {
-        sb_real trace = 0;
-        for (int a = 0; a < n; a++)
-            trace += mass[a * n + a];
-        for (int a = 0; a < n; a++)
-            for (int b = 0; b < n; b++)
-                mass[a * n + b] = a == b ? mass[a * n + a] * volume / trace : 0;
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load)
+{
+    int n = domain->nodes_per_cell;
+    const sb_real *own = domain->cell_mass;
+    sb_real volume = 0;
+    if (!own) {
+        sbi_element_mass(sbi_domain_element(domain), kind, x, mass, volume_load);
+        return;
     }
+    own += (size_t)cell * (size_t)(n * (n + 1) / 2);
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, own++)
+            mass[a * n + b] = mass[b * n + a] = *own;
+    for (int a = 0; a < n; a++) { /* shape functions sum to 1, so rows sum to int N_a dV */
+        sb_real load = 0;
+        for (int b = 0; b < n; b++)
+            load += mass[a * n + b];
+        if (volume_load)
+            volume_load[a] = load;
+        volume += load;
+    }
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+/* ---- points between nodes ---- */
+
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
+{
+    for (int j = 0; j < mapping->row_count; j++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
+            sum = sb_v3_madd(sum, mapping->weights[k], x[mapping->nodes[k]]);
+        out[j] = sum;
+    }
+}
+
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
+{
+    for (int j = 0; j < mapping->row_count; j++)
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
+            sb_vec3 *force = forces + mapping->nodes[k];
+            *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
+        }
 }
 
 /* ==== src/softbody/assembly.h ==== */
@@ -16818,9 +17045,11 @@ static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
 static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if (!sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+        if ((weights[p] > 0 || flags) &&
+            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -16838,6 +17067,8 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
         sb_real density = 0;
+        if (weights[p] == 0)
+            continue;
         if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
@@ -16886,11 +17117,12 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
 /* ---- force ---- */
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
- * be NULL). */
+ * be NULL). Points of weight 0 have no say, and without flags no stress. */
 SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
                                        const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     int corotated = sbi_cell_is_corotated(shares), admissible = 1;
     int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
@@ -16898,6 +17130,8 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
+        if (weights[p] == 0 && !flags)
+            continue;
         if (shared || material->model == SB_COROTATED)
             stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
         else
@@ -16951,6 +17185,7 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
                                      const int scheme, const sb_quat *start, sb_real *sum)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
@@ -16959,11 +17194,13 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
     for (int p = 0; p < q; p++) {
         const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
+        if (weights[p] == 0)
+            continue;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
-        *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
+        *sum += weights[p] * density;
     }
     return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
@@ -17076,6 +17313,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
+        if (domain->weights[point] == 0)
+            continue;
         if (rotated) {
             sb_mat3 r = material->model == SB_LINEAR ? sb_m3_identity() : sb_quat_to_mat3(start);
             sbi_cell_add_rotated(r, g, w * material->lambda, w * material->mu, n, blocks);
@@ -18477,6 +18716,7 @@ struct sb_body {
 
     /* what it is made of */
     sb_domain domain;
+    int own_points;              /* 1: the domain came with the def, not from the elements */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;
@@ -18819,6 +19059,9 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
     if (!def->mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
     if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
     result = sbi_body_check_settings(def, error);
@@ -18907,7 +19150,7 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
         for (int k = 0; k < def->region_material_count; k++)
             if (def->region_materials[k].region == body->material_regions[i])
                 material = &def->region_materials[k].material;
-        sb_result result = sbi_body_check_material(material, def->single_rotation, error);
+        sb_result result = sbi_body_check_material(material, body->domain.single_rotation, error);
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
@@ -19087,7 +19330,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
     for (int e = 0; e < body->domain.cell_count; e++) {
         sbi_body_gather_reference(body, e, x);
-        sbi_element_mass(sbi_domain_element(&body->domain), kind, x, mass, NULL);
+        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
     }
 }
@@ -19106,10 +19349,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sb_real density = body->materials[body->cell_material[e]].density;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
+            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
-        sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
+        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -19244,8 +19487,10 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
 {
     const sb_allocator *allocator = &body->allocator;
     uint64_t *node_colours;
-    sb_result result = sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                        &body->domain, error);
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
     if (result == SB_OK)
         result = sbi_body_make_materials(body, def, error);
     if (result == SB_OK)
@@ -20026,12 +20271,28 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     return SB_OK;
 }
 
+static sb_real sbi_body_element_volume(const sb_body *body, int element)
+{
+    sb_real sum = 0;
+    int q = body->domain.points_per_cell;
+    for (int p = 0; p < sbi_body_points(body); p++)
+        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
+    return sum;
+}
+
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
     sb_mat3 stress[SB_MAX_QUADRATURE_POINTS];
     int admissible[SB_MAX_QUADRATURE_POINTS];
+    const sb_real *weights = body->domain.weights + (size_t)element * (size_t)body->domain.points_per_cell;
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);
+    for (int p = 0; body->own_points && p < sbi_body_points(body); p++)
+        sum += weights[p] * sb_von_mises(stress[p]);
+    if (body->own_points) {
+        sb_real volume = sbi_body_element_volume(body, element);
+        return volume > 0 ? sum / volume : 0;
+    }
     for (int p = 0; p < sbi_body_points(body); p++)
         sum += sb_von_mises(stress[p]);
     return sum / (sb_real)sbi_body_points(body);
@@ -20041,15 +20302,6 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 {
     for (int e = 0; e < body->domain.cell_count; e++)
         values[e] = sbi_body_element_von_mises(body, e);
-}
-
-static sb_real sbi_body_element_volume(const sb_body *body, int element)
-{
-    sb_real sum = 0;
-    int q = body->domain.points_per_cell;
-    for (int p = 0; p < sbi_body_points(body); p++)
-        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
-    return sum;
 }
 
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
@@ -20340,7 +20592,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
     for (int e = 0; e < mesh.element_count; e++) {
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
-        report->duplicate_count += sbi_body_is_duplicate(body, e);
+        report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;
@@ -25085,6 +25337,13 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].x));
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].y));
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
+    }
+    if (body->own_points) { /* nothing else tells them from the elements' */
+        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell, n = (size_t)domain->nodes_per_cell;
+        hash = sbi_state_reals_hash(hash, domain->weights, points);
+        hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
+        hash = sbi_state_reals_hash(hash, domain->cell_mass,
+                                    domain->cell_mass ? (size_t)domain->cell_count * (n * (n + 1) / 2) : 0);
     }
     return hash;
 }

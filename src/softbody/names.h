@@ -112,6 +112,8 @@
 #define sb_pcg_solve sb_pcg_solve_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_default_body_def sb_default_body_def_f32
 #define sb_body_create sb_body_create_f32
 #define sb_body_destroy sb_body_destroy_f32
