@@ -19154,7 +19154,7 @@ static void sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double sh
         sbi_run(&work->def->jobs, sbi_grid_slab_task, work, now);
         work->done = before + share * (double)(first + now) / (double)count;
         if (work->def->progress)
-            work->def->progress(work->def->progress_user, (sb_real)work->done);
+            work->def->progress(work->def->progress_user, work->done);
     }
     work->done = before + share;
 }
