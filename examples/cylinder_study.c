@@ -78,7 +78,7 @@ static sb_real cylinder_distance(void *user, sb_vec3 p)
 /* The top of the cylinder as triangles, whose polygon has the circle's area. 0 when memory is short. */
 static int make_top(double length, sb_mesh *top)
 {
-    double reach = radius * sqrt(2 * pi / SECTORS / sin(2 * pi / SECTORS));
+    double reach = radius * sqrt(2 * pi / (int)SECTORS / sin(2 * pi / (int)SECTORS));
     memset(top, 0, sizeof *top);
     top->element_type = SB_TRI3;
     top->nodes = (sb_vec3 *)malloc((1 + RINGS * SECTORS) * sizeof(sb_vec3));
@@ -88,7 +88,7 @@ static int make_top(double length, sb_mesh *top)
     top->nodes[top->node_count++] = sb_v3(0, 0, (sb_real)length);
     for (int r = 1; r <= RINGS; r++)
         for (int s = 0; s < SECTORS; s++) {
-            double angle = 2 * pi * s / SECTORS, at = reach * r / RINGS;
+            double angle = 2 * pi * s / (int)SECTORS, at = reach * r / (int)RINGS;
             int next = (s + 1) % SECTORS, outer = 1 + (r - 1) * SECTORS, inner = outer - SECTORS;
             int *t = top->elements + 3 * top->element_count;
             top->nodes[top->node_count++] = sb_v3((sb_real)(at * cos(angle)), (sb_real)(at * sin(angle)), (sb_real)length);

@@ -184,7 +184,7 @@ expect 2 '--steps needs a whole number' liver_models --steps none
 
 # ---- cylinder_study ----
 expect 0 'study.svg written' cylinder_study --quick -o study
-check "32 rows and a head of CSV" [ "$(wc -l <study.csv | tr -d ' ')" = 33 ]
+check "30 rows and a head of CSV" [ "$(wc -l <study.csv | tr -d ' ')" = 31 ]
 check "a chart of two panels" [ "$(grep -c 'relative L2 error' study.svg)" = 2 ]
 # the first size of the weighted cell is within 5 % of the displacement from the finite cell's error
 check "weighted cells are near finite cells" awk -F, '
