@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic and liver_models as a user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, liver_models and cylinder_study as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -181,6 +181,20 @@ expect_data 2 'is a surface' liver_models surfaces/liver_a.obj
 expect_data 2 'nan_coordinate.vtk:9: ' liver_models bad/nan_coordinate.vtk
 expect 2 'no-such-folder' liver_models --cells 4 --steps 1 -o no-such-folder
 expect 2 '--steps needs a whole number' liver_models --steps none
+
+# ---- cylinder_study ----
+expect 0 'study.svg written' cylinder_study --quick -o study
+check "30 rows and a head of CSV" [ "$(wc -l <study.csv | tr -d ' ')" = 31 ]
+check "a chart of two panels" [ "$(grep -c 'relative L2 error' study.svg)" = 2 ]
+# the first size of the weighted cell is within 5 % of the displacement from the finite cell's error
+check "weighted cells are near finite cells" awk -F, '
+    $2 == "finite cell 2" { fc[$1 $3] = $5 }
+    $2 == "weighted cell 2" { d = $5 - fc[$1 $3]; if (d > 0.05 || d < -0.05) bad = 1; n++ }
+    END { exit !(n == 4 && !bad) }' study.csv
+expect 0 '^cylinder_study \[OPTIONS\]' cylinder_study --help
+expect 2 '--steps needs a whole number' cylinder_study --steps 0
+expect 2 'no-such-case' cylinder_study --quick no-such-case
+expect 2 'no-such-folder' cylinder_study --quick -o no-such-folder/study
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

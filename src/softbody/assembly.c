@@ -417,9 +417,11 @@ static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
 static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if (!sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+        if ((weights[p] > 0 || flags) &&
+            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -437,6 +439,8 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
         sb_real density = 0;
+        if (weights[p] == 0)
+            continue;
         if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
@@ -485,11 +489,12 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
 /* ---- force ---- */
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
- * be NULL). */
+ * be NULL). Points of weight 0 have no say, and without flags no stress. */
 SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
                                        const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     int corotated = sbi_cell_is_corotated(shares), admissible = 1;
     int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
@@ -497,6 +502,8 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
+        if (weights[p] == 0 && !flags)
+            continue;
         if (shared || material->model == SB_COROTATED)
             stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
         else
@@ -550,6 +557,7 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
                                      const int scheme, const sb_quat *start, sb_real *sum)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
@@ -558,11 +566,13 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
     for (int p = 0; p < q; p++) {
         const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
+        if (weights[p] == 0)
+            continue;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
-        *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
+        *sum += weights[p] * density;
     }
     return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
@@ -675,6 +685,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
+        if (domain->weights[point] == 0)
+            continue;
         if (rotated) {
             sb_mat3 r = material->model == SB_LINEAR ? sb_m3_identity() : sb_quat_to_mat3(start);
             sbi_cell_add_rotated(r, g, w * material->lambda, w * material->mu, n, blocks);

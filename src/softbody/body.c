@@ -143,6 +143,9 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
     if (!def->mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
     if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
     result = sbi_body_check_settings(def, error);
@@ -231,7 +234,7 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
         for (int k = 0; k < def->region_material_count; k++)
             if (def->region_materials[k].region == body->material_regions[i])
                 material = &def->region_materials[k].material;
-        sb_result result = sbi_body_check_material(material, def->single_rotation, error);
+        sb_result result = sbi_body_check_material(material, body->domain.single_rotation, error);
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
@@ -411,7 +414,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
     for (int e = 0; e < body->domain.cell_count; e++) {
         sbi_body_gather_reference(body, e, x);
-        sbi_element_mass(sbi_domain_element(&body->domain), kind, x, mass, NULL);
+        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
     }
 }
@@ -430,10 +433,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sb_real density = body->materials[body->cell_material[e]].density;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
+            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
-        sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
+        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -568,8 +571,10 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
 {
     const sb_allocator *allocator = &body->allocator;
     uint64_t *node_colours;
-    sb_result result = sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                        &body->domain, error);
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
     if (result == SB_OK)
         result = sbi_body_make_materials(body, def, error);
     if (result == SB_OK)
@@ -1350,12 +1355,28 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     return SB_OK;
 }
 
+static sb_real sbi_body_element_volume(const sb_body *body, int element)
+{
+    sb_real sum = 0;
+    int q = body->domain.points_per_cell;
+    for (int p = 0; p < sbi_body_points(body); p++)
+        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
+    return sum;
+}
+
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
     sb_mat3 stress[SB_MAX_QUADRATURE_POINTS];
     int admissible[SB_MAX_QUADRATURE_POINTS];
+    const sb_real *weights = body->domain.weights + (size_t)element * (size_t)body->domain.points_per_cell;
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);
+    for (int p = 0; body->own_points && p < sbi_body_points(body); p++)
+        sum += weights[p] * sb_von_mises(stress[p]);
+    if (body->own_points) {
+        sb_real volume = sbi_body_element_volume(body, element);
+        return volume > 0 ? sum / volume : 0;
+    }
     for (int p = 0; p < sbi_body_points(body); p++)
         sum += sb_von_mises(stress[p]);
     return sum / (sb_real)sbi_body_points(body);
@@ -1365,15 +1386,6 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 {
     for (int e = 0; e < body->domain.cell_count; e++)
         values[e] = sbi_body_element_von_mises(body, e);
-}
-
-static sb_real sbi_body_element_volume(const sb_body *body, int element)
-{
-    sb_real sum = 0;
-    int q = body->domain.points_per_cell;
-    for (int p = 0; p < sbi_body_points(body); p++)
-        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
-    return sum;
 }
 
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
@@ -1664,7 +1676,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
     for (int e = 0; e < mesh.element_count; e++) {
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
-        report->duplicate_count += sbi_body_is_duplicate(body, e);
+        report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;

@@ -33,6 +33,11 @@ typedef struct sb_region_material {
 typedef struct sb_body_def {
     const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
                                        * custom elements, which the body keeps */
+    const sb_domain *domain;          /* integration points of one's own (an immersed grid's) instead of those of the mesh's
+                                       * elements, or NULL (default). Its cells are the elements of mesh, in their order
+                                       * and with their nodes; several may have the same nodes. Copied; integration and
+                                       * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
+                                       * SB_ERROR_NOT_FINITE name the cell that does not fit */
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
@@ -151,7 +156,8 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body);
  * add. SB_ERROR_INDEX,
  * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
-/* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
+/* Von Mises stress (Pa) of every element, mean over its points (over their weights where def.domain was given), 0 where
+ * there is none; values[element_count]. */
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values);
 /* The same as nodal averages weighted by volume, for colouring; values[node_count]. */
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
@@ -167,7 +173,8 @@ enum {
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
     SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
-    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice */
+    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice. Not
+                                  * looked for where def.domain was given: its cells may well share their nodes */
 };
 typedef struct sb_check_report {
     unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */

@@ -103,6 +103,7 @@ struct sb_body {
 
     /* what it is made of */
     sb_domain domain;
+    int own_points;              /* 1: the domain came with the def, not from the elements */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;

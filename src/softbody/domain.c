@@ -10,6 +10,7 @@ SB_API void sb_domain_free(sb_domain *domain)
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
     sbi_free(&allocator, domain->corner_gradients);
+    sbi_free(&allocator, domain->cell_mass);
     memset(domain, 0, sizeof *domain);
 }
 
@@ -153,6 +154,21 @@ static sb_result sbi_domain_allocate(const sb_mesh *mesh, const sb_allocator *al
     return SB_OK;
 }
 
+/* What every domain asks of its mesh. */
+static sb_result sbi_domain_check_mesh(const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = sb_mesh_validate(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) != 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (!sbi_element_is_enabled(mesh->element_type))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
+                        sb_element_name(mesh->element_type));
+    return SB_OK;
+}
+
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error)
 {
@@ -163,15 +179,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     memset(&made, 0, sizeof made);
     if (!mesh || !domain)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_domain_create needs a mesh and a domain");
-    result = sb_mesh_validate(mesh, error);
+    result = sbi_domain_check_mesh(mesh, error);
     if (result != SB_OK)
         return result;
-    if (sb_element_dimension(mesh->element_type) != 3)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
-                        sb_element_name(mesh->element_type));
-    if (!sbi_element_is_enabled(mesh->element_type))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
-                        sb_element_name(mesh->element_type));
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
@@ -201,6 +211,140 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     return SB_OK;
 }
 
+/* ---- domains from elsewhere ---- */
+
+/* 1 when bodies have loops for so many points of these cells. */
+static int sbi_domain_has_loops(const sb_domain *domain, const sb_mesh *mesh)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int plain = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    int curved = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
+    int ordinary = domain->points_per_cell - domain->mean_point;
+    return ordinary == plain || (ordinary == curved && !domain->single_rotation);
+}
+
+/* Counts, flags and arrays against the mesh. */
+static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *mesh, sb_error *error)
+{
+    size_t entries = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
+    if (domain->element_type != mesh->element_type || domain->node_count != mesh->node_count ||
+        domain->cell_count != mesh->element_count || domain->nodes_per_cell != sb_mesh_element_width(mesh) ||
+        (mesh->element_type == SB_CUSTOM && domain->table != mesh->table))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain has %d nodes and %d cells of %s, the mesh %d nodes and %d elements of %s",
+                        domain->node_count, domain->cell_count, sb_element_name(domain->element_type), mesh->node_count,
+                        mesh->element_count, sb_element_name(mesh->element_type));
+    if (domain->mean_point != (domain->mean_point && mesh->element_type == SB_HEX8) ||
+        domain->single_rotation != (domain->single_rotation && mesh->element_type == SB_TET10))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain's mean_point %d is 0, or 1 for hex8; its single_rotation %d 0, or 1 for tet10",
+                        domain->mean_point, domain->single_rotation);
+    if (!sbi_domain_has_loops(domain, mesh))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
+                        domain->points_per_cell, sb_element_name(mesh->element_type));
+    if (!domain->cells || !domain->gradients || !domain->weights ||
+        (domain->single_rotation && !domain->corner_gradients))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an array of the domain is NULL");
+    for (size_t i = 0; i < entries; i++)
+        if (domain->cells[i] != mesh->elements[i])
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, (int)(i / (size_t)domain->nodes_per_cell),
+                                    "cell %d of the domain has other nodes than the mesh's element",
+                                    (int)(i / (size_t)domain->nodes_per_cell));
+    return SB_OK;
+}
+
+static int sbi_domain_all_finite(const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!sb_is_finite(values[i]))
+            return 0;
+    return 1;
+}
+
+/* 1 when gradients[n][3] sum to 0 up to rounding: then a translation is no deformation. */
+static int sbi_domain_is_balanced(const sb_real *gradients, int n)
+{
+    sb_real size = 0, sum[3] = {0, 0, 0};
+    for (int a = 0; a < 3 * n; a++) {
+        sum[a % 3] += gradients[a];
+        size += sb_abs(gradients[a]);
+    }
+    return sb_abs(sum[0]) + sb_abs(sum[1]) + sb_abs(sum[2]) <= 1000 * SB_EPSILON * size;
+}
+
+/* The numbers of one cell; *volume += its weights. */
+static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *volume, sb_error *error)
+{
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell, pairs = n * (n + 1) / 2;
+    const sb_real *weights = domain->weights + (size_t)e * q, *gradients = domain->gradients + (size_t)e * q * 3 * n;
+    const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
+    if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
+        (mass && !sbi_domain_all_finite(mass, pairs)) ||
+        (domain->single_rotation && !sbi_domain_all_finite(domain->corner_gradients + (size_t)e * 12, 12)))
+        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
+    for (size_t p = 0; p < q; p++) {
+        if (!(weights[p] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "point %d of cell %d of the domain has the weight %g",
+                                    (int)p, e, (double)weights[p]);
+        if (!sbi_domain_is_balanced(gradients + p * 3 * n, (int)n))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e,
+                                    "the gradients at point %d of cell %d of the domain do not sum to 0", (int)p, e);
+        *volume += weights[p];
+    }
+    for (size_t a = 0, at = 0; mass && a < n; at += n - a, a++)
+        if (!(mass[at] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "cell %d of the domain has a negative mass %g", e,
+                                    (double)mass[at]);
+    return SB_OK;
+}
+
+/* A copy of `count` numbers, or NULL: of none, or (then *failed is 1) for lack of memory. */
+static sb_real *sbi_domain_copy_reals(const sb_allocator *allocator, const sb_real *from, size_t rows, size_t columns,
+                                      int *failed)
+{
+    sb_real *to = from ? (sb_real *)sbi_alloc(allocator, rows, columns * sizeof(sb_real)) : NULL;
+    if (to)
+        memcpy(to, from, rows * columns * sizeof(sb_real));
+    *failed |= from && !to;
+    return to;
+}
+
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error)
+{
+    sb_domain made = *domain;
+    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    sb_real volume = 0;
+    int failed = 0;
+    sb_result result = sbi_domain_check_mesh(mesh, error);
+    if (result == SB_OK)
+        result = sbi_domain_check_fit(domain, mesh, error);
+    for (int e = 0; e < domain->cell_count && result == SB_OK; e++)
+        result = sbi_domain_check_cell(domain, e, &volume, error);
+    if (result == SB_OK && !(volume > 0))
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the domain are 0");
+    if (result != SB_OK)
+        return result;
+    memset(&made.allocator, 0, sizeof made.allocator);
+    if (allocator)
+        made.allocator = *allocator;
+    made.cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    if (made.cells)
+        memcpy(made.cells, domain->cells, cells * n * sizeof(int));
+    made.gradients = sbi_domain_copy_reals(allocator, domain->gradients, cells, q * n * 3, &failed);
+    made.weights = sbi_domain_copy_reals(allocator, domain->weights, cells, q, &failed);
+    made.corner_gradients = sbi_domain_copy_reals(
+        allocator, domain->single_rotation ? domain->corner_gradients : NULL, cells, 12, &failed);
+    made.cell_mass = sbi_domain_copy_reals(allocator, domain->cell_mass, cells, n * (n + 1) / 2, &failed);
+    if (failed || !made.cells) {
+        sb_domain_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", domain->cell_count);
+    }
+    *copy = made;
+    return SB_OK;
+}
+
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
@@ -226,6 +370,17 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
     return volume;
 }
 
+/* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */
+static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
+{
+    sb_real trace = 0;
+    for (int a = 0; a < n; a++)
+        trace += mass[a * n + a];
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++)
+            mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
+}
+
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load)
 {
@@ -235,12 +390,53 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
         sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
         sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
-    if (kind == SB_MASS_LUMPED) {
-        sb_real trace = 0;
-        for (int a = 0; a < n; a++)
-            trace += mass[a * n + a];
-        for (int a = 0; a < n; a++)
-            for (int b = 0; b < n; b++)
-                mass[a * n + b] = a == b ? mass[a * n + a] * volume / trace : 0;
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load)
+{
+    int n = domain->nodes_per_cell;
+    const sb_real *own = domain->cell_mass;
+    sb_real volume = 0;
+    if (!own) {
+        sbi_element_mass(sbi_domain_element(domain), kind, x, mass, volume_load);
+        return;
     }
+    own += (size_t)cell * (size_t)(n * (n + 1) / 2);
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, own++)
+            mass[a * n + b] = mass[b * n + a] = *own;
+    for (int a = 0; a < n; a++) { /* shape functions sum to 1, so rows sum to int N_a dV */
+        sb_real load = 0;
+        for (int b = 0; b < n; b++)
+            load += mass[a * n + b];
+        if (volume_load)
+            volume_load[a] = load;
+        volume += load;
+    }
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+/* ---- points between nodes ---- */
+
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
+{
+    for (int j = 0; j < mapping->row_count; j++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
+            sum = sb_v3_madd(sum, mapping->weights[k], x[mapping->nodes[k]]);
+        out[j] = sum;
+    }
+}
+
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
+{
+    for (int j = 0; j < mapping->row_count; j++)
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
+            sb_vec3 *force = forces + mapping->nodes[k];
+            *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
+        }
 }

@@ -8,7 +8,9 @@
 /* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
  * and the reference gradients (1/m) of the cell's shape functions. With these
  *     F = I + sum_a u_a (x) grad N_a,   f_a += w P grad N_a,   K_ab += w grad N_a . dP/dF . grad N_b
- * serve every element, and whatever else can name its nodes, weights and gradients. */
+ * serve every element, and whatever else can name its nodes, weights and gradients: a body takes a domain of one's own
+ * (sb_body_def.domain). Several cells may then have the same nodes, and weights may be 0: such a point takes no part,
+ * not even where its deformation is one that the material does not admit. */
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
@@ -24,6 +26,8 @@ typedef struct sb_domain {
     sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
     sb_real *corner_gradients;    /* [cell_count][4][3] of the straight corner tet (1/m), or NULL */
+    sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
+                                   * row by row (n nodes per cell); NULL: the cells are elements, full of material */
     sb_allocator allocator;
 } sb_domain;
 
@@ -58,7 +62,35 @@ typedef enum sb_mass_kind {
                              * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
 
+/* ---- points between nodes ---- */
+
+/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
+ * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
+ * whose weights do not sum to 1 is no point, but works too. */
+typedef struct sb_mapping {
+    int row_count;
+    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;         /* [row_start[row_count]] */
+    const sb_real *weights;   /* [row_start[row_count]] */
+} sb_mapping;
+
+/* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
+ * displacements. Not checked: nodes must be within x. out and x do not overlap. */
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out);
+/* forces[nodes] += H f: forces f[row_count] at the rows' points, brought to their nodes. */
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces);
+
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
+ * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
+ * that do not sum to 0; SB_ERROR_NOT_FINITE; both name the cell; and what sb_domain_create returns. *copy is untouched
+ * on failure. */
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error);
+/* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
+ * SB_MASS_REDUCED makes no difference. */
+SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load);
 /* The element of the cells. */
 SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
 {

@@ -44,16 +44,6 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
 
-/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
- * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
- * whose weights do not sum to 1 is no point, but works too. */
-typedef struct sb_mapping {
-    int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
-} sb_mapping;
-
 /* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
  * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
  * common element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with

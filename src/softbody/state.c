@@ -388,6 +388,13 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].y));
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
     }
+    if (body->own_points) { /* nothing else tells them from the elements' */
+        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell, n = (size_t)domain->nodes_per_cell;
+        hash = sbi_state_reals_hash(hash, domain->weights, points);
+        hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
+        hash = sbi_state_reals_hash(hash, domain->cell_mass,
+                                    domain->cell_mass ? (size_t)domain->cell_count * (n * (n + 1) / 2) : 0);
+    }
     return hash;
 }
 
