@@ -20,6 +20,7 @@ static const sb_result all_results[] = {
     SB_ERROR_NOT_CONVERGED,
     SB_ERROR_INDEFINITE,
     SB_ERROR_STATE,
+    SB_ERROR_CANCELLED,
 };
 enum { RESULT_COUNT = (int)(sizeof all_results / sizeof all_results[0]) };
 
