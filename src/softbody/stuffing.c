@@ -52,7 +52,6 @@ typedef struct sbi_stuffing_point {
     int half[3];
     int active;             /* its number among the points of the mesh */
     unsigned char label, state;
-    unsigned char unwarped; /* 1: it was a zero, and made a bad tet: it does not move again */
     sb_real moved;          /* distance from its place in the lattice, in cells */
     sb_real cut[SBI_STUFF_EDGES]; /* fraction along each owned edge to where the label changes; -1: it does not */
 } sbi_stuffing_point;
@@ -103,7 +102,8 @@ SB_API sb_stuff_def sb_default_stuff_def(void)
 
 /* ---- shapes ---- */
 
-/* Signed distance of a shape; the first one is cut off at its box. */
+/* Signed distance of a shape; the first one is cut off at its box. The sign of a surface's is that of the nearest
+ * triangle's side: right but where the surface crosses itself. */
 static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
     const sb_stuff_shape *g = s->def->shapes + shape;
@@ -117,6 +117,19 @@ static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
         value = sb_max(value, sb_max(s->low.z - p.z, p.z - s->high.z));
     }
     return value;
+}
+
+/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
+static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
+}
+
+static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    return g->surface ? sb_surface_inside(g->surface, p) : sbi_stuffing_value(s, shape, p) < 0;
 }
 
 /* Largest slope of a shape's function, 0: unknown. */
@@ -141,10 +154,10 @@ static unsigned char sbi_stuffing_label(uint64_t inside)
 
 static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
 {
-    if (!(sbi_stuffing_value(s, 0, p) < 0))
+    if (!sbi_stuffing_is_inside(s, 0, p))
         return 0;
     for (int shape = s->def->shape_count - 1; shape > 0; shape--)
-        if (sbi_stuffing_value(s, shape, p) < 0)
+        if (sbi_stuffing_is_inside(s, shape, p))
             return (unsigned char)(shape + 1);
     return 1;
 }
@@ -363,26 +376,39 @@ typedef struct sbi_stuffing_cube {
     uint64_t known, inside;
 } sbi_stuffing_cube;
 
+/* Whether a shape contains a point, told only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
+ * -1: not told; -2: the distance is not finite. */
+static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    sb_real slope = sbi_stuffing_slope(s, shape), value;
+    if (g->surface)
+        return reach > 0 && sb_surface_closest(g->surface, p, reach, NULL) ? -1 : sb_surface_inside(g->surface, p);
+    if (reach > 0 && slope == 0)
+        return -1;
+    value = sbi_stuffing_value(s, shape, p);
+    if (!sb_is_finite(value))
+        return -2;
+    return reach > 0 && sb_abs(value) <= slope * reach ? -1 : value < 0;
+}
+
 /* Asks the shapes that are not decided yet; `reach` is how far the cube's points lie from p. */
 static void sbi_stuffing_ask(const sbi_stuffing *s, sb_vec3 p, sb_real reach, sbi_stuffing_cube *cube,
                              sbi_stuffing_failure *failure)
 {
     for (int shape = 0; shape < s->def->shape_count; shape++) {
         uint64_t bit = (uint64_t)1 << shape;
-        sb_real slope = sbi_stuffing_slope(s, shape), value;
-        if ((cube->known & bit) || (reach > 0 && slope == 0))
-            continue;
-        value = sbi_stuffing_value(s, shape, p);
-        if (!sb_is_finite(value)) {
+        int inside = cube->known & bit ? -1 : sbi_stuffing_contains(s, shape, p, reach);
+        if (inside == -2) {
             failure->shape = shape;
             failure->at = p;
             return;
         }
-        if (reach > 0 && sb_abs(value) <= slope * reach)
+        if (inside < 0)
             continue;
         cube->known |= bit;
-        cube->inside |= value < 0 ? bit : 0;
-        if (shape == 0 && !(value < 0)) { /* outside: the others do not matter */
+        cube->inside |= inside ? bit : 0;
+        if (shape == 0 && !inside) { /* the others do not matter */
             cube->known = ~(uint64_t)0;
             return;
         }
@@ -611,15 +637,11 @@ static sb_result sbi_stuffing_grade(sbi_stuffing *s)
             return sbi_stuffing_no_memory(s);
     }
     for (size_t w = 0; s->def->levels > 0 && w < s->surface.word_count; w++)
-        for (int bit = 0; s->surface.words[w] >> bit; bit++)
+        for (int bit = 0; bit < 64 && s->surface.words[w]; bit++)
             if (s->surface.words[w] >> bit & 1) {
                 int half[3];
                 sbi_stuffing_coordinates(s, 64 * w + (size_t)bit, half);
                 sbi_stuffing_need_around(s, half);
-                if (bit == 63)
-                    break;
-            } else if (bit == 63) {
-                break;
             }
     for (int level = 1; level < s->def->levels; level++)
         sbi_stuffing_balance(s, level);
@@ -855,6 +877,8 @@ static void sbi_stuffing_value_task(void *user, int index)
             if (needed >> shape & 1) {
                 sb_vec3 p = sbi_stuffing_position(s, point->half);
                 sb_real value = sbi_stuffing_value(s, shape, p);
+                if (s->def->shapes[shape].surface) /* the label knows better, see sbi_stuffing_value */
+                    value = point->label && point->label >= shape + 1 ? -sb_abs(value) : sb_abs(value);
                 s->values[(size_t)i * (size_t)s->def->shape_count + (size_t)shape] = value;
                 if (!sb_is_finite(value)) {
                     s->failures[index].shape = shape;
@@ -865,31 +889,33 @@ static void sbi_stuffing_value_task(void *user, int index)
     }
 }
 
-/* Fraction from a to b at which a shape's function changes sign, given its values at both: regula falsi after Illinois,
- * with a bisection now and then for functions that are far from straight. -1 when it is not finite. */
-static sb_real sbi_stuffing_root(const sbi_stuffing *s, int shape, sb_vec3 a, sb_vec3 b, sb_real fa, sb_real fb,
-                                 sbi_stuffing_failure *failure)
+/* Where an edge crosses a shape's surface: its ends, the values there, and what is asked in between. */
+typedef struct sbi_stuffing_crossing {
+    const sbi_stuffing *s;
+    int shape;
+    int sure; /* 1: sbi_stuffing_sure_value */
+    sb_vec3 from, edge;
+    sb_real f0, f1;
+} sbi_stuffing_crossing;
+
+/* Fraction of the edge at which the function changes sign: regula falsi after Illinois, with a bisection now and then
+ * for functions that are far from straight. *residual: the function there, or not finite at the fraction returned. */
+static sb_real sbi_stuffing_root(const sbi_stuffing_crossing *c, sb_real *residual)
 {
     const sb_real tolerance = sb_max((sb_real)1.5e-8, 32 * SB_EPSILON);
-    sb_real ta = 0, tb = 1, t = 0, enough = tolerance * (sb_abs(fa) + sb_abs(fb));
-    sb_vec3 edge = sb_v3_sub(b, a);
+    sb_real ta = 0, tb = 1, t = 0, fa = c->f0, fb = c->f1, enough = tolerance * (sb_abs(fa) + sb_abs(fb));
     int last = 0;
+    *residual = 0;
     if (fa == 0 || fb == 0)
         return fa == 0 ? (sb_real)0 : (sb_real)1;
-    if ((fa < 0) == (fb < 0))
-        return (sb_real)0.5; /* not the same function twice: no telling */
     for (int i = 0; i < 80 && tb - ta > tolerance; i++) {
         sb_real f;
         sb_vec3 p;
         t = i % 4 == 3 ? (sb_real)0.5 * (ta + tb) : ta + (tb - ta) * (fa / (fa - fb));
-        p = sb_v3_madd(a, t, edge);
-        f = sbi_stuffing_value(s, shape, p);
-        if (!sb_is_finite(f)) {
-            failure->shape = shape;
-            failure->at = p;
-            return -1;
-        }
-        if (sb_abs(f) <= enough)
+        p = sb_v3_madd(c->from, t, c->edge);
+        f = c->sure ? sbi_stuffing_sure_value(c->s, c->shape, p) : sbi_stuffing_value(c->s, c->shape, p);
+        *residual = f;
+        if (!sb_is_finite(f) || sb_abs(f) <= enough)
             return t;
         if ((f < 0) == (fa < 0)) {
             fb *= last == 1 ? (sb_real)0.5 : (sb_real)1;
@@ -903,27 +929,48 @@ static sb_real sbi_stuffing_root(const sbi_stuffing *s, int shape, sb_vec3 a, sb
             last = 2;
         }
     }
-    return (sb_real)0.5 * (ta + tb);
+    return t;
+}
+
+/* The cut between two surface points. The quick sign of surfaces can change where there is none (see
+ * sbi_stuffing_value): then the surface is not near, and the sure one looks again. */
+static sb_real sbi_stuffing_cut_at(const sbi_stuffing *s, int i, int j, sbi_stuffing_failure *failure)
+{
+    int shape = sbi_stuffing_separator(s->points[i].label, s->points[j].label);
+    size_t shapes = (size_t)s->def->shape_count;
+    sbi_stuffing_crossing c;
+    sb_real t, residual;
+    c.s = s;
+    c.shape = shape;
+    c.sure = 0;
+    c.from = sbi_stuffing_position(s, s->points[i].half);
+    c.edge = sb_v3_sub(sbi_stuffing_position(s, s->points[j].half), c.from);
+    c.f0 = s->values[(size_t)i * shapes + (size_t)shape];
+    c.f1 = s->values[(size_t)j * shapes + (size_t)shape];
+    t = sbi_stuffing_root(&c, &residual);
+    if (s->def->shapes[shape].surface && sb_abs(residual) > (sb_real)1e-3 * s->half) {
+        c.sure = 1;
+        t = sbi_stuffing_root(&c, &residual);
+    }
+    if (!sb_is_finite(residual)) {
+        failure->shape = shape;
+        failure->at = sb_v3_madd(c.from, t, c.edge);
+    }
+    return t;
 }
 
 static void sbi_stuffing_cut_task(void *user, int index)
 {
     sbi_stuffing *s = (sbi_stuffing *)user;
     int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
-    size_t shapes = (size_t)s->def->shape_count;
     for (int i = begin; i < end; i++)
         for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
-            sbi_stuffing_point *point = s->points + i, *other;
-            int j = sbi_stuffing_neighbour(s, point, edge, 1), shape;
+            sbi_stuffing_point *point = s->points + i;
+            int j = sbi_stuffing_neighbour(s, point, edge, 1);
             point->cut[edge] = -1;
             if (j < 0 || s->points[j].label == point->label)
                 continue;
-            other = s->points + j;
-            shape = sbi_stuffing_separator(point->label, other->label);
-            point->cut[edge] = sbi_stuffing_root(s, shape, sbi_stuffing_position(s, point->half),
-                                                 sbi_stuffing_position(s, other->half),
-                                                 s->values[(size_t)i * shapes + (size_t)shape],
-                                                 s->values[(size_t)j * shapes + (size_t)shape], s->failures + index);
+            point->cut[edge] = sbi_stuffing_cut_at(s, i, j, s->failures + index);
             if (s->failures[index].shape >= 0)
                 return;
         }
@@ -980,17 +1027,11 @@ static void sbi_stuffing_make_zero(sbi_stuffing *s, int i, sbi_stuffing_state st
 {
     sbi_stuffing_point *point = s->points + i;
     point->state = (unsigned char)state;
-    if (to && !point->unwarped) {
+    if (to) {
         sb_vec3 a = sbi_stuffing_position(s, point->half), b = sbi_stuffing_position(s, s->points[to->other].half);
         s->positions[point->active] = sb_v3_madd(a, to->fraction, sb_v3_sub(b, a));
         point->moved = to->fraction * to->length;
     }
-}
-
-static void sbi_stuffing_put_back(sbi_stuffing *s, int i)
-{
-    s->positions[s->points[i].active] = sbi_stuffing_position(s, s->points[i].half);
-    s->points[i].moved = 0;
 }
 
 /* Inside, with an edge to the outside: the tets there take it for a point in its place. */
@@ -1069,16 +1110,15 @@ static void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuff
 }
 
 /* Makes zeros of inner points, the nearest to a face between regions first, until the tet sees two labels at most. */
-static int sbi_stuffing_settle_tet(sbi_stuffing *s, const int *nodes)
+static void sbi_stuffing_settle_tet(sbi_stuffing *s, const int *nodes)
 {
     sbi_stuffing_view v;
-    int changed = 0;
     for (;;) {
         int chosen = -1;
         sb_real nearest = SB_REAL_MAX;
         sbi_stuffing_look(s, nodes, &v);
         if (!(v.outside ? v.b >= 0 : v.more))
-            return changed;
+            return;
         for (int i = 0; i < 4; i++) {
             sbi_stuffing_edge e;
             if (v.label[i] > 0 && sbi_stuffing_nearest_cut(s, v.point[i], 1, 1, &e) &&
@@ -1088,7 +1128,6 @@ static int sbi_stuffing_settle_tet(sbi_stuffing *s, const int *nodes)
             }
         }
         sbi_stuffing_make_zero(s, chosen, SBI_STUFF_INNER, NULL);
-        changed = 1;
     }
 }
 
@@ -1098,24 +1137,18 @@ static void sbi_stuffing_settle(sbi_stuffing *s)
         sbi_stuffing_settle_tet(s, s->tets + 4 * (size_t)t);
 }
 
-/* Zeros between regions that have come to lie beside the outside go back to their place in the lattice. */
-static void sbi_stuffing_put_back_pinned(sbi_stuffing *s)
-{
-    for (int i = 0; i < s->surface.count; i++)
-        if (s->points[i].state == SBI_STUFF_INNER && s->points[i].moved > 0 && sbi_stuffing_is_pinned(s, i))
-            sbi_stuffing_put_back(s, i);
-}
-
 /* Whether a tet has angles within those of the stencils. */
 static int sbi_stuffing_is_well_shaped(const sbi_stuffing *s, const int *nodes)
 {
-    const sb_real cos_9 = (sb_real)0.98768834, cos_165_6 = (sb_real)-0.96858316;
+    int one = s->def->shape_count == 1;
+    const sb_real cos_least = one ? (sb_real)0.98260 : (sb_real)0.98768; /* 10.7 and 9 degrees */
+    const sb_real cos_most = one ? (sb_real)-0.96501 : (sb_real)-0.96858; /* 164.8 and 165.6 */
     sb_vec3 corners[4];
     sb_real of_smallest, of_largest;
     for (int i = 0; i < 4; i++)
         corners[i] = s->positions[nodes[i]];
     sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
-    return of_smallest <= cos_9 && of_largest >= cos_165_6;
+    return of_smallest <= cos_least && of_largest >= cos_most;
 }
 
 static sb_vec3 sbi_stuffing_centroid(const sbi_stuffing *s, const int *nodes)
@@ -1125,27 +1158,29 @@ static sb_vec3 sbi_stuffing_centroid(const sbi_stuffing *s, const int *nodes)
     return sb_v3_scale((sb_real)0.25, sum);
 }
 
-/* A tet of four zeros can be flat. One that is needed gives its most displaced point back to its region, with its
- * cuts. Returns 1 when it did. */
-static int sbi_stuffing_unwarp_tet(sbi_stuffing *s, const int *nodes)
+/* A tet of four zeros can be flat. Where one is needed its most displaced point goes half of the way back to its place
+ * in the lattice. Any place on the way is one of the cases that the angles' bounds were found over, so no other tet
+ * leaves them; only this point leaves the surface. Returns 1 when it moved one. */
+static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
 {
     sbi_stuffing_view v;
-    int worst = -1;
+    sbi_stuffing_point *worst = NULL;
+    sb_vec3 place, *now;
     sbi_stuffing_look(s, nodes, &v);
     if (v.zeros < 4 || sbi_stuffing_is_well_shaped(s, nodes) ||
         sbi_stuffing_label_at(s, sbi_stuffing_centroid(s, nodes)) == 0)
         return 0;
     for (int i = 0; i < 4; i++)
-        if (worst < 0 || s->points[v.point[i]].moved > s->points[worst].moved)
-            worst = v.point[i];
-    sbi_stuffing_put_back(s, worst);
-    s->points[worst].state = SBI_STUFF_STRICT;
-    s->points[worst].unwarped = 1;
+        if (!worst || s->points[v.point[i]].moved > worst->moved)
+            worst = s->points + v.point[i];
+    place = sbi_stuffing_position(s, worst->half);
+    now = s->positions + worst->active;
+    worst->moved *= (sb_real)0.5;
+    *now = sb_v3_madd(place, (sb_real)0.5, sb_v3_sub(*now, place));
     return 1;
 }
 
-/* Warps and settles until every tet can be cut and none is flat. Ends: a point is unwarped once at most, and a tet of
- * four zeros in their places is regular. */
+/* Warps and settles until every tet can be cut and none is flat. Ends: four zeros near their places are regular. */
 static void sbi_stuffing_place_zeros(sbi_stuffing *s)
 {
     int changed = 1;
@@ -1158,11 +1193,7 @@ static void sbi_stuffing_place_zeros(sbi_stuffing *s)
     while (changed) {
         changed = 0;
         for (int t = 0; t < s->tet_count; t++)
-            changed |= sbi_stuffing_unwarp_tet(s, s->tets + 4 * (size_t)t);
-        if (changed && s->def->shape_count > 1) {
-            sbi_stuffing_put_back_pinned(s);
-            sbi_stuffing_settle(s);
-        }
+            changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
     }
 }
 
