@@ -454,23 +454,7 @@ SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 
 /* ---- keys: faces, edges and elements by their sorted corners ---- */
 
-typedef enum sbi_mesh_part {
-    SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
-    SBI_MESH_EDGES,
-    SBI_MESH_WHOLE
-} sbi_mesh_part;
-
-/* Parts of all elements; part p belongs to element p / per_element. */
-typedef struct sbi_mesh_keys {
-    int count; /* parts */
-    int per_element;
-    int width;  /* corners per part; a part with fewer repeats its highest */
-    int sorted; /* parts in `order`: those of elements that were not skipped */
-    int *keys;  /* [count][width] corner nodes, ascending */
-    int *order; /* [sorted] parts sorted by key, equal keys by part */
-} sbi_mesh_keys;
-
-static void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys)
+SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     sbi_free(allocator, keys->keys);
     sbi_free(allocator, keys->order);
@@ -566,10 +550,8 @@ static int sbi_mesh_keys_sort(const sb_allocator *allocator, sbi_mesh_keys *keys
     return ok;
 }
 
-/* Sorted keys of all parts of the elements that `skip` (may be NULL) does not mark; their indices are in
- * range. 0 when memory is short or the parts do not fit an int. */
-static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
-                              const sb_allocator *allocator, sbi_mesh_keys *keys)
+SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
+                               const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_NODES];
     sbi_element element = sbi_mesh_element_kind(mesh);
@@ -591,8 +573,7 @@ static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const uns
     return 0;
 }
 
-/* End of the run of equal keys that begins at position `begin` of the order. */
-static int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
+SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
 {
     size_t width = (size_t)keys->width;
     const int *key = keys->keys + (size_t)keys->order[begin] * width;
@@ -1649,8 +1630,7 @@ static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, 
     return sbi_mesh_check_arrays(mesh, error);
 }
 
-/* How a face is cut into triangles with its nodes as corners; returns how many. */
-static int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
+SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
 {
     static const signed char tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
     static const signed char quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};

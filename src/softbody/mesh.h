@@ -231,6 +231,32 @@ SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);
+/* Faces, edges or whole elements as keys: their corners sorted ascending, with equal keys side by side. */
+typedef enum sbi_mesh_part {
+    SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
+    SBI_MESH_EDGES,
+    SBI_MESH_WHOLE
+} sbi_mesh_part;
+
+/* Parts of all elements; part p belongs to element p / per_element. */
+typedef struct sbi_mesh_keys {
+    int count; /* parts */
+    int per_element;
+    int width;  /* corners per part; a part with fewer repeats its highest */
+    int sorted; /* parts in `order`: those of elements that were not skipped */
+    int *keys;  /* [count][width] corner nodes, ascending */
+    int *order; /* [sorted] parts sorted by key, equal keys by part */
+} sbi_mesh_keys;
+
+/* Sorted keys of all parts of the elements that `skip` (may be NULL) does not mark; their indices are in
+ * range. 0 when memory is short or the parts do not fit an int. */
+SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
+                               const sb_allocator *allocator, sbi_mesh_keys *keys);
+SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys);
+/* End of the run of equal keys that begins at position `begin` of the order. */
+SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin);
+/* How a face is cut into triangles with its nodes as corners; returns how many. */
+SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 #endif
 
 #endif /* SB_MESH_H */
