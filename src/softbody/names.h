@@ -29,6 +29,7 @@
 #define sb_mesh_surface_area sb_mesh_surface_area_f32
 #define sb_mesh_bounds sb_mesh_bounds_f32
 #define sb_mesh_element_quality sb_mesh_element_quality_f32
+#define sb_mesh_dihedral_range sb_mesh_dihedral_range_f32
 #define sb_mesh_orient sb_mesh_orient_f32
 #define sb_mesh_orient_surface sb_mesh_orient_surface_f32
 #define sb_mesh_merge_nodes sb_mesh_merge_nodes_f32
@@ -83,6 +84,8 @@
 #define sb_surface_signed_distance_winding_batch sb_surface_signed_distance_winding_batch_f32
 #define sb_surface_winding_number_batch sb_surface_winding_number_batch_f32
 #define sb_surface_inside_batch sb_surface_inside_batch_f32
+#define sb_default_stuff_def sb_default_stuff_def_f32
+#define sb_mesh_stuff sb_mesh_stuff_f32
 #define sb_material_linear sb_material_linear_f32
 #define sb_material_corotated sb_material_corotated_f32
 #define sb_material_corotated_invertible sb_material_corotated_invertible_f32

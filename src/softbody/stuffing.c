@@ -1138,24 +1138,35 @@ static void sbi_stuffing_settle(sbi_stuffing *s)
 }
 
 /* Whether a tet has angles within those of the stencils. */
-static int sbi_stuffing_is_well_shaped(const sbi_stuffing *s, const int *nodes)
+static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
 {
-    int one = s->def->shape_count == 1;
-    const sb_real cos_least = one ? (sb_real)0.98260 : (sb_real)0.98768; /* 10.7 and 9 degrees */
-    const sb_real cos_most = one ? (sb_real)-0.96501 : (sb_real)-0.96858; /* 164.8 and 165.6 */
-    sb_vec3 corners[4];
+    const sb_real cos_10_7 = (sb_real)0.98260, cos_164_8 = (sb_real)-0.96500;
     sb_real of_smallest, of_largest;
-    for (int i = 0; i < 4; i++)
-        corners[i] = s->positions[nodes[i]];
     sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
-    return of_smallest <= cos_least && of_largest >= cos_most;
+    return of_smallest <= cos_10_7 && of_largest >= cos_164_8;
 }
 
-static sb_vec3 sbi_stuffing_centroid(const sbi_stuffing *s, const int *nodes)
+static sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
 {
-    sb_vec3 sum = sb_v3_add(sb_v3_add(s->positions[nodes[0]], s->positions[nodes[1]]),
-                            sb_v3_add(s->positions[nodes[2]], s->positions[nodes[3]]));
-    return sb_v3_scale((sb_real)0.25, sum);
+    return sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(corners[0], corners[1]), sb_v3_add(corners[2], corners[3])));
+}
+
+/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
+ * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
+static int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
+{
+    sb_vec3 corners[4];
+    int label, inner = 0, highest = 0;
+    for (int i = 0; i < 4; i++) {
+        const sbi_stuffing_point *point = s->points + points[i];
+        corners[i] = sbi_stuffing_position(s, point->half);
+        inner |= point->state == SBI_STUFF_INNER;
+        highest = sbi_max_int(highest, point->label);
+    }
+    if (highest == 0) /* not among the tets */
+        return 0;
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    return inner && label == 0 ? highest : label;
 }
 
 /* A tet of four zeros can be flat. Where one is needed its most displaced point goes half of the way back to its place
@@ -1165,10 +1176,13 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
 {
     sbi_stuffing_view v;
     sbi_stuffing_point *worst = NULL;
-    sb_vec3 place, *now;
+    sb_vec3 place, corners[4], *now;
     sbi_stuffing_look(s, nodes, &v);
-    if (v.zeros < 4 || sbi_stuffing_is_well_shaped(s, nodes) ||
-        sbi_stuffing_label_at(s, sbi_stuffing_centroid(s, nodes)) == 0)
+    if (v.zeros < 4)
+        return 0;
+    for (int i = 0; i < 4; i++)
+        corners[i] = s->positions[nodes[i]];
+    if (sbi_stuffing_is_well_shaped(corners) || sbi_stuffing_label_of_four(s, v.point) == 0)
         return 0;
     for (int i = 0; i < 4; i++)
         if (!worst || s->points[v.point[i]].moved > worst->moved)
@@ -1180,11 +1194,155 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
     return 1;
 }
 
-/* Warps and settles until every tet can be cut and none is flat. Ends: four zeros near their places are regular. */
+/* ---- 4a. a manifold boundary ----
+ * Where the shape is about as thin as a cell, parts of it can come to touch at a zero or along an edge of zeros. A zero
+ * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles that
+ * have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero is
+ * freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
+ * bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have manifold
+ * boundaries: this ends. */
+
+typedef struct sbi_stuffing_link {
+    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int triangle[24][3];
+    int beside[24][3];     /* triangle across the edge opposite corner i */
+} sbi_stuffing_link;
+
+static int sbi_stuffing_has_corner(const int triangle[3], int corner)
+{
+    return triangle[0] == corner || triangle[1] == corner || triangle[2] == corner;
+}
+
+static void sbi_stuffing_make_link(sbi_stuffing_link *link)
+{
+    int count = 0;
+    for (int k = 0; k < 14; k++)
+        for (int axis = 0; axis < 3; axis++)
+            link->step[k][axis] = k < 6 ? (k >> 1 == axis ? (k & 1 ? 2 : -2) : 0) : (k - 6) >> axis & 1 ? 1 : -1;
+    for (int l = 0; l < 6; l++) /* a long edge and two short ones that lean its way and differ along one axis */
+        for (int a = 6; a < 14; a++)
+            for (int b = a + 1; b < 14; b++) {
+                int axis = l >> 1, bit = 1 << axis, differ = (a - 6) ^ (b - 6);
+                if (((a - 6) >> axis & 1) != (l & 1) || (differ & bit) || (differ & (differ - 1)))
+                    continue;
+                link->triangle[count][0] = l;
+                link->triangle[count][1] = a;
+                link->triangle[count++][2] = b;
+            }
+    for (int t = 0; t < 24; t++)
+        for (int i = 0; i < 3; i++)
+            for (int u = 0; u < 24; u++)
+                if (u != t && sbi_stuffing_has_corner(link->triangle[u], link->triangle[t][(i + 1) % 3]) &&
+                    sbi_stuffing_has_corner(link->triangle[u], link->triangle[t][(i + 2) % 3]))
+                    link->beside[t][i] = u;
+}
+
+/* Sides of the 14 neighbours of a zero: +1 inside, -1 outside, 0 on the boundary; `points` holds their surface points. */
+static void sbi_stuffing_link_sides(const sbi_stuffing *s, const sbi_stuffing_link *link, int i, int points[14],
+                                    int sides[14])
+{
+    for (int k = 0; k < 14; k++) {
+        int half[3];
+        size_t index;
+        for (int axis = 0; axis < 3; axis++)
+            half[axis] = s->points[i].half[axis] + link->step[k][axis];
+        index = sbi_stuffing_index(s, half);
+        points[k] = sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
+        sides[k] = points[k] >= 0 && s->points[points[k]].state == SBI_STUFF_OUTER ? 0 : s->labels[index] ? 1 : -1;
+    }
+}
+
+/* Parts of one side that hang together round a zero. Corners on that side stand for the triangles they belong to;
+ * triangles of zeros (bit 14 + t) stand for themselves. */
+static int sbi_stuffing_count_parts(const sbi_stuffing_link *link, const int sides[14], const int side_of_triangle[24],
+                                    int side)
+{
+    uint64_t near_by[38], left = 0;
+    int parts = 0;
+    memset(near_by, 0, sizeof near_by);
+    for (int t = 0; t < 24; t++) {
+        const int *corner = link->triangle[t];
+        int zeros = sides[corner[0]] == 0 && sides[corner[1]] == 0 && sides[corner[2]] == 0;
+        for (int i = 0; i < 3; i++) {
+            int a = corner[(i + 1) % 3], b = corner[(i + 2) % 3], u = link->beside[t][i], mine, other = 0;
+            if (sides[corner[i]] == side)
+                left |= (uint64_t)1 << corner[i];
+            if (sides[a] == side && sides[b] == side) {
+                near_by[a] |= (uint64_t)1 << b;
+                near_by[b] |= (uint64_t)1 << a;
+            }
+            if (sides[a] != 0 || sides[b] != 0)
+                continue;
+            while (link->triangle[u][other] == a || link->triangle[u][other] == b)
+                other++;
+            other = link->triangle[u][other];
+            mine = zeros ? 14 + t : corner[i];
+            if ((zeros ? side_of_triangle[t] : sides[mine]) != side)
+                continue;
+            left |= (uint64_t)1 << mine;
+            if (sides[other] == side)
+                near_by[mine] |= (uint64_t)1 << other;
+            else if (sides[other] == 0 && side_of_triangle[u] == side)
+                near_by[mine] |= (uint64_t)1 << (14 + u);
+        }
+    }
+    for (; left; parts++) {
+        uint64_t reached = left & (~left + 1), before = 0;
+        while (reached != before) {
+            before = reached;
+            for (int k = 0; k < 38; k++)
+                reached |= reached >> k & 1 ? near_by[k] : 0;
+        }
+        left &= ~reached;
+    }
+    return parts;
+}
+
+static int sbi_stuffing_is_sheet(const sbi_stuffing *s, const sbi_stuffing_link *link, int i)
+{
+    int points[14], sides[14], side_of_triangle[24];
+    sbi_stuffing_link_sides(s, link, i, points, sides);
+    for (int t = 0; t < 24; t++) {
+        const int *corner = link->triangle[t];
+        int tet[4];
+        side_of_triangle[t] = 0;
+        if (sides[corner[0]] || sides[corner[1]] || sides[corner[2]])
+            continue;
+        tet[0] = i;
+        for (int k = 0; k < 3; k++)
+            tet[1 + k] = points[corner[k]];
+        side_of_triangle[t] = sbi_stuffing_label_of_four(s, tet) ? 1 : -1;
+    }
+    return sbi_stuffing_count_parts(link, sides, side_of_triangle, 1) <= 1 &&
+           sbi_stuffing_count_parts(link, sides, side_of_triangle, -1) <= 1;
+}
+
+static void sbi_stuffing_free_pinches(sbi_stuffing *s)
+{
+    sbi_stuffing_link link;
+    int changed = 1;
+    sbi_stuffing_make_link(&link);
+    while (changed) {
+        changed = 0;
+        for (int i = 0; i < s->surface.count; i++) {
+            sbi_stuffing_point *point = s->points + i;
+            if (point->state != SBI_STUFF_OUTER || sbi_stuffing_is_sheet(s, &link, i))
+                continue;
+            point->state = SBI_STUFF_STRICT;
+            point->moved = 0;
+            s->positions[point->active] = sbi_stuffing_position(s, point->half);
+            changed = 1;
+        }
+    }
+}
+
+/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
+ * four zeros near their places make a regular tet. */
 static void sbi_stuffing_place_zeros(sbi_stuffing *s)
 {
     int changed = 1;
     sbi_stuffing_warp(s, 0);
+    sbi_stuffing_free_pinches(s);
     if (s->def->shape_count > 1) {
         sbi_stuffing_settle(s);
         sbi_stuffing_warp(s, 1);
@@ -1266,7 +1424,9 @@ static int sbi_stuffing_cut_between(sbi_stuffing *s, int i, int j)
     if (*node < 0) {
         sb_vec3 from = sbi_stuffing_position(s, s->points[owner].half);
         sb_vec3 to = sbi_stuffing_position(s, s->points[other].half);
-        s->cut_positions[s->cut_count] = sb_v3_madd(from, s->points[owner].cut[edge], sb_v3_sub(to, from));
+        sb_real alpha = edge < 3 ? SBI_STUFF_ALPHA_LONG : SBI_STUFF_ALPHA_SHORT;
+        sb_real fraction = sb_min(sb_max(s->points[owner].cut[edge], alpha), 1 - alpha); /* beyond: freed points only */
+        s->cut_positions[s->cut_count] = sb_v3_madd(from, fraction, sb_v3_sub(to, from));
         *node = s->active.count + s->cut_count++;
     }
     return *node;
@@ -1381,11 +1541,14 @@ static void sbi_stuffing_apply(sbi_stuffing *s, const sbi_stuffing_view *view, c
         sbi_stuffing_cut_pyramid(s, &c);
 }
 
-/* Region of the inner part of a tet at the outside whose inner points are all zeros between regions: that of the
- * point half way from the outside. */
+/* Region of the inner part of a tet at the outside whose inner points are all zeros between regions. */
 static int sbi_stuffing_label_of_zeros(const sbi_stuffing *s, const int *nodes)
 {
-    int label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(s, nodes));
+    sb_vec3 corners[4];
+    int label;
+    for (int i = 0; i < 4; i++)
+        corners[i] = s->positions[nodes[i]];
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
     for (int i = 0; i < 4 && label == 0; i++)
         label = s->active_label[nodes[i]];
     return label;
@@ -1397,8 +1560,8 @@ static void sbi_stuffing_cut_tet(sbi_stuffing *s, const int *nodes)
     int sides[4];
     sbi_stuffing_look(s, nodes, &v);
     if (v.zeros == 4) {
-        int label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(s, nodes));
-        if (label > 0 && sbi_stuffing_is_well_shaped(s, nodes))
+        int label = sbi_stuffing_label_of_four(s, v.point);
+        if (label > 0)
             sbi_stuffing_put_element(s, label, nodes[0], nodes[1], nodes[2], nodes[3]);
         return;
     }
