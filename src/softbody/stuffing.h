@@ -53,10 +53,10 @@ typedef struct sb_stuff_def {
 typedef struct sb_stuff_report {
     int cells[3];            /* of the lattice, along x, y, z */
     int node_count, element_count;
-    int cut_count;           /* elements that touch a surface */
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape: at vertices, middles of
-                              * edges and centres of its triangles. Functions: |f| over the norm of its gradient */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
+                              * middles of edges and the centres of its triangles; functions: to where a few Newton
+                              * steps end */
     sb_real volume;          /* m^3 */
 } sb_stuff_report;
 
