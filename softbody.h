@@ -2789,10 +2789,10 @@ typedef struct sb_stuff_def {
 typedef struct sb_stuff_report {
     int cells[3];            /* of the lattice, along x, y, z */
     int node_count, element_count;
-    int cut_count;           /* elements that touch a surface */
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape: at vertices, middles of
-                              * edges and centres of its triangles. Functions: |f| over the norm of its gradient */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
+                              * middles of edges and the centres of its triangles; functions: to where a few Newton
+                              * steps end */
     sb_real volume;          /* m^3 */
 } sb_stuff_report;
 
@@ -16210,13 +16210,22 @@ static sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
     return sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(corners[0], corners[1]), sb_v3_add(corners[2], corners[3])));
 }
 
-/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. */
+/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
+ * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
 static int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
 {
     sb_vec3 corners[4];
-    for (int i = 0; i < 4; i++)
-        corners[i] = sbi_stuffing_position(s, s->points[points[i]].half);
-    return sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    int label, inner = 0, highest = 0;
+    for (int i = 0; i < 4; i++) {
+        const sbi_stuffing_point *point = s->points + points[i];
+        corners[i] = sbi_stuffing_position(s, point->half);
+        inner |= point->state == SBI_STUFF_INNER;
+        highest = sbi_max_int(highest, point->label);
+    }
+    if (highest == 0) /* not among the tets */
+        return 0;
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    return inner && label == 0 ? highest : label;
 }
 
 /* A tet of four zeros can be flat. Where one is needed its most displaced point goes half of the way back to its place
@@ -16705,47 +16714,211 @@ static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
     return SB_OK;
 }
 
-/* Distance of a point from the first shape. */
-static sb_real sbi_stuffing_distance(const sbi_stuffing *s, sb_vec3 p)
+/* ---- 6. the boundary ----
+ * Its nodes lie on the surface, but a triangle between them cuts the corner at ridges and thin parts. Where it leaves
+ * the surface by more than SBI_STUFF_FAR its nodes slide along the surface towards what it misses, as long as all tets
+ * at them keep angles within the bounds and no triangle becomes worse than the worst was. */
+
+#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
+#define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_SAMPLES 7          /* of a triangle: corners, middles of edges, centre */
+
+typedef struct sbi_stuffing_rim {
+    const sbi_stuffing *s;
+    sb_mesh *mesh;
+    sb_boundary boundary;
+    sb_index_lists tets, faces; /* of nodes of the mesh; of nodes of the boundary */
+    sb_real *worst;             /* [faces] largest distance of a sample */
+} sbi_stuffing_rim;
+
+/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. */
+static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 {
-    sb_real value = sb_abs(sbi_stuffing_value(s, 0, p)), step = (sb_real)0.01 * s->def->cell;
-    sb_vec3 g;
-    if (s->def->shapes[0].surface || value == 0)
-        return value;
-    g.x = sbi_stuffing_value(s, 0, sb_v3(p.x + step, p.y, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x - step, p.y, p.z));
-    g.y = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y + step, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y - step, p.z));
-    g.z = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z + step)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z - step));
-    return value * 2 * step / sb_v3_norm(g);
+    const sb_stuff_shape *g = s->def->shapes;
+    const sb_real step = (sb_real)0.01 * s->half;
+    sb_surface_hit hit;
+    if (g->surface)
+        return sb_surface_closest(g->surface, p, SB_REAL_MAX, &hit) ? hit.point : p;
+    for (int i = 0; i < 4; i++) {
+        sb_real value = sbi_stuffing_value(s, 0, p), size, length;
+        sb_vec3 n;
+        n.x = sbi_stuffing_value(s, 0, sb_v3(p.x + step, p.y, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x - step, p.y, p.z));
+        n.y = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y + step, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y - step, p.z));
+        n.z = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z + step)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z - step));
+        size = sb_v3_norm(n);
+        if (!(size > 0) || !sb_is_finite(size))
+            break;
+        length = sb_min(sb_abs(value) * 2 * step / size, s->def->cell);
+        p = sb_v3_madd(p, (value > 0 ? -length : length) / size, n);
+    }
+    return p;
 }
 
-static sb_result sbi_stuffing_measure(const sbi_stuffing *s, const sb_mesh *mesh, sb_stuff_report *report)
+/* Sample k of a triangle. */
+static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k)
 {
-    sb_boundary boundary;
-    sb_result result = sb_mesh_boundary(mesh, 1, &s->def->allocator, &boundary, s->error);
-    if (result != SB_OK)
-        return result;
+    const int *nodes = surface->elements + 3 * (size_t)face;
+    sb_vec3 a = surface->nodes[nodes[0]], b = surface->nodes[nodes[1]], c = surface->nodes[nodes[2]];
+    if (k < 3)
+        return surface->nodes[nodes[k]];
+    if (k < 6)
+        return sb_v3_scale((sb_real)0.5, sb_v3_add(surface->nodes[nodes[k - 3]], surface->nodes[nodes[(k - 2) % 3]]));
+    return sb_v3_scale((sb_real)1 / 3, sb_v3_add(a, sb_v3_add(b, c)));
+}
+
+/* Largest distance of a triangle's samples; *from (or NULL) the worst of them, *away from there to the surface. Gives up beyond
+ * `limit`: what is returned is then some distance above it. */
+static sb_real sbi_stuffing_face_distance(const sbi_stuffing_rim *rim, int face, sb_real limit, sb_vec3 *from,
+                                          sb_vec3 *away)
+{
+    sb_real worst = 0;
+    for (int k = SBI_STUFF_SAMPLES - 1; k >= 0 && worst <= limit; k--) {
+        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, k);
+        sb_vec3 d = sb_v3_sub(sbi_stuffing_closest(rim->s, p), p);
+        sb_real distance = sb_v3_norm(d);
+        if (away && (distance > worst || k == SBI_STUFF_SAMPLES - 1)) {
+            *from = p;
+            *away = d;
+        }
+        worst = sb_max(worst, distance);
+    }
+    return worst;
+}
+
+static void sbi_stuffing_measure_task(void *user, int index)
+{
+    sbi_stuffing_rim *rim = (sbi_stuffing_rim *)user;
+    int count = rim->boundary.surface.element_count;
+    int end = index < (count - 1) / SBI_STUFF_CHUNK ? (index + 1) * SBI_STUFF_CHUNK : count;
+    for (int f = index * SBI_STUFF_CHUNK; f < end; f++)
+        rim->worst[f] = sbi_stuffing_face_distance(rim, f, SB_REAL_MAX, NULL, NULL);
+}
+
+static void sbi_stuffing_set_node(sbi_stuffing_rim *rim, int node, sb_vec3 x)
+{
+    rim->boundary.surface.nodes[node] = x;
+    rim->mesh->nodes[rim->boundary.nodes[node]] = x;
+}
+
+static int sbi_stuffing_tets_are_sound(const sbi_stuffing_rim *rim, int node)
+{
+    int volume_node = rim->boundary.nodes[node];
+    for (int k = rim->tets.offsets[volume_node]; k < rim->tets.offsets[volume_node + 1]; k++) {
+        int tet = rim->tets.items[k];
+        sb_vec3 corners[4];
+        for (int i = 0; i < 4; i++)
+            corners[i] = rim->mesh->nodes[rim->mesh->elements[4 * (size_t)tet + (size_t)i]];
+        if (!(sb_mesh_element_volume(rim->mesh, tet) > 0) || !sbi_stuffing_is_well_shaped(corners))
+            return 0;
+    }
+    return 1;
+}
+
+/* Largest distance of the triangles at a node; gives up beyond `limit`. */
+static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node, sb_real limit)
+{
+    sb_real worst = 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1] && worst <= limit; k++)
+        worst = sb_max(worst, sbi_stuffing_face_distance(rim, rim->faces.items[k], limit, NULL, NULL));
+    return worst;
+}
+
+/* Slides a node by about `by`, or towards the point that lies too far away, where that brings the triangles round it
+ * closer to the surface. Returns 1 when it did. */
+static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
+{
+    static const sb_real scales[6][2] = {
+        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
+    sb_real least = 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
+        least = sb_max(least, rim->worst[rim->faces.items[k]]);
+    least *= (sb_real)0.99; /* gains of less are not worth a round */
+    for (int i = 0; i < 6; i++) {
+        sb_real distance;
+        sb_vec3 step = sb_v3_madd(sb_v3_scale(scales[i][0], by), scales[i][1], sb_v3_sub(from, start));
+        sbi_stuffing_set_node(rim, node, sbi_stuffing_closest(rim->s, sb_v3_add(start, step)));
+        if (!sbi_stuffing_tets_are_sound(rim, node))
+            continue;
+        distance = sbi_stuffing_distance_round(rim, node, least);
+        if (distance < least) {
+            least = distance;
+            best = rim->boundary.surface.nodes[node];
+        }
+    }
+    sbi_stuffing_set_node(rim, node, best);
+    if (sb_v3_norm(sb_v3_sub(best, start)) == 0)
+        return 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
+        rim->worst[rim->faces.items[k]] = sbi_stuffing_face_distance(rim, rim->faces.items[k], SB_REAL_MAX, NULL, NULL);
+    return 1;
+}
+
+static sb_result sbi_stuffing_slide_all(sbi_stuffing_rim *rim)
+{
+    const sb_real enough = SBI_STUFF_FAR * rim->s->def->cell;
+    const sb_mesh *surface = &rim->boundary.surface;
+    sb_result result;
+    int changed = 0;
+    for (int f = 0; f < surface->element_count; f++)
+        changed |= rim->worst[f] > enough;
+    if (!changed)
+        return SB_OK;
+    result = sb_mesh_node_elements(rim->mesh, &rim->s->def->allocator, &rim->tets, rim->s->error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(surface, &rim->s->def->allocator, &rim->faces, rim->s->error);
+    for (int round = 0; round < SBI_STUFF_ROUNDS && changed && result == SB_OK; round++) {
+        changed = 0;
+        for (int f = 0; f < surface->element_count; f++) {
+            for (int i = 0; i < 3 && rim->worst[f] > enough; i++) {
+                sb_vec3 from = {0, 0, 0}, away = {0, 0, 0};
+                sbi_stuffing_face_distance(rim, f, SB_REAL_MAX, &from, &away);
+                changed |= sbi_stuffing_slide(rim, surface->elements[3 * (size_t)f + (size_t)i], from, away);
+            }
+        }
+    }
+    return result;
+}
+
+/* Brings the boundary close to the surface and tells how close it is. */
+static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+{
+    sbi_stuffing_rim rim;
+    sb_result result;
+    memset(&rim, 0, sizeof rim);
+    rim.s = s;
+    rim.mesh = mesh;
+    result = sb_mesh_boundary(mesh, 1, &s->def->allocator, &rim.boundary, s->error);
+    if (result == SB_OK) {
+        int count = rim.boundary.surface.element_count;
+        rim.worst = (sb_real *)sbi_alloc(&s->def->allocator, (size_t)count, sizeof(sb_real));
+        if (rim.worst) {
+            sbi_run(&s->def->jobs, sbi_stuffing_measure_task, &rim, (count - 1) / SBI_STUFF_CHUNK + 1);
+            result = sbi_stuffing_slide_all(&rim);
+        } else {
+            result = sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a boundary of %d triangles", count);
+        }
+        *distance = 0;
+        for (int f = 0; f < count && result == SB_OK; f++)
+            *distance = sb_max(*distance, rim.worst[f]);
+    }
+    sb_boundary_free(&rim.boundary);
+    sb_index_lists_free(&rim.tets);
+    sb_index_lists_free(&rim.faces);
+    sbi_free(&s->def->allocator, rim.worst);
+    return result;
+}
+
+static void sbi_stuffing_fill_report(const sbi_stuffing *s, const sb_mesh *mesh, sb_real distance,
+                                     sb_stuff_report *report)
+{
     memset(report, 0, sizeof *report);
     memcpy(report->cells, s->n, sizeof report->cells);
     report->node_count = mesh->node_count;
     report->element_count = mesh->element_count;
-    sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
+    report->distance = distance;
     report->volume = sb_mesh_volume(mesh);
-    for (int i = 0; i < boundary.surface.node_count; i++)
-        report->distance = sb_max(report->distance, sbi_stuffing_distance(s, boundary.surface.nodes[i]));
-    for (int f = 0; f < boundary.surface.element_count; f++) {
-        const int *nodes = boundary.surface.elements + 3 * (size_t)f;
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int i = 0; i < 3; i++) {
-            sb_vec3 a = boundary.surface.nodes[nodes[i]], b = boundary.surface.nodes[nodes[(i + 1) % 3]];
-            sum = sb_v3_add(sum, a);
-            if (nodes[i] < nodes[(i + 1) % 3]) /* the other face has this edge the other way */
-                report->distance = sb_max(report->distance,
-                                          sbi_stuffing_distance(s, sb_v3_scale((sb_real)0.5, sb_v3_add(a, b))));
-        }
-        report->distance = sb_max(report->distance, sbi_stuffing_distance(s, sb_v3_scale((sb_real)1 / 3, sum)));
-    }
-    sb_boundary_free(&boundary);
-    return SB_OK;
+    sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
 }
 
 static void sbi_stuffing_free(sbi_stuffing *s)
@@ -16798,7 +16971,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 {
     sbi_stuffing s;
     sb_mesh made, raised;
-    sb_stuff_report measured;
+    sb_real distance = 0;
     sb_result result = sbi_stuffing_check(def, mesh, error);
     if (result != SB_OK)
         return result;
@@ -16809,8 +16982,10 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     result = sbi_stuffing_build(&s, &made);
     if (result == SB_OK)
         result = sb_mesh_reorder(&made, NULL, NULL, error);
-    if (result == SB_OK && report)
-        result = sbi_stuffing_measure(&s, &made, &measured);
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 0.9);
+    if (result == SB_OK)
+        result = sbi_stuffing_finish_boundary(&s, &made, &distance);
     if (result == SB_OK && def->type == SB_TET10) {
         result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
         if (result == SB_OK) {
@@ -16823,7 +16998,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     if (result == SB_OK) {
         *mesh = made;
         if (report)
-            *report = measured;
+            sbi_stuffing_fill_report(&s, mesh, distance, report);
     } else {
         sb_mesh_free(&made);
     }
