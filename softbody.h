@@ -15399,7 +15399,7 @@ static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
     return SB_OK;
 }
 
-static sb_result sbi_stuffing_no_memory(sbi_stuffing *s)
+static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
                     s->n[2]);
@@ -16659,6 +16659,10 @@ static sb_result sbi_stuffing_cut(sbi_stuffing *s)
             sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);
         if (pass == 1)
             break;
+        if (s->element_count == 0)
+            return sbi_fail(s->error, SB_ERROR_MESH,
+                            "nothing to mesh: the first shape is much thinner than cells of %g m everywhere",
+                            (double)s->def->cell);
         if (s->element_count > s->def->max_elements)
             return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
                             (double)s->def->cell, s->def->max_elements);
@@ -16717,10 +16721,12 @@ static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
 /* ---- 6. the boundary ----
  * Its nodes lie on the surface, but a triangle between them cuts the corner at ridges and thin parts. Where it leaves
  * the surface by more than SBI_STUFF_FAR its nodes slide along the surface towards what it misses, as long as all tets
- * at them keep angles within the bounds and no triangle becomes worse than the worst was. */
+ * at them keep angles within the bounds and no triangle becomes worse than the worst was; where that is not enough,
+ * edges get a node in the middle, under the same condition. */
 
 #define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
 #define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
 #define SBI_STUFF_SAMPLES 7          /* of a triangle: corners, middles of edges, centre */
 
 typedef struct sbi_stuffing_rim {
@@ -16731,14 +16737,18 @@ typedef struct sbi_stuffing_rim {
     sb_real *worst;             /* [faces] largest distance of a sample */
 } sbi_stuffing_rim;
 
-/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. */
+/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. p itself where
+ * they lead nowhere, as for functions that are no distances at all. */
 static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 {
     const sb_stuff_shape *g = s->def->shapes;
     const sb_real step = (sb_real)0.01 * s->half;
+    const sb_vec3 start = p;
     sb_surface_hit hit;
+    sb_real first;
     if (g->surface)
         return sb_surface_closest(g->surface, p, SB_REAL_MAX, &hit) ? hit.point : p;
+    first = sb_abs(sbi_stuffing_value(s, 0, p));
     for (int i = 0; i < 4; i++) {
         sb_real value = sbi_stuffing_value(s, 0, p), size, length;
         sb_vec3 n;
@@ -16751,7 +16761,7 @@ static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
         length = sb_min(sb_abs(value) * 2 * step / size, s->def->cell);
         p = sb_v3_madd(p, (value > 0 ? -length : length) / size, n);
     }
-    return p;
+    return sb_abs(sbi_stuffing_value(s, 0, p)) < (sb_real)0.1 * first ? p : start;
 }
 
 /* Sample k of a triangle. */
@@ -16800,17 +16810,23 @@ static void sbi_stuffing_set_node(sbi_stuffing_rim *rim, int node, sb_vec3 x)
     rim->mesh->nodes[rim->boundary.nodes[node]] = x;
 }
 
-static int sbi_stuffing_tets_are_sound(const sbi_stuffing_rim *rim, int node)
+/* Whether a tet is positive and well shaped with node `node` at x. */
+static int sbi_stuffing_is_sound(const sb_mesh *mesh, int tet, int node, sb_vec3 x)
 {
-    int volume_node = rim->boundary.nodes[node];
-    for (int k = rim->tets.offsets[volume_node]; k < rim->tets.offsets[volume_node + 1]; k++) {
-        int tet = rim->tets.items[k];
-        sb_vec3 corners[4];
-        for (int i = 0; i < 4; i++)
-            corners[i] = rim->mesh->nodes[rim->mesh->elements[4 * (size_t)tet + (size_t)i]];
-        if (!(sb_mesh_element_volume(rim->mesh, tet) > 0) || !sbi_stuffing_is_well_shaped(corners))
+    const int *nodes = mesh->elements + 4 * (size_t)tet;
+    sb_vec3 c[4];
+    for (int i = 0; i < 4; i++)
+        c[i] = nodes[i] == node ? x : mesh->nodes[nodes[i]];
+    return sb_v3_dot(sb_v3_cross(sb_v3_sub(c[1], c[0]), sb_v3_sub(c[2], c[0])), sb_v3_sub(c[3], c[0])) > 0 &&
+           sbi_stuffing_is_well_shaped(c);
+}
+
+static int sbi_stuffing_tets_are_sound(const sbi_stuffing_rim *rim, int node, sb_vec3 x)
+{
+    int at = rim->boundary.nodes[node];
+    for (int k = rim->tets.offsets[at]; k < rim->tets.offsets[at + 1]; k++)
+        if (!sbi_stuffing_is_sound(rim->mesh, rim->tets.items[k], at, x))
             return 0;
-    }
     return 1;
 }
 
@@ -16837,9 +16853,10 @@ static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_
     for (int i = 0; i < 6; i++) {
         sb_real distance;
         sb_vec3 step = sb_v3_madd(sb_v3_scale(scales[i][0], by), scales[i][1], sb_v3_sub(from, start));
-        sbi_stuffing_set_node(rim, node, sbi_stuffing_closest(rim->s, sb_v3_add(start, step)));
-        if (!sbi_stuffing_tets_are_sound(rim, node))
+        sb_vec3 x = sbi_stuffing_closest(rim->s, sb_v3_add(start, step));
+        if (!sbi_stuffing_tets_are_sound(rim, node, x))
             continue;
+        sbi_stuffing_set_node(rim, node, x);
         distance = sbi_stuffing_distance_round(rim, node, least);
         if (distance < least) {
             least = distance;
@@ -16880,14 +16897,155 @@ static sb_result sbi_stuffing_slide_all(sbi_stuffing_rim *rim)
     return result;
 }
 
-/* Brings the boundary close to the surface and tells how close it is. */
-static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+/* An edge of the boundary that is to get a node in the middle, at `at` on the surface. */
+typedef struct sbi_stuffing_split {
+    int a, b; /* nodes of the mesh */
+    sb_vec3 at;
+} sbi_stuffing_split;
+
+static int sbi_stuffing_tet_has(const sb_mesh *mesh, int tet, int node)
+{
+    const int *nodes = mesh->elements + 4 * (size_t)tet;
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+/* Whether the tets round an edge stay sound when it is split; taken [tets]: those that other splits change already.
+ * Returns how many there are, or 0. */
+static int sbi_stuffing_can_split(const sbi_stuffing_rim *rim, const sbi_stuffing_split *split,
+                                  const unsigned char *taken)
+{
+    int count = 0;
+    for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++) {
+        int tet = rim->tets.items[k];
+        if (!sbi_stuffing_tet_has(rim->mesh, tet, split->b))
+            continue;
+        if (taken[tet] || !sbi_stuffing_is_sound(rim->mesh, tet, split->a, split->at) ||
+            !sbi_stuffing_is_sound(rim->mesh, tet, split->b, split->at))
+            return 0;
+        count++;
+    }
+    return count;
+}
+
+/* Chooses a split for a triangle that is too far from the surface: the edge whose middle is, or its longest one, with
+ * the new node where the middle's closest point is or beyond it, towards a ridge; in the last round, if need be, half
+ * way to it. Returns how many tets it adds, or 0. */
+static int sbi_stuffing_choose_split(const sbi_stuffing_rim *rim, int face, int is_last, const unsigned char *taken,
+                                     sbi_stuffing_split *split)
+{
+    const int *nodes = rim->boundary.surface.elements + 3 * (size_t)face;
+    const sb_vec3 *x = rim->boundary.surface.nodes;
+    int edge = -1, longest = 0, count = 0, last = is_last ? 1 : 2;
+    sb_real farthest = SBI_STUFF_FAR * rim->s->def->cell;
+    sb_vec3 middle, away;
+    for (int k = 0; k < 3; k++) {
+        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + k);
+        sb_real distance = sb_v3_norm(sb_v3_sub(sbi_stuffing_closest(rim->s, p), p));
+        if (distance > farthest) {
+            farthest = distance;
+            edge = k;
+        }
+        if (sb_v3_norm(sb_v3_sub(x[nodes[k]], x[nodes[(k + 1) % 3]])) >
+            sb_v3_norm(sb_v3_sub(x[nodes[longest]], x[nodes[(longest + 1) % 3]])))
+            longest = k;
+    }
+    edge = edge < 0 ? longest : edge;
+    split->a = rim->boundary.nodes[nodes[edge]];
+    split->b = rim->boundary.nodes[nodes[(edge + 1) % 3]];
+    middle = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + edge);
+    away = sb_v3_sub(sbi_stuffing_closest(rim->s, middle), middle);
+    for (int k = 4; k >= last && count == 0; k--) {
+        sb_vec3 at = sb_v3_madd(middle, (sb_real)0.5 * (sb_real)k, away);
+        split->at = k > 1 ? sbi_stuffing_closest(rim->s, at) : at;
+        count = sbi_stuffing_can_split(rim, split, taken);
+    }
+    return count;
+}
+
+/* The mesh with edges split; no tet has two of them. */
+static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sbi_stuffing_split *splits, int count,
+                                           int added, sb_mesh *result)
+{
+    const sb_mesh *mesh = rim->mesh;
+    int next = mesh->element_count;
+    if (mesh->element_count > rim->s->def->max_elements - added ||
+        !sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
+                           &rim->s->def->allocator))
+        return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes", mesh->node_count + count);
+    memcpy(result->nodes, mesh->nodes, (size_t)mesh->node_count * sizeof(sb_vec3));
+    memcpy(result->elements, mesh->elements, (size_t)mesh->element_count * 4 * sizeof(int));
+    memcpy(result->regions, mesh->regions, (size_t)mesh->element_count * sizeof(int));
+    for (int i = 0; i < count; i++) {
+        const sbi_stuffing_split *split = splits + i;
+        result->nodes[mesh->node_count + i] = split->at;
+        for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++) {
+            int tet = rim->tets.items[k], *old = result->elements + 4 * (size_t)tet;
+            int *half = result->elements + 4 * (size_t)next;
+            if (!sbi_stuffing_tet_has(mesh, tet, split->b))
+                continue;
+            for (int j = 0; j < 4; j++) {
+                half[j] = old[j] == split->b ? mesh->node_count + i : old[j];
+                old[j] = old[j] == split->a ? mesh->node_count + i : old[j];
+            }
+            result->regions[next++] = result->regions[tet];
+        }
+    }
+    return SB_OK;
+}
+
+/* Splits edges where the boundary is still too far from the surface; *count: how many. */
+static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int *count)
+{
+    const sb_allocator *allocator = &rim->s->def->allocator;
+    const sb_real limit = SBI_STUFF_FAR * rim->s->def->cell;
+    int faces = rim->boundary.surface.element_count, far = 0, added = 0;
+    sbi_stuffing_split *splits;
+    unsigned char *taken;
+    sb_result result = SB_OK;
+    *count = 0;
+    for (int f = 0; f < faces; f++)
+        far += rim->worst[f] > limit;
+    if (far == 0)
+        return SB_OK;
+    splits = (sbi_stuffing_split *)sbi_alloc(allocator, (size_t)far, sizeof *splits);
+    taken = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)rim->mesh->element_count, 1);
+    if (!splits || !taken)
+        result = sbi_stuffing_no_memory(rim->s);
+    for (int f = 0; f < faces && result == SB_OK; f++) {
+        sbi_stuffing_split *split = splits + *count;
+        int more = rim->worst[f] > limit ? sbi_stuffing_choose_split(rim, f, is_last, taken, split) : 0;
+        if (more == 0)
+            continue;
+        for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++)
+            if (sbi_stuffing_tet_has(rim->mesh, rim->tets.items[k], split->b))
+                taken[rim->tets.items[k]] = 1;
+        added += more;
+        ++*count;
+    }
+    if (result == SB_OK && *count > 0) {
+        sb_mesh split;
+        result = sbi_stuffing_apply_splits(rim, splits, *count, added, &split);
+        if (result == SB_OK) {
+            sb_mesh_free(rim->mesh);
+            *rim->mesh = split;
+        }
+    }
+    sbi_free(allocator, splits);
+    sbi_free(allocator, taken);
+    return result;
+}
+
+/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
+                                              sb_real *distance)
 {
     sbi_stuffing_rim rim;
     sb_result result;
     memset(&rim, 0, sizeof rim);
     rim.s = s;
     rim.mesh = mesh;
+    *again = 0;
+    *distance = 0;
     result = sb_mesh_boundary(mesh, 1, &s->def->allocator, &rim.boundary, s->error);
     if (result == SB_OK) {
         int count = rim.boundary.surface.element_count;
@@ -16898,14 +17056,25 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
         } else {
             result = sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a boundary of %d triangles", count);
         }
-        *distance = 0;
         for (int f = 0; f < count && result == SB_OK; f++)
             *distance = sb_max(*distance, rim.worst[f]);
+        if (result == SB_OK && round < SBI_STUFF_SPLITS)
+            result = sbi_stuffing_split_all(&rim, round == SBI_STUFF_SPLITS - 1, again);
     }
     sb_boundary_free(&rim.boundary);
     sb_index_lists_free(&rim.tets);
     sb_index_lists_free(&rim.faces);
     sbi_free(&s->def->allocator, rim.worst);
+    return result;
+}
+
+/* Brings the boundary close to the surface and tells how close it is. */
+static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+{
+    sb_result result = SB_OK;
+    int again = 1;
+    for (int round = 0; round <= SBI_STUFF_SPLITS && again && result == SB_OK; round++)
+        result = sbi_stuffing_refine_boundary(s, mesh, round, &again, distance);
     return result;
 }
 
@@ -16981,11 +17150,11 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     s.error = error;
     result = sbi_stuffing_build(&s, &made);
     if (result == SB_OK)
-        result = sb_mesh_reorder(&made, NULL, NULL, error);
-    if (result == SB_OK)
         result = sbi_stuffing_progress(&s, 0.9);
     if (result == SB_OK)
         result = sbi_stuffing_finish_boundary(&s, &made, &distance);
+    if (result == SB_OK)
+        result = sb_mesh_reorder(&made, NULL, NULL, error);
     if (result == SB_OK && def->type == SB_TET10) {
         result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
         if (result == SB_OK) {

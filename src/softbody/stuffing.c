@@ -1600,6 +1600,10 @@ static sb_result sbi_stuffing_cut(sbi_stuffing *s)
             sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);
         if (pass == 1)
             break;
+        if (s->element_count == 0)
+            return sbi_fail(s->error, SB_ERROR_MESH,
+                            "nothing to mesh: the first shape is much thinner than cells of %g m everywhere",
+                            (double)s->def->cell);
         if (s->element_count > s->def->max_elements)
             return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
                             (double)s->def->cell, s->def->max_elements);
@@ -1663,7 +1667,7 @@ static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
 
 #define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
 #define SBI_STUFF_ROUNDS 8
-#define SBI_STUFF_SPLITS 3             /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
 #define SBI_STUFF_SAMPLES 7          /* of a triangle: corners, middles of edges, centre */
 
 typedef struct sbi_stuffing_rim {
@@ -1674,14 +1678,18 @@ typedef struct sbi_stuffing_rim {
     sb_real *worst;             /* [faces] largest distance of a sample */
 } sbi_stuffing_rim;
 
-/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. */
+/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. p itself where
+ * they lead nowhere, as for functions that are no distances at all. */
 static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 {
     const sb_stuff_shape *g = s->def->shapes;
     const sb_real step = (sb_real)0.01 * s->half;
+    const sb_vec3 start = p;
     sb_surface_hit hit;
+    sb_real first;
     if (g->surface)
         return sb_surface_closest(g->surface, p, SB_REAL_MAX, &hit) ? hit.point : p;
+    first = sb_abs(sbi_stuffing_value(s, 0, p));
     for (int i = 0; i < 4; i++) {
         sb_real value = sbi_stuffing_value(s, 0, p), size, length;
         sb_vec3 n;
@@ -1694,7 +1702,7 @@ static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
         length = sb_min(sb_abs(value) * 2 * step / size, s->def->cell);
         p = sb_v3_madd(p, (value > 0 ? -length : length) / size, n);
     }
-    return p;
+    return sb_abs(sbi_stuffing_value(s, 0, p)) < (sb_real)0.1 * first ? p : start;
 }
 
 /* Sample k of a triangle. */
@@ -1861,13 +1869,14 @@ static int sbi_stuffing_can_split(const sbi_stuffing_rim *rim, const sbi_stuffin
 }
 
 /* Chooses a split for a triangle that is too far from the surface: the edge whose middle is, or its longest one, with
- * the new node where the middle's closest point is or beyond it, towards a ridge. Returns how many tets it adds, or 0. */
-static int sbi_stuffing_choose_split(const sbi_stuffing_rim *rim, int face, const unsigned char *taken,
+ * the new node where the middle's closest point is or beyond it, towards a ridge; in the last round, if need be, half
+ * way to it. Returns how many tets it adds, or 0. */
+static int sbi_stuffing_choose_split(const sbi_stuffing_rim *rim, int face, int is_last, const unsigned char *taken,
                                      sbi_stuffing_split *split)
 {
     const int *nodes = rim->boundary.surface.elements + 3 * (size_t)face;
     const sb_vec3 *x = rim->boundary.surface.nodes;
-    int edge = -1, longest = 0, count = 0;
+    int edge = -1, longest = 0, count = 0, last = is_last ? 1 : 2;
     sb_real farthest = SBI_STUFF_FAR * rim->s->def->cell;
     sb_vec3 middle, away;
     for (int k = 0; k < 3; k++) {
@@ -1886,8 +1895,9 @@ static int sbi_stuffing_choose_split(const sbi_stuffing_rim *rim, int face, cons
     split->b = rim->boundary.nodes[nodes[(edge + 1) % 3]];
     middle = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + edge);
     away = sb_v3_sub(sbi_stuffing_closest(rim->s, middle), middle);
-    for (int k = 4; k >= 2 && count == 0; k--) {
-        split->at = sbi_stuffing_closest(rim->s, sb_v3_madd(middle, (sb_real)0.5 * (sb_real)k, away));
+    for (int k = 4; k >= last && count == 0; k--) {
+        sb_vec3 at = sb_v3_madd(middle, (sb_real)0.5 * (sb_real)k, away);
+        split->at = k > 1 ? sbi_stuffing_closest(rim->s, at) : at;
         count = sbi_stuffing_can_split(rim, split, taken);
     }
     return count;
@@ -1925,7 +1935,7 @@ static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sb
 }
 
 /* Splits edges where the boundary is still too far from the surface; *count: how many. */
-static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int *count)
+static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int *count)
 {
     const sb_allocator *allocator = &rim->s->def->allocator;
     const sb_real limit = SBI_STUFF_FAR * rim->s->def->cell;
@@ -1944,7 +1954,7 @@ static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int *count)
         result = sbi_stuffing_no_memory(rim->s);
     for (int f = 0; f < faces && result == SB_OK; f++) {
         sbi_stuffing_split *split = splits + *count;
-        int more = rim->worst[f] > limit ? sbi_stuffing_choose_split(rim, f, taken, split) : 0;
+        int more = rim->worst[f] > limit ? sbi_stuffing_choose_split(rim, f, is_last, taken, split) : 0;
         if (more == 0)
             continue;
         for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++)
@@ -1966,8 +1976,8 @@ static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int *count)
     return result;
 }
 
-/* One round of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
-static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int may_split, int *again,
+/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
                                               sb_real *distance)
 {
     sbi_stuffing_rim rim;
@@ -1989,8 +1999,8 @@ static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *me
         }
         for (int f = 0; f < count && result == SB_OK; f++)
             *distance = sb_max(*distance, rim.worst[f]);
-        if (result == SB_OK && may_split)
-            result = sbi_stuffing_split_all(&rim, again);
+        if (result == SB_OK && round < SBI_STUFF_SPLITS)
+            result = sbi_stuffing_split_all(&rim, round == SBI_STUFF_SPLITS - 1, again);
     }
     sb_boundary_free(&rim.boundary);
     sb_index_lists_free(&rim.tets);
@@ -2005,7 +2015,7 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
     sb_result result = SB_OK;
     int again = 1;
     for (int round = 0; round <= SBI_STUFF_SPLITS && again && result == SB_OK; round++)
-        result = sbi_stuffing_refine_boundary(s, mesh, round < SBI_STUFF_SPLITS, &again, distance);
+        result = sbi_stuffing_refine_boundary(s, mesh, round, &again, distance);
     return result;
 }
 
