@@ -976,6 +976,48 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
     return sbi_mesh_quality_of(mesh, &table, element);
 }
 
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
+    sb_real size[4];
+    normals[1] = sb_v3_cross(b, c);
+    normals[2] = sb_v3_cross(c, a);
+    normals[3] = sb_v3_cross(a, b);
+    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
+    *of_smallest = -1;
+    *of_largest = 1;
+    for (int i = 0; i < 4; i++)
+        size[i] = sb_v3_norm(normals[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = i + 1; j < 4; j++) {
+            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
+            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
+        }
+}
+
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
+{
+    const sb_real degrees = (sb_real)57.295779513082321;
+    sb_real sharp = -1, blunt = 1;
+    int is_tet = mesh && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10) && mesh->element_count > 0;
+    for (int e = 0; is_tet && e < mesh->element_count; e++) {
+        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+        sb_vec3 corners[4];
+        sb_real of_smallest, of_largest;
+        for (int a = 0; a < 4; a++)
+            corners[a] = mesh->nodes[nodes[a]];
+        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+        sharp = of_smallest <= sharp ? sharp : of_smallest;
+        blunt = of_largest >= blunt ? blunt : of_largest;
+    }
+    if (smallest)
+        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
+    if (largest)
+        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
+}
+
 /* ---- the report ---- */
 
 SB_API void sb_mesh_report_free(sb_mesh_report *report)

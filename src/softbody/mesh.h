@@ -123,6 +123,9 @@ SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
  * corner of edges scaled to length 1; hex20, hex27, custom: the same of the columns dx/dxi at all nodes, face
  * centres and points (custom: points only); triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
 SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
+/* Smallest and largest angle (degrees) between two faces of an element, over all elements of a tet4 or tet10 mesh (of
+ * its corners); both 0 for other types and without elements. Either place may be NULL. */
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest);
 
 /* ---- repairs, on request only ---------------------------------------------------------------------------
  * They change the mesh in place, take scratch from mesh->allocator and leave the mesh as it was on failure.
@@ -224,6 +227,8 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 {
     return sbi_element_make(mesh->element_type, mesh->table);
 }
+/* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);
