@@ -312,6 +312,7 @@
 #define sb_mesh_surface_area sb_mesh_surface_area_f32
 #define sb_mesh_bounds sb_mesh_bounds_f32
 #define sb_mesh_element_quality sb_mesh_element_quality_f32
+#define sb_mesh_dihedral_range sb_mesh_dihedral_range_f32
 #define sb_mesh_orient sb_mesh_orient_f32
 #define sb_mesh_orient_surface sb_mesh_orient_surface_f32
 #define sb_mesh_merge_nodes sb_mesh_merge_nodes_f32
@@ -372,6 +373,8 @@
 #define sb_surface_triangulate sb_surface_triangulate_f32
 #define sb_default_surface_repair sb_default_surface_repair_f32
 #define sb_surface_repair sb_surface_repair_f32
+#define sb_default_stuff_def sb_default_stuff_def_f32
+#define sb_mesh_stuff sb_mesh_stuff_f32
 #define sb_material_linear sb_material_linear_f32
 #define sb_material_corotated sb_material_corotated_f32
 #define sb_material_corotated_invertible sb_material_corotated_invertible_f32
@@ -425,6 +428,15 @@
 #define sb_pcg_solve sb_pcg_solve_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
+#define sb_default_grid_def sb_default_grid_def_f32
+#define sb_grid_create sb_grid_create_f32
+#define sb_grid_free sb_grid_free_f32
+#define sb_grid_map_points sb_grid_map_points_f32
+#define sb_grid_map_surface sb_grid_map_surface_f32
+#define sb_grid_rows_free sb_grid_rows_free_f32
+#define sb_grid_add_traction sb_grid_add_traction_f32
 #define sb_default_body_def sb_default_body_def_f32
 #define sb_body_create sb_body_create_f32
 #define sb_body_destroy sb_body_destroy_f32
@@ -627,7 +639,8 @@ typedef enum sb_result {
     SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
     SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
     SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
@@ -2347,6 +2360,9 @@ SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
  * corner of edges scaled to length 1; hex20, hex27, custom: the same of the columns dx/dxi at all nodes, face
  * centres and points (custom: points only); triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
 SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
+/* Smallest and largest angle (degrees) between two faces of an element, over all elements of a tet4 or tet10 mesh (of
+ * its corners); both 0 for other types and without elements. Either place may be NULL. */
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest);
 
 /* ---- repairs, on request only ---------------------------------------------------------------------------
  * They change the mesh in place, take scratch from mesh->allocator and leave the mesh as it was on failure.
@@ -2832,6 +2848,85 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
                                    sb_error *error);
 
 #endif /* SB_SURFACE_H */
+
+/* ==== src/softbody/stuffing.h ==== */
+/* stuffing: a tetrahedral mesh from any closed surface or signed distance, with bounded dihedral angles. Floor 2.
+ * Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice is laid over the shape, lattice points
+ * near the surface are moved onto it, and the tets that it still crosses are cut by stencils. No size of the input
+ * triangles, their quality or their number enters the mesh. */
+#ifndef SB_STUFFING_H
+#define SB_STUFFING_H
+
+
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. Only
+ * the sign and the zero set decide what is meshed; the values between steer how fast the surface is found. It must
+ * give the same value for the same point each time, also when called from several threads at once. */
+typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
+
+/* Shapes of one mesh, at most. */
+#define SB_STUFF_MAX_SHAPES 64
+
+/* One of the shapes that a mesh is made of: a surface, or a function. */
+typedef struct sb_stuff_shape {
+    const sb_surface *surface; /* closed; or NULL, then `distance` is called. Borrowed for the call */
+    sb_distance distance;
+    void *user;                /* handed to `distance` */
+    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                                * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;                /* of the elements inside this shape and inside none that follows it */
+} sb_stuff_shape;
+
+/* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
+ *
+ * The first shape is the body; what follows lies inside it, nested or side by side: skin, prostate, bone. Where shapes
+ * overlap the later one wins; what sticks out of the first is cut off. Regions share the nodes of the faces between
+ * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
+ * up to a cell; the outer boundary never does. */
+typedef struct sb_stuff_def {
+    const sb_stuff_shape *shapes; /* [shape_count] borrowed */
+    int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
+    sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
+                                   * surface, which brings its own */
+    sb_real cell;                 /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
+    int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
+    sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
+    int max_elements;             /* more than that are refused; default 20 million */
+    int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
+                                                   * a result other than 0 cancels. Default NULL */
+    void *progress_user;
+    sb_allocator allocator;       /* of the mesh and of all scratch; default malloc */
+    sb_jobs jobs;                 /* of sampling; default inline */
+    unsigned cookie;              /* set by sb_default_stuff_def; a def made without it is refused */
+} sb_stuff_def;
+
+/* What came out. */
+typedef struct sb_stuff_report {
+    int cells[3];            /* of the lattice, along x, y, z */
+    int node_count, element_count;
+    sb_real min_dihedral, max_dihedral; /* degrees */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
+                              * middles of edges and the centres of its triangles; functions: to where a few Newton
+                              * steps end */
+    sb_real volume;          /* m^3 */
+} sb_stuff_report;
+
+SB_API sb_stuff_def sb_default_stuff_def(void);
+
+/* Makes the mesh: positively oriented tets with regions, all nodes used, ready for sb_body_create.
+ *
+ * Every dihedral angle lies in 10.7 to 164.8 degrees, in 9 to 165.6 with several shapes, with levels or without: what
+ * is cut or moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
+ * Boundary nodes lie on the surface. Features thinner than a cell may be lost.
+ *
+ * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
+ * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
+ * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
+ * not), SB_ERROR_MESH (no lattice point lies inside: the cell is too large, or the surface is inside out),
+ * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
+ * cell of the box, the rest O(mesh). */
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
+
+#endif /* SB_STUFFING_H */
 
 /* ==== src/softbody/material.h ==== */
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 1.
@@ -4105,7 +4200,9 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 /* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
  * and the reference gradients (1/m) of the cell's shape functions. With these
  *     F = I + sum_a u_a (x) grad N_a,   f_a += w P grad N_a,   K_ab += w grad N_a . dP/dF . grad N_b
- * serve every element, and whatever else can name its nodes, weights and gradients. */
+ * serve every element, and whatever else can name its nodes, weights and gradients: a body takes a domain of one's own
+ * (sb_body_def.domain). Several cells may then have the same nodes, and weights may be 0: such a point takes no part,
+ * not even where its deformation is one that the material does not admit. */
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
@@ -4121,6 +4218,8 @@ typedef struct sb_domain {
     sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
     sb_real *corner_gradients;    /* [cell_count][4][3] of the straight corner tet (1/m), or NULL */
+    sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
+                                   * row by row (n nodes per cell); NULL: the cells are elements, full of material */
     sb_allocator allocator;
 } sb_domain;
 
@@ -4155,8 +4254,167 @@ typedef enum sb_mass_kind {
                              * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
 
+/* ---- points between nodes ---- */
+
+/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
+ * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
+ * whose weights do not sum to 1 is no point, but works too. */
+typedef struct sb_mapping {
+    int row_count;
+    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;         /* [row_start[row_count]] */
+    const sb_real *weights;   /* [row_start[row_count]] */
+} sb_mapping;
+
+/* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
+ * displacements. Not checked: nodes must be within x. out and x do not overlap. */
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out);
+/* forces[nodes] += H f: forces f[row_count] at the rows' points, brought to their nodes. */
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces);
+
 
 #endif /* SB_DOMAIN_H */
+
+/* ==== src/softbody/grid.h ==== */
+/* grid: regular hexahedral grids round bodies whose surface cuts the cells (immersed boundary). Floor 2. */
+#ifndef SB_GRID_H
+#define SB_GRID_H
+
+
+/* A surface that no mesh follows is laid into a grid of bricks. Bricks that it does not touch are dropped, those it cuts
+ * are integrated over the part that is inside:
+ *
+ *     +------+------+------+      sparse: as if they were full. Cheapest, too stiff, jumps with the grid's position
+ *     |   ,--+------+--.   |      finite cell: cut again and again into eight where the surface goes (an octree); the
+ *     |  /   |      |   \  |          points of its leaves that are inside. Exact as the level grows, as does the cost
+ *     +-|----+------+----|-+      weighted cell: the eight points that a full brick has, each with the inside share of
+ *     |  \   |      |   /  |          its octant as weight, from the same octree. As cheap as a plain mesh at any level
+ *     |   `--+------+--'   |
+ *     +------+------+------+      [thesis of Brunet 2020, chapter 4; finite cell: Parvizian, Duester, Rank 2007]
+ *
+ * What comes out is a mesh and a domain for a body:
+ *     sb_grid_def settings = sb_default_grid_def();
+ *     settings.outer.surface = liver;
+ *     sb_grid_create(&settings, &grid, &error);
+ *     def.mesh = &grid.body_mesh;
+ *     def.domain = &grid.domain;
+ * Supports and loads act on points of the surface, through rows of node weights (sb_grid_map_points, _map_surface). */
+
+typedef enum sb_grid_method {
+    SB_GRID_SPARSE = 1,
+    SB_GRID_FINITE_CELL = 2,
+    SB_GRID_WEIGHTED_CELL = 3
+} sb_grid_method;
+
+enum {
+    SB_GRID_EMPTY = -1,     /* region of a shape that is a hole */
+    SB_GRID_MAX_SHAPES = 30, /* the outer one and the inner ones */
+    SB_GRID_MAX_LEVEL = 8
+};
+
+/* The inside of something: of a surface, or of a function of one's own. One of the two. */
+typedef struct sb_grid_shape {
+    const sb_surface *surface;    /* used during the call only, or NULL */
+    sb_real (*distance)(void *user, sb_vec3 point); /* signed distance (m), negative inside: its sign must be right and its
+                                   * size nowhere larger than the true distance. Called from the job's threads */
+    void *user;
+    int region;                   /* of what is inside; default 0. SB_GRID_EMPTY: nothing */
+} sb_grid_shape;
+
+/* What a grid is made from. Start from sb_default_grid_def(). */
+typedef struct sb_grid_def {
+    sb_grid_method method;        /* default SB_GRID_WEIGHTED_CELL */
+    int level;                    /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
+                                   * More than 3 hardly changes weighted cells; finite cells have four times the points
+                                   * with each level */
+    sb_grid_shape outer;          /* the body */
+    const sb_grid_shape *inner;   /* [inner_count] parts of other regions (tumours, vessels), or NULL. Where they overlap, the
+                                   * last one counts; what sticks out of the outer shape does not */
+    int inner_count;              /* at most SB_GRID_MAX_SHAPES - 1 */
+    sb_vec3 low, high;            /* box that the grid is to cover (m); equal (default): that of outer.surface */
+    int cells;                    /* cells along the longest side of the box, in [1, 2000]; default 10. They are cubes, and
+                                   * the grid is centred round the box */
+    sb_real cell_size;            /* edge of a cell (m) instead; 0 (default): from `cells` */
+    int counts[3];                /* cells along each axis instead, so that the grid is the box and its cells need not be
+                                   * cubes; 0 (default): from the above */
+    sb_real void_stiffness;       /* share of the stiffness that points outside keep, [0, 1); default 1e-4. It holds what
+                                   * hangs on nearly nothing. 0 may leave the tangent singular. Has no mass */
+    sb_real least_share;          /* cells with less of their volume inside are dropped, [0, 1); default 0: only those in
+                                   * which no point was found inside */
+    int max_points;               /* finite cells: more points (with those of uncut cells) are refused rather than computed
+                                   * with, >= 8; default 4,000,000. Each costs about 400 bytes in a body */
+    sb_allocator allocator;       /* default malloc */
+    sb_jobs jobs;                 /* default inline */
+    void (*progress)(void *user, double share); /* called now and then with the share of work done, (0, 1], or NULL */
+    void *progress_user;
+    unsigned cookie;              /* set by sb_default_grid_def; a def made without it is refused */
+} sb_grid_def;
+
+SB_API sb_grid_def sb_default_grid_def(void);
+
+/* A grid. Zero-initialise; release with sb_grid_free. */
+typedef struct sb_grid {
+    sb_mesh mesh;                 /* hex8: the cells that are kept, once each; for pictures and embedding. regions: the one
+                                   * with most of the cell */
+    sb_mesh body_mesh;            /* hex8: what a body's elements are. The same nodes; each cell once for every eight points
+                                   * and for each of its regions */
+    sb_domain domain;             /* points, weights and masses of body_mesh */
+    int *body_cells;              /* [body_mesh.element_count] element of mesh that each belongs to, ascending */
+    sb_real *shares;              /* [mesh.element_count] share of the cell's volume that is inside, (0, 1]; sparse: 1 */
+    sb_vec3 origin;               /* (m) low corner */
+    sb_vec3 cell_size;            /* (m) */
+    int counts[3];                /* cells along each axis, dropped ones included */
+    int *lattice;                 /* [counts[2]][counts[1]][counts[0]] element of mesh, or -1 */
+    int cut_count;                /* elements of mesh that a surface cuts */
+    int region_count;
+    int *regions;                 /* [region_count] the outer shape's, then others in the order of the inner shapes */
+    sb_real *region_volumes;      /* [region_count] (m^3) */
+    sb_real volume;               /* (m^3) their sum */
+    sb_allocator allocator;
+} sb_grid;
+
+/* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box, or a
+ * distance), SB_ERROR_MESH (no cell has anything inside), SB_ERROR_UNSUPPORTED (more cells than an int counts, more points
+ * than max_points), SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
+SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);
+SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
+
+/* ---- points of the body in the grid ----
+ * The surface mapping H: a point is a sum of the positions of the eight nodes of its cell. */
+
+/* Rows for points of space or of a surface. Release with sb_grid_rows_free. */
+typedef struct sb_grid_rows {
+    sb_mapping rows;              /* eight nodes and weights each, for sb_body_add_mapping and sb_mapping_apply */
+    const int *cells;             /* [row_count] element of grid.mesh */
+    const sb_vec3 *points;        /* [row_count] (m) */
+    const sb_real *areas;         /* [row_count] (m^2) that the point stands for: of sb_grid_map_surface, else NULL */
+    const sb_vec3 *normals;       /* [row_count] unit normals of its triangle; likewise */
+    sb_real farthest;             /* (m) largest distance of a point from the cell it was put to: 0 when all are inside */
+    void *memory;                 /* behind the arrays */
+    sb_allocator allocator;
+} sb_grid_rows;
+
+/* Rows of points[count] (m), in their order. A point outside all kept cells belongs to the nearest one, whose shape
+ * functions go on outside: rows give back positions, and carry the force and moment of a load, exactly all the same.
+ * SB_ERROR_ARGUMENT names (error->node) the first that is farther away than the longest edge of a cell, SB_ERROR_NOT_FINITE
+ * one that is not finite; SB_ERROR_MEMORY. *rows is untouched then. O(count). Source: eqs. 4.4, 4.16. */
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
+                                    sb_grid_rows *rows, sb_error *error);
+/* Rows of integration points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh,
+ * cut finely enough for the cells: one for a triangle with edges up to half a cell, otherwise three in each of its pieces
+ * with edges up to a cell. Their areas sum to that of the triangles, and their moments are exact. Errors as above, and
+ * SB_ERROR_INDEX (a triangle), SB_ERROR_MESH (one without area), SB_ERROR_UNSUPPORTED (more rows than an int counts).
+ *     Penalty displacements (eqs. 4.18-4.21): sb_body_add_mapping(body, &rows.rows, stiffness, 0, targets, ...) with
+ *     stiffness[j] = kappa areas[j], kappa (Pa/m) some 10 to 100 times Young's modulus over the cell size. */
+SB_API sb_result sb_grid_map_surface(const sb_grid *grid, const sb_mesh *surface, const int *triangles, int count,
+                                     const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error);
+SB_API void sb_grid_rows_free(sb_grid_rows *rows); /* NULL and {0} are fine */
+
+/* forces[nodes of the grid] (N) += what tractions[row_count] (Pa on the undeformed area), or one for all when uniform is 1,
+ * exert on the nodes; hand them to sb_body_add_forces. Rows need areas; others change nothing. Source: eqs. 4.14-4.17. */
+SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces);
+
+#endif /* SB_GRID_H */
 
 /* ==== src/softbody/body.h ==== */
 /* body: a mesh with material, supports, loads and state. Floor 3. */
@@ -4190,6 +4448,11 @@ typedef struct sb_region_material {
 typedef struct sb_body_def {
     const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
                                        * custom elements, which the body keeps */
+    const sb_domain *domain;          /* integration points of one's own (an immersed grid's) instead of those of the mesh's
+                                       * elements, or NULL (default). Its cells are the elements of mesh, in their order
+                                       * and with their nodes; several may have the same nodes. Copied; integration and
+                                       * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
+                                       * SB_ERROR_NOT_FINITE name the cell that does not fit */
     sb_material material;             /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
@@ -4308,7 +4571,8 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body);
  * add. SB_ERROR_INDEX,
  * SB_ERROR_INVERTED (material has no stress there); *stress is then untouched. */
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress);
-/* Von Mises stress (Pa) of every element, mean over its points, 0 where there is none; values[element_count]. */
+/* Von Mises stress (Pa) of every element, mean over its points (over their weights where def.domain was given), 0 where
+ * there is none; values[element_count]. */
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values);
 /* The same as nodal averages weighted by volume, for colouring; values[node_count]. */
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
@@ -4324,7 +4588,8 @@ enum {
     SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
     SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
     SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
-    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice */
+    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice. Not
+                                  * looked for where def.domain was given: its cells may well share their nodes */
 };
 typedef struct sb_check_report {
     unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
@@ -4388,16 +4653,6 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
                                      int uniform, const sb_vec3 *points, int *load_id, sb_error *error);
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
-
-/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
- * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
- * whose weights do not sum to 1 is no point, but works too. */
-typedef struct sb_mapping {
-    int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
-} sb_mapping;
 
 /* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
  * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
@@ -4981,6 +5236,8 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 {
     return sbi_element_make(mesh->element_type, mesh->table);
 }
+/* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);
@@ -5090,6 +5347,16 @@ SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_preco
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/domain.h, internal ==== */
+/* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
+ * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
+ * that do not sum to 0; SB_ERROR_NOT_FINITE; both name the cell; and what sb_domain_create returns. *copy is untouched
+ * on failure. */
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error);
+/* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
+ * SB_MASS_REDUCED makes no difference. */
+SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load);
 /* The element of the cells. */
 SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
 {
@@ -5234,6 +5501,7 @@ SB_API const char *sb_result_string(sb_result result)
     case SB_ERROR_NOT_CONVERGED: return "SB_ERROR_NOT_CONVERGED";
     case SB_ERROR_INDEFINITE: return "SB_ERROR_INDEFINITE";
     case SB_ERROR_STATE: return "SB_ERROR_STATE";
+    case SB_ERROR_CANCELLED: return "SB_ERROR_CANCELLED";
     }
     return "unknown sb_result";
 }
@@ -7097,6 +7365,48 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
         return 0;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_quality_of(mesh, &table, element);
+}
+
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
+    sb_real size[4];
+    normals[1] = sb_v3_cross(b, c);
+    normals[2] = sb_v3_cross(c, a);
+    normals[3] = sb_v3_cross(a, b);
+    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
+    *of_smallest = -1;
+    *of_largest = 1;
+    for (int i = 0; i < 4; i++)
+        size[i] = sb_v3_norm(normals[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = i + 1; j < 4; j++) {
+            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
+            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
+        }
+}
+
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
+{
+    const sb_real degrees = (sb_real)57.295779513082321;
+    sb_real sharp = -1, blunt = 1;
+    int is_tet = mesh && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10) && mesh->element_count > 0;
+    for (int e = 0; is_tet && e < mesh->element_count; e++) {
+        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+        sb_vec3 corners[4];
+        sb_real of_smallest, of_largest;
+        for (int a = 0; a < 4; a++)
+            corners[a] = mesh->nodes[nodes[a]];
+        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+        sharp = of_smallest <= sharp ? sharp : of_smallest;
+        blunt = of_largest >= blunt ? blunt : of_largest;
+    }
+    if (smallest)
+        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
+    if (largest)
+        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
 }
 
 /* ---- the report ---- */
@@ -16231,6 +16541,2124 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
     return SB_OK;
 }
 
+/* ==== src/softbody/stuffing.c ==== */
+/* stuffing: isosurface stuffing with several shapes and graded cells.
+ *
+ * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
+ * Every tet of the lattice joins the centres of two cells that share a face with an edge of that face. Corners and
+ * centres each are a cubic grid of "long" edges (one cell); "short" edges (sqrt(3)/2) run between the two kinds.
+ *
+ *   1. label     the shape that each point lies in, 0 outside: a byte per point, space far from surfaces in one go
+ *   2. octree    cells round a change of label stay small, others merge; enumerate the tets
+ *   3. cut       where edges between labels cross the surface, by root finding
+ *   4. warp      points close to a cut move onto it and belong to both sides from then on ("zero" points)
+ *   5. stencils  what is still cut falls into tets of one label each
+ *
+ * Several labels. The stencils know two sides, so every tet must see two labels at most, zeros not counted. A tet
+ * with a point outside sees the outside and the rest: the outer boundary is always exact. In it, and in tets that see
+ * three labels or more, points become zeros where they are until the rule holds; this shifts the face between inner
+ * regions, by less than a cell, and no angle is worse for it: a zero at its lattice point is one of the cases that
+ * the angles' bounds were found over. What a point counts as in a face depends on the points of that face and on
+ * nothing else that the two tets at the face do not share; so they cut it alike.
+ *
+ * Source: Labelle and Shewchuk, Isosurface stuffing, 2007; for the parity rule that lets both sides match, the order of
+ * prisms and the lengths of warps: own derivation, checked over all patterns. */
+
+#include <limits.h>
+#include <string.h>
+
+#define SBI_STUFF_COOKIE 0x53545546u
+#define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
+#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285)   /* parts of an edge within which its end is warped to the cut */
+#define SBI_STUFF_ALPHA_SHORT ((sb_real)0.3975)
+#define SBI_STUFF_SHORT ((sb_real)0.8660254037844386) /* length of a short edge in cells */
+#define SBI_STUFF_MAX_LEVELS 8
+#define SBI_STUFF_EDGES 7          /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
+#define SBI_STUFF_CHUNK 128        /* surface points per task */
+
+/* A set of lattice points that numbers its members in lattice order: count before each word, and bits within it. */
+typedef struct sbi_stuffing_set {
+    uint64_t *words;
+    int *before;
+    size_t word_count;
+    int count;
+} sbi_stuffing_set;
+
+typedef enum sbi_stuffing_state {
+    SBI_STUFF_STRICT = 0, /* lies in the region of its label */
+    SBI_STUFF_OUTER = 1,  /* on the outer boundary */
+    SBI_STUFF_INNER = 2   /* on a face between regions */
+} sbi_stuffing_state;
+
+/* A point with an edge to another label. */
+typedef struct sbi_stuffing_point {
+    int half[3];
+    int active;             /* its number among the points of the mesh */
+    unsigned char label, state;
+    sb_real moved;          /* distance from its place in the lattice, in cells */
+    sb_real cut[SBI_STUFF_EDGES]; /* fraction along each owned edge to where the label changes; -1: it does not */
+} sbi_stuffing_point;
+
+typedef struct sbi_stuffing_failure {
+    int shape; /* whose distance was not finite; -1: none */
+    sb_vec3 at;
+} sbi_stuffing_failure;
+
+typedef struct sbi_stuffing {
+    const sb_stuff_def *def;
+    sb_error *error;
+    sb_vec3 low, high, origin;
+    sb_real half;                 /* m, half a cell */
+    int n[3];                     /* cells, multiples of 2^levels */
+    size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
+    size_t point_count;           /* of the lattice: two per cell, cells of the last layer half used */
+    unsigned char *labels;        /* [point_count] 1 + shape, 0 outside */
+    unsigned char *split[SBI_STUFF_MAX_LEVELS + 1]; /* 1: this cell of size 2^level is made of smaller ones */
+    sbi_stuffing_set surface, active;
+    int tet_count;
+    int *tets;                    /* [tet_count][4] active points */
+    sb_vec3 *positions;           /* [active.count] */
+    unsigned char *active_label;  /* [active.count] */
+    int *point_of;                /* [active.count] surface point, or -1 */
+    sbi_stuffing_point *points;   /* [surface.count] */
+    sb_real *values;              /* [surface.count][shapes] distances, where an edge needs them */
+    sbi_stuffing_failure *failures; /* one per task of a slice */
+    int first;                    /* first block or point of the slice that tasks work on */
+    /* what the stencils make */
+    int *cut_node;                /* [surface.count][7] node of the cut, -1: none yet */
+    sb_vec3 *cut_positions;
+    int cut_count;
+    int *elements;                /* [element_count][4] active points, then cuts */
+    unsigned char *element_labels;
+    int element_count, element_capacity;
+} sbi_stuffing;
+
+SB_API sb_stuff_def sb_default_stuff_def(void)
+{
+    sb_stuff_def def;
+    memset(&def, 0, sizeof def);
+    def.type = SB_TET4;
+    def.max_elements = 20000000;
+    def.cookie = SBI_STUFF_COOKIE;
+    return def;
+}
+
+/* ---- shapes ---- */
+
+/* Signed distance of a shape; the first one is cut off at its box. The sign of a surface's is that of the nearest
+ * triangle's side: right but where the surface crosses itself. */
+static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    sb_real value;
+    if (g->surface)
+        return sb_surface_signed_distance(g->surface, p, NULL);
+    value = g->distance(g->user, p);
+    if (shape == 0 && sb_is_finite(value)) {
+        value = sb_max(value, sb_max(s->low.x - p.x, p.x - s->high.x));
+        value = sb_max(value, sb_max(s->low.y - p.y, p.y - s->high.y));
+        value = sb_max(value, sb_max(s->low.z - p.z, p.z - s->high.z));
+    }
+    return value;
+}
+
+/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
+static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
+}
+
+static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    return g->surface ? sb_surface_inside(g->surface, p) : sbi_stuffing_value(s, shape, p) < 0;
+}
+
+/* Largest slope of a shape's function, 0: unknown. */
+static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    if (g->surface)
+        return 1;
+    return shape == 0 && g->max_slope > 0 ? sb_max(g->max_slope, 1) : g->max_slope;
+}
+
+/* The label that follows from the shapes a point lies in. */
+static unsigned char sbi_stuffing_label(uint64_t inside)
+{
+    unsigned char label = 0;
+    if (!(inside & 1))
+        return 0;
+    for (; inside; inside >>= 1)
+        label++;
+    return label;
+}
+
+static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
+{
+    if (!sbi_stuffing_is_inside(s, 0, p))
+        return 0;
+    for (int shape = s->def->shape_count - 1; shape > 0; shape--)
+        if (sbi_stuffing_is_inside(s, shape, p))
+            return (unsigned char)(shape + 1);
+    return 1;
+}
+
+/* The shape whose surface separates two labels: the outer one, or the one that wins. */
+static int sbi_stuffing_separator(int a, int b)
+{
+    return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
+}
+
+/* ---- the lattice ---- */
+
+static sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
+{
+    return sb_v3(s->origin.x + s->half * (sb_real)half[0], s->origin.y + s->half * (sb_real)half[1],
+                 s->origin.z + s->half * (sb_real)half[2]);
+}
+
+static size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
+{
+    return 2 * ((size_t)(half[0] >> 1) + s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1)) +
+           (size_t)(half[0] & 1);
+}
+
+/* Inverse of sbi_stuffing_index. */
+static void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3])
+{
+    size_t cell = index >> 1;
+    int odd = (int)(index & 1);
+    half[0] = 2 * (int)(cell % s->stride[1]) + odd;
+    half[1] = 2 * (int)(cell % s->stride[2] / s->stride[1]) + odd;
+    half[2] = 2 * (int)(cell / s->stride[2]) + odd;
+}
+
+/* Step from a point along one of its own edges. */
+static void sbi_stuffing_step(int edge, int step[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        step[axis] = edge < 3 ? 2 * (edge == axis) : axis == 2 ? 1 : (edge - 3) >> axis & 1 ? 1 : -1;
+}
+
+static int sbi_stuffing_is_in(const sbi_stuffing *s, const int half[3])
+{
+    int odd = half[0] & 1;
+    for (int axis = 0; axis < 3; axis++)
+        if (half[axis] < 0 || half[axis] + odd > 2 * s->n[axis])
+            return 0;
+    return 1;
+}
+
+/* ---- sets ---- */
+
+static int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
+{
+    set->word_count = s->point_count / 64 + 1;
+    set->words = (uint64_t *)sbi_alloc_zeroed(&s->def->allocator, set->word_count, sizeof *set->words);
+    set->before = (int *)sbi_alloc(&s->def->allocator, set->word_count, sizeof *set->before);
+    return set->words && set->before;
+}
+
+static void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set)
+{
+    sbi_free(&s->def->allocator, set->words);
+    sbi_free(&s->def->allocator, set->before);
+}
+
+static void sbi_stuffing_set_add(sbi_stuffing_set *set, size_t index)
+{
+    set->words[index >> 6] |= (uint64_t)1 << (index & 63);
+}
+
+static int sbi_stuffing_set_has(const sbi_stuffing_set *set, size_t index)
+{
+    return (int)(set->words[index >> 6] >> (index & 63) & 1);
+}
+
+static int sbi_stuffing_bit_count(uint64_t word)
+{
+    word -= word >> 1 & 0x5555555555555555u;
+    word = (word & 0x3333333333333333u) + (word >> 2 & 0x3333333333333333u);
+    word = (word + (word >> 4)) & 0x0f0f0f0f0f0f0f0fu;
+    return (int)(word * 0x0101010101010101u >> 56);
+}
+
+/* Numbers the members. 0 when there are more than an int counts. */
+static int sbi_stuffing_set_number(sbi_stuffing_set *set)
+{
+    int64_t count = 0;
+    for (size_t w = 0; w < set->word_count; w++) {
+        set->before[w] = (int)count;
+        count += sbi_stuffing_bit_count(set->words[w]);
+        if (count > INT_MAX)
+            return 0;
+    }
+    set->count = (int)count;
+    return 1;
+}
+
+static int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
+{
+    uint64_t below = set->words[index >> 6] & (((uint64_t)1 << (index & 63)) - 1);
+    return set->before[index >> 6] + sbi_stuffing_bit_count(below);
+}
+
+/* ---- checks and set-up ---- */
+
+static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
+{
+    const sb_stuff_shape *g = def->shapes + shape;
+    if (!g->surface == !g->distance)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
+    if (!sb_is_finite(g->max_slope))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "max_slope of shape %d is not finite", shape);
+    if (g->max_slope < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_slope of shape %d is negative: %g", shape, (double)g->max_slope);
+    return SB_OK;
+}
+
+static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = SB_OK;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    if (def->cookie != SBI_STUFF_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_stuff_def");
+    if (!def->shapes || def->shape_count < 1 || def->shape_count > SB_STUFF_MAX_SHAPES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing needs 1 to %d shapes, not %d", SB_STUFF_MAX_SHAPES,
+                        def->shapes ? def->shape_count : 0);
+    for (int shape = 0; shape < def->shape_count && result == SB_OK; shape++)
+        result = sbi_stuffing_check_shape(def, shape, error);
+    if (result != SB_OK)
+        return result;
+    if (!sb_is_finite(def->cell))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "cell is not finite");
+    if (!(def->cell > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
+    if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels, SBI_STUFF_MAX_LEVELS);
+    if (def->type != SB_TET4 && def->type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
+    if (def->max_elements < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
+    return SB_OK;
+}
+
+/* Lays the lattice round the first shape, with two cells or more of empty space on each side. */
+static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
+{
+    const sb_stuff_def *def = s->def;
+    double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
+    s->low = def->low;
+    s->high = def->high;
+    if (def->shapes[0].surface)
+        sb_surface_bounds(def->shapes[0].surface, &s->low, &s->high);
+    if (!sb_v3_is_finite(s->low) || !sb_v3_is_finite(s->high))
+        return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the box from low to high is not finite");
+    if (!(s->low.x < s->high.x && s->low.y < s->high.y && s->low.z < s->high.z))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "the box is empty: low must lie below high along x, y and z");
+    size[0] = (double)s->high.x - (double)s->low.x;
+    size[1] = (double)s->high.y - (double)s->low.y;
+    size[2] = (double)s->high.z - (double)s->low.z;
+    for (int axis = 0; axis < 3; axis++) {
+        cells[axis] = unit * ceil((ceil(size[axis] / (double)def->cell) + 4) / unit);
+        total *= cells[axis] + 1;
+    }
+    if (!(total <= 8.0 * def->max_elements) || total > 0.25 * (double)((size_t)-1) || total > 1e9 * unit * unit)
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT,
+                        "cells of %g m make a lattice of %.3g cells: more than 8 for each of max_elements (%d)",
+                        (double)def->cell, total, def->max_elements);
+    for (int axis = 0; axis < 3; axis++) {
+        s->n[axis] = (int)cells[axis];
+        start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
+    }
+    s->half = (sb_real)0.5 * def->cell;
+    s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
+    s->stride[0] = 1;
+    s->stride[1] = (size_t)s->n[0] + 1;
+    s->stride[2] = s->stride[1] * ((size_t)s->n[1] + 1);
+    s->point_count = 2 * s->stride[2] * ((size_t)s->n[2] + 1);
+    return SB_OK;
+}
+
+static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
+{
+    return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
+                    s->n[2]);
+}
+
+static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
+{
+    if (s->def->progress && s->def->progress(s->def->progress_user, fraction))
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * fraction);
+    return SB_OK;
+}
+
+/* Runs tasks, one failure record each, and reports the first failure. */
+static sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
+{
+    for (int i = 0; i < count; i++)
+        s->failures[i].shape = -1;
+    sbi_run(&s->def->jobs, task, s, count);
+    for (int i = 0; i < count; i++)
+        if (s->failures[i].shape >= 0) {
+            const sbi_stuffing_failure *f = s->failures + i;
+            return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the distance of shape %d is not finite at (%g, %g, %g)",
+                            f->shape, (double)f->at.x, (double)f->at.y, (double)f->at.z);
+        }
+    return SB_OK;
+}
+
+/* ---- 1. labels ---- */
+
+/* A cube of the lattice on its way down to single cells: which shapes are decided, and which contain it. */
+typedef struct sbi_stuffing_cube {
+    int low[3], size; /* half cells; points lie in [low, low + size - 1] */
+    uint64_t known, inside;
+} sbi_stuffing_cube;
+
+/* Whether a shape contains a point, told only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
+ * -1: not told; -2: the distance is not finite. */
+static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    sb_real slope = sbi_stuffing_slope(s, shape), value;
+    if (g->surface)
+        return reach > 0 && sb_surface_closest(g->surface, p, reach, NULL) ? -1 : sb_surface_inside(g->surface, p);
+    if (reach > 0 && slope == 0)
+        return -1;
+    value = sbi_stuffing_value(s, shape, p);
+    if (!sb_is_finite(value))
+        return -2;
+    return reach > 0 && sb_abs(value) <= slope * reach ? -1 : value < 0;
+}
+
+/* Asks the shapes that are not decided yet; `reach` is how far the cube's points lie from p. */
+static void sbi_stuffing_ask(const sbi_stuffing *s, sb_vec3 p, sb_real reach, sbi_stuffing_cube *cube,
+                             sbi_stuffing_failure *failure)
+{
+    for (int shape = 0; shape < s->def->shape_count; shape++) {
+        uint64_t bit = (uint64_t)1 << shape;
+        int inside = cube->known & bit ? -1 : sbi_stuffing_contains(s, shape, p, reach);
+        if (inside == -2) {
+            failure->shape = shape;
+            failure->at = p;
+            return;
+        }
+        if (inside < 0)
+            continue;
+        cube->known |= bit;
+        cube->inside |= inside ? bit : 0;
+        if (shape == 0 && !inside) { /* the others do not matter */
+            cube->known = ~(uint64_t)0;
+            return;
+        }
+    }
+}
+
+static void sbi_stuffing_fill(sbi_stuffing *s, const sbi_stuffing_cube *cube, const int high[3])
+{
+    unsigned char label = sbi_stuffing_label(cube->inside);
+    int half[3];
+    for (half[2] = cube->low[2]; half[2] < high[2]; half[2] += 2)
+        for (half[1] = cube->low[1]; half[1] < high[1]; half[1] += 2) {
+            half[0] = cube->low[0];
+            memset(s->labels + sbi_stuffing_index(s, half), label, (size_t)(high[0] - half[0]));
+        }
+}
+
+/* One cell: its lower corner and its centre. The rim of the lattice stays outside whatever the distance says. */
+static void sbi_stuffing_label_cell(sbi_stuffing *s, const sbi_stuffing_cube *cube, sbi_stuffing_failure *failure)
+{
+    for (int odd = 0; odd < 2; odd++) {
+        sbi_stuffing_cube point = *cube;
+        int inner = 1;
+        for (int axis = 0; axis < 3; axis++) {
+            point.low[axis] += odd;
+            inner = inner && point.low[axis] > 1 && point.low[axis] < 2 * s->n[axis] - 1;
+        }
+        if (!inner)
+            continue;
+        sbi_stuffing_ask(s, sbi_stuffing_position(s, point.low), 0, &point, failure);
+        s->labels[sbi_stuffing_index(s, point.low)] = sbi_stuffing_label(point.inside);
+    }
+}
+
+static void sbi_stuffing_label_cube(sbi_stuffing *s, sbi_stuffing_cube cube, sbi_stuffing_failure *failure)
+{
+    uint64_t all = ~(uint64_t)0 >> (64 - s->def->shape_count);
+    int high[3];
+    if (failure->shape >= 0)
+        return;
+    for (int axis = 0; axis < 3; axis++) {
+        high[axis] = sbi_min_int(cube.low[axis] + cube.size, 2 * s->n[axis] + 2);
+        if (cube.low[axis] >= high[axis])
+            return;
+    }
+    if (cube.size == 2) {
+        sbi_stuffing_label_cell(s, &cube, failure);
+        return;
+    }
+    if ((cube.known & all) != all) {
+        int middle[3];
+        for (int axis = 0; axis < 3; axis++)
+            middle[axis] = cube.low[axis] + cube.size / 2;
+        /* half the diagonal, and a little for rounding; no point is farther from the middle */
+        sbi_stuffing_ask(s, sbi_stuffing_position(s, middle), (sb_real)0.8661 * s->half * (sb_real)cube.size, &cube,
+                         failure);
+    }
+    if ((cube.known & all) == all) {
+        sbi_stuffing_fill(s, &cube, high);
+        return;
+    }
+    for (int child = 0; child < 8; child++) {
+        sbi_stuffing_cube part = cube;
+        part.size = cube.size / 2;
+        for (int axis = 0; axis < 3; axis++)
+            part.low[axis] += child >> axis & 1 ? part.size : 0;
+        sbi_stuffing_label_cube(s, part, failure);
+    }
+}
+
+static int sbi_stuffing_blocks(const sbi_stuffing *s, int axis)
+{
+    return (2 * s->n[axis] + 2 + SBI_STUFF_BLOCK - 1) / SBI_STUFF_BLOCK;
+}
+
+static void sbi_stuffing_label_task(void *user, int index)
+{
+    sbi_stuffing *s = (sbi_stuffing *)user;
+    sbi_stuffing_cube cube;
+    int along = sbi_stuffing_blocks(s, 0);
+    cube.size = SBI_STUFF_BLOCK;
+    cube.low[0] = SBI_STUFF_BLOCK * (index % along);
+    cube.low[1] = SBI_STUFF_BLOCK * (index / along);
+    cube.low[2] = SBI_STUFF_BLOCK * s->first;
+    cube.known = cube.inside = 0;
+    sbi_stuffing_label_cube(s, cube, s->failures + index);
+}
+
+static sb_result sbi_stuffing_sample(sbi_stuffing *s)
+{
+    int layers = sbi_stuffing_blocks(s, 2), count = sbi_stuffing_blocks(s, 0) * sbi_stuffing_blocks(s, 1);
+    sb_result result = SB_OK;
+    s->labels = (unsigned char *)sbi_alloc_zeroed(&s->def->allocator, s->point_count, 1);
+    s->failures = (sbi_stuffing_failure *)sbi_alloc(&s->def->allocator, (size_t)sbi_max_int(count, 64),
+                                                    sizeof *s->failures);
+    if (!s->labels || !s->failures)
+        return sbi_stuffing_no_memory(s);
+    for (s->first = 0; s->first < layers && result == SB_OK; s->first++) {
+        result = sbi_stuffing_progress(s, 0.5 * s->first / layers);
+        if (result == SB_OK)
+            result = sbi_stuffing_run(s, sbi_stuffing_label_task, count);
+    }
+    return result;
+}
+
+/* ---- 2. octree and tets ---- */
+
+/* Finds the points with an edge to another label. */
+static sb_result sbi_stuffing_find_surface(sbi_stuffing *s)
+{
+    ptrdiff_t offset[2][SBI_STUFF_EDGES];
+    size_t begin = 2 * (s->stride[2] + s->stride[1] + 1), end = s->point_count - begin;
+    if (!sbi_stuffing_set_make(s, &s->surface))
+        return sbi_stuffing_no_memory(s);
+    for (int odd = 0; odd < 2; odd++)
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
+            int from[3] = {2 + odd, 2 + odd, 2 + odd}, step[3];
+            ptrdiff_t start = (ptrdiff_t)sbi_stuffing_index(s, from);
+            sbi_stuffing_step(edge, step);
+            for (int axis = 0; axis < 3; axis++)
+                from[axis] += step[axis];
+            offset[odd][edge] = (ptrdiff_t)sbi_stuffing_index(s, from) - start;
+        }
+    for (size_t p = begin; p < end; p++) /* the rim has one label: nothing to find there, and none beyond it */
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
+            size_t q = (size_t)((ptrdiff_t)p + offset[p & 1][edge]);
+            if (s->labels[p] != s->labels[q]) {
+                sbi_stuffing_set_add(&s->surface, p);
+                sbi_stuffing_set_add(&s->surface, q);
+            }
+        }
+    if (!sbi_stuffing_set_number(&s->surface))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make too many nodes", (double)s->def->cell);
+    return SB_OK;
+}
+
+static size_t sbi_stuffing_cell_index(const sbi_stuffing *s, int level, const int cell[3])
+{
+    size_t nx = (size_t)(s->n[0] >> level), ny = (size_t)(s->n[1] >> level);
+    return (size_t)cell[0] + nx * ((size_t)cell[1] + ny * (size_t)cell[2]);
+}
+
+static int sbi_stuffing_cell_is_in(const sbi_stuffing *s, int level, const int cell[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        if (cell[axis] < 0 || cell[axis] >= s->n[axis] >> level)
+            return 0;
+    return 1;
+}
+
+static int sbi_stuffing_is_split(const sbi_stuffing *s, int level, const int cell[3])
+{
+    return level > 0 && s->split[level][sbi_stuffing_cell_index(s, level, cell)];
+}
+
+/* Whether the cell is there at all: a leaf or split, not part of a larger leaf. */
+static int sbi_stuffing_exists(const sbi_stuffing *s, int level, const int cell[3])
+{
+    int parent[3];
+    for (int axis = 0; axis < 3; axis++)
+        parent[axis] = cell[axis] >> 1;
+    return level == s->def->levels || sbi_stuffing_is_split(s, level + 1, parent);
+}
+
+/* Sees to it that a cell of this level exists. */
+static void sbi_stuffing_need(sbi_stuffing *s, int level, const int cell[3])
+{
+    int parent[3];
+    if (level >= s->def->levels || !sbi_stuffing_cell_is_in(s, level, cell))
+        return;
+    for (int axis = 0; axis < 3; axis++)
+        parent[axis] = cell[axis] >> 1;
+    s->split[level + 1][sbi_stuffing_cell_index(s, level + 1, parent)] = 1;
+}
+
+/* All tets at a point that is cut or may be warped must be of the smallest cells: those round a corner, or the cell of
+ * a centre and its six neighbours. */
+static void sbi_stuffing_need_around(sbi_stuffing *s, const int half[3])
+{
+    int cell[3];
+    if (half[0] & 1) {
+        for (int axis = 0; axis < 3; axis++)
+            cell[axis] = half[axis] >> 1;
+        sbi_stuffing_need(s, 0, cell);
+        for (int face = 0; face < 6; face++) {
+            cell[face >> 1] += face & 1 ? 1 : -1;
+            sbi_stuffing_need(s, 0, cell);
+            cell[face >> 1] -= face & 1 ? 1 : -1;
+        }
+        return;
+    }
+    for (int c = 0; c < 8; c++) {
+        for (int axis = 0; axis < 3; axis++)
+            cell[axis] = (half[axis] >> 1) - (c >> axis & 1);
+        sbi_stuffing_need(s, 0, cell);
+    }
+}
+
+/* Splits what must be split for one level: the parents of split cells, and, so that leaves which share an edge differ
+ * by a factor of two at most, the parents of the 18 cells round them. */
+static void sbi_stuffing_balance(sbi_stuffing *s, int level)
+{
+    int cell[3], near_by[3];
+    for (cell[2] = 0; cell[2] < s->n[2] >> level; cell[2]++)
+        for (cell[1] = 0; cell[1] < s->n[1] >> level; cell[1]++)
+            for (cell[0] = 0; cell[0] < s->n[0] >> level; cell[0]++) {
+                if (!sbi_stuffing_is_split(s, level, cell))
+                    continue;
+                for (int d = 0; d < 27; d++) {
+                    int step[3] = {d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1};
+                    if (step[0] && step[1] && step[2])
+                        continue;
+                    for (int axis = 0; axis < 3; axis++)
+                        near_by[axis] = cell[axis] + step[axis];
+                    sbi_stuffing_need(s, level, near_by);
+                }
+            }
+}
+
+static sb_result sbi_stuffing_grade(sbi_stuffing *s)
+{
+    for (int level = 1; level <= s->def->levels; level++) {
+        size_t count = (size_t)(s->n[0] >> level) * (size_t)(s->n[1] >> level) * (size_t)(s->n[2] >> level);
+        s->split[level] = (unsigned char *)sbi_alloc_zeroed(&s->def->allocator, count, 1);
+        if (!s->split[level])
+            return sbi_stuffing_no_memory(s);
+    }
+    for (size_t w = 0; s->def->levels > 0 && w < s->surface.word_count; w++)
+        for (int bit = 0; bit < 64 && s->surface.words[w]; bit++)
+            if (s->surface.words[w] >> bit & 1) {
+                int half[3];
+                sbi_stuffing_coordinates(s, 64 * w + (size_t)bit, half);
+                sbi_stuffing_need_around(s, half);
+            }
+    for (int level = 1; level < s->def->levels; level++)
+        sbi_stuffing_balance(s, level);
+    return SB_OK;
+}
+
+/* Takes a tet of the lattice in, unless it lies outside: counts it and its points in the first pass, stores it in the
+ * second. */
+static void sbi_stuffing_add_tet(sbi_stuffing *s, const int *a, const int *b, const int *c, const int *d)
+{
+    size_t p[4];
+    p[0] = sbi_stuffing_index(s, a);
+    p[1] = sbi_stuffing_index(s, b);
+    p[2] = sbi_stuffing_index(s, c);
+    p[3] = sbi_stuffing_index(s, d);
+    if (!(s->labels[p[0]] | s->labels[p[1]] | s->labels[p[2]] | s->labels[p[3]]))
+        return;
+    for (int i = 0; i < 4; i++) {
+        if (s->tets)
+            s->tets[4 * (size_t)s->tet_count + (size_t)i] = sbi_stuffing_set_rank(&s->active, p[i]);
+        else
+            sbi_stuffing_set_add(&s->active, p[i]);
+    }
+    s->tet_count += s->tet_count < INT_MAX;
+}
+
+/* A face of a leaf: its cell, the direction it looks in, and the axes along it. */
+typedef struct sbi_stuffing_face {
+    int level, size; /* of the cell; half cells */
+    int cell[3], beyond[3];
+    int axis, side, t1, t2;
+    int centre[3], low[3]; /* of the cell; of the face */
+} sbi_stuffing_face;
+
+/* Corner (i, j) of a face, in units of half its edge: 0, 1, 2. */
+static void sbi_stuffing_on_face(const sbi_stuffing_face *f, int i, int j, int half[3])
+{
+    half[f->axis] = f->low[f->axis];
+    half[f->t1] = f->low[f->t1] + i * f->size / 2;
+    half[f->t2] = f->low[f->t2] + j * f->size / 2;
+}
+
+/* The neighbour is larger: two half pyramids, cut from the middle of its face to its corner. */
+static void sbi_stuffing_half_pyramids(sbi_stuffing *s, const sbi_stuffing_face *f)
+{
+    int i = f->cell[f->t1] & 1 ? 0 : 2, j = f->cell[f->t2] & 1 ? 0 : 2; /* corner at the middle of the large face */
+    int middle[3], corner[3], side[3];
+    sbi_stuffing_on_face(f, i, j, middle);
+    sbi_stuffing_on_face(f, 2 - i, 2 - j, corner);
+    sbi_stuffing_on_face(f, 2 - i, j, side);
+    sbi_stuffing_add_tet(s, f->centre, middle, corner, side);
+    sbi_stuffing_on_face(f, i, 2 - j, side);
+    sbi_stuffing_add_tet(s, f->centre, middle, corner, side);
+}
+
+/* The neighbours are smaller: eight tets round the middle of the face. */
+static void sbi_stuffing_pyramid_of_eight(sbi_stuffing *s, const sbi_stuffing_face *f)
+{
+    static const int ring[9][2] = {{0, 0}, {1, 0}, {2, 0}, {2, 1}, {2, 2}, {1, 2}, {0, 2}, {0, 1}, {0, 0}};
+    int middle[3], a[3], b[3];
+    sbi_stuffing_on_face(f, 1, 1, middle);
+    for (int k = 0; k < 8; k++) {
+        sbi_stuffing_on_face(f, ring[k][0], ring[k][1], a);
+        sbi_stuffing_on_face(f, ring[k + 1][0], ring[k + 1][1], b);
+        sbi_stuffing_add_tet(s, f->centre, middle, a, b);
+    }
+}
+
+/* Whether smaller cells put a point in the middle of the edge of a face at side +-1 along t1 (or t2). */
+static int sbi_stuffing_has_midpoint(const sbi_stuffing *s, const sbi_stuffing_face *f, int tangent, int side)
+{
+    int a[3], b[3];
+    if (f->level == 0)
+        return 0;
+    memcpy(a, f->cell, sizeof a);
+    memcpy(b, f->beyond, sizeof b);
+    a[tangent] += side;
+    b[tangent] += side;
+    return (sbi_stuffing_cell_is_in(s, f->level, a) && sbi_stuffing_is_split(s, f->level, a)) ||
+           (sbi_stuffing_cell_is_in(s, f->level, b) && sbi_stuffing_is_split(s, f->level, b));
+}
+
+/* The neighbour is as large: a tet from centre to centre and each edge of the face, or two where the edge is halved. */
+static void sbi_stuffing_between_centres(sbi_stuffing *s, const sbi_stuffing_face *f)
+{
+    int other[3], a[3], b[3], middle[3];
+    memcpy(other, f->centre, sizeof other);
+    other[f->axis] += f->side * f->size;
+    for (int k = 0; k < 4; k++) {
+        int along_t2 = k >> 1, end = k & 1 ? 2 : 0; /* the edge at `end` of the axis that it does not run along */
+        sbi_stuffing_on_face(f, along_t2 ? end : 0, along_t2 ? 0 : end, a);
+        sbi_stuffing_on_face(f, along_t2 ? end : 2, along_t2 ? 2 : end, b);
+        if (!sbi_stuffing_has_midpoint(s, f, along_t2 ? f->t1 : f->t2, end - 1)) {
+            sbi_stuffing_add_tet(s, f->centre, other, a, b);
+            continue;
+        }
+        for (int axis = 0; axis < 3; axis++)
+            middle[axis] = (a[axis] + b[axis]) / 2;
+        sbi_stuffing_add_tet(s, f->centre, other, a, middle);
+        sbi_stuffing_add_tet(s, f->centre, other, middle, b);
+    }
+}
+
+static void sbi_stuffing_face_tets(sbi_stuffing *s, int level, const int cell[3], int axis, int side)
+{
+    sbi_stuffing_face f;
+    f.level = level;
+    f.size = 2 << level;
+    f.axis = axis;
+    f.side = side;
+    f.t1 = (axis + 1) % 3;
+    f.t2 = (axis + 2) % 3;
+    memcpy(f.cell, cell, sizeof f.cell);
+    memcpy(f.beyond, cell, sizeof f.beyond);
+    f.beyond[axis] += side;
+    if (!sbi_stuffing_cell_is_in(s, level, f.beyond))
+        return;
+    for (int i = 0; i < 3; i++) {
+        f.low[i] = f.size * cell[i];
+        f.centre[i] = f.low[i] + f.size / 2;
+    }
+    f.low[axis] += side > 0 ? f.size : 0;
+    if (!sbi_stuffing_exists(s, level, f.beyond))
+        sbi_stuffing_half_pyramids(s, &f);
+    else if (sbi_stuffing_is_split(s, level, f.beyond))
+        sbi_stuffing_pyramid_of_eight(s, &f);
+    else if (side > 0)
+        sbi_stuffing_between_centres(s, &f);
+}
+
+/* All tets of the leaves. */
+static void sbi_stuffing_walk(sbi_stuffing *s)
+{
+    s->tet_count = 0;
+    for (int level = 0; level <= s->def->levels; level++) {
+        int cell[3];
+        for (cell[2] = 0; cell[2] < s->n[2] >> level; cell[2]++)
+            for (cell[1] = 0; cell[1] < s->n[1] >> level; cell[1]++)
+                for (cell[0] = 0; cell[0] < s->n[0] >> level; cell[0]++) {
+                    if (!sbi_stuffing_exists(s, level, cell) || sbi_stuffing_is_split(s, level, cell))
+                        continue;
+                    for (int face = 0; face < 6; face++)
+                        sbi_stuffing_face_tets(s, level, cell, face >> 1, face & 1 ? 1 : -1);
+                }
+    }
+}
+
+/* Visits the members of a set in order: position, label and surface point of each active point. */
+static void sbi_stuffing_place_points(sbi_stuffing *s)
+{
+    int next = 0, surface = 0;
+    for (size_t p = 0; p < s->point_count; p++) {
+        int half[3];
+        if (s->active.words[p >> 6] == 0) {
+            p |= 63;
+            continue;
+        }
+        if (!sbi_stuffing_set_has(&s->active, p))
+            continue;
+        sbi_stuffing_coordinates(s, p, half);
+        s->positions[next] = sbi_stuffing_position(s, half);
+        s->active_label[next] = s->labels[p];
+        s->point_of[next] = -1;
+        if (sbi_stuffing_set_has(&s->surface, p)) {
+            sbi_stuffing_point *point = s->points + surface;
+            memset(point, 0, sizeof *point);
+            memcpy(point->half, half, sizeof half);
+            point->label = s->labels[p];
+            point->active = next;
+            s->point_of[next] = surface++;
+        }
+        next++;
+    }
+}
+
+static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    size_t shapes = (size_t)s->def->shape_count, points;
+    if (!sbi_stuffing_set_make(s, &s->active))
+        return sbi_stuffing_no_memory(s);
+    sbi_stuffing_walk(s);
+    if (s->tet_count == 0)
+        return sbi_fail(s->error, SB_ERROR_MESH,
+                        "nothing to mesh: no point of a lattice of cells of %g m lies inside the first shape",
+                        (double)s->def->cell);
+    if (s->tet_count / 4 > s->def->max_elements || !sbi_stuffing_set_number(&s->active))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
+                        (double)s->def->cell, s->def->max_elements);
+    points = (size_t)s->active.count;
+    s->tets = (int *)sbi_alloc(allocator, (size_t)s->tet_count, 4 * sizeof(int));
+    s->positions = (sb_vec3 *)sbi_alloc(allocator, points, sizeof(sb_vec3));
+    s->active_label = (unsigned char *)sbi_alloc(allocator, points, 1);
+    s->point_of = (int *)sbi_alloc(allocator, points, sizeof(int));
+    s->points = (sbi_stuffing_point *)sbi_alloc(allocator, (size_t)s->surface.count, sizeof *s->points);
+    s->values = (sb_real *)sbi_alloc(allocator, (size_t)s->surface.count, shapes * sizeof(sb_real));
+    if (!s->tets || !s->positions || !s->active_label || !s->point_of || !s->points || !s->values)
+        return sbi_stuffing_no_memory(s);
+    sbi_stuffing_walk(s);
+    sbi_stuffing_place_points(s);
+    return SB_OK;
+}
+
+/* ---- 3. cuts ---- */
+
+/* The surface point at the other end of an edge of a surface point; own 1: one it owns. -1 when there is none. */
+static int sbi_stuffing_neighbour(const sbi_stuffing *s, const sbi_stuffing_point *point, int edge, int own)
+{
+    int half[3], step[3];
+    size_t index;
+    sbi_stuffing_step(edge, step);
+    for (int axis = 0; axis < 3; axis++)
+        half[axis] = point->half[axis] + (own ? step[axis] : -step[axis]);
+    if (!sbi_stuffing_is_in(s, half))
+        return -1;
+    index = sbi_stuffing_index(s, half);
+    return sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
+}
+
+static void sbi_stuffing_value_task(void *user, int index)
+{
+    sbi_stuffing *s = (sbi_stuffing *)user;
+    int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
+    for (int i = begin; i < end; i++) {
+        const sbi_stuffing_point *point = s->points + i;
+        uint64_t needed = 0;
+        for (int k = 0; k < 2 * SBI_STUFF_EDGES; k++) {
+            int j = sbi_stuffing_neighbour(s, point, k >> 1, k & 1);
+            if (j >= 0 && s->points[j].label != point->label)
+                needed |= (uint64_t)1 << sbi_stuffing_separator(s->points[j].label, point->label);
+        }
+        for (int shape = 0; shape < s->def->shape_count; shape++)
+            if (needed >> shape & 1) {
+                sb_vec3 p = sbi_stuffing_position(s, point->half);
+                sb_real value = sbi_stuffing_value(s, shape, p);
+                if (s->def->shapes[shape].surface) /* the label knows better, see sbi_stuffing_value */
+                    value = point->label && point->label >= shape + 1 ? -sb_abs(value) : sb_abs(value);
+                s->values[(size_t)i * (size_t)s->def->shape_count + (size_t)shape] = value;
+                if (!sb_is_finite(value)) {
+                    s->failures[index].shape = shape;
+                    s->failures[index].at = p;
+                    return;
+                }
+            }
+    }
+}
+
+/* Where an edge crosses a shape's surface: its ends, the values there, and what is asked in between. */
+typedef struct sbi_stuffing_crossing {
+    const sbi_stuffing *s;
+    int shape;
+    int sure; /* 1: sbi_stuffing_sure_value */
+    sb_vec3 from, edge;
+    sb_real f0, f1;
+} sbi_stuffing_crossing;
+
+/* Fraction of the edge at which the function changes sign: regula falsi after Illinois, with a bisection now and then
+ * for functions that are far from straight. *residual: the function there, or not finite at the fraction returned. */
+static sb_real sbi_stuffing_root(const sbi_stuffing_crossing *c, sb_real *residual)
+{
+    const sb_real tolerance = sb_max((sb_real)1.5e-8, 32 * SB_EPSILON);
+    sb_real ta = 0, tb = 1, t = 0, fa = c->f0, fb = c->f1, enough = tolerance * (sb_abs(fa) + sb_abs(fb));
+    int last = 0;
+    *residual = 0;
+    if (fa == 0 || fb == 0)
+        return fa == 0 ? (sb_real)0 : (sb_real)1;
+    for (int i = 0; i < 80 && tb - ta > tolerance; i++) {
+        sb_real f;
+        sb_vec3 p;
+        t = i % 4 == 3 ? (sb_real)0.5 * (ta + tb) : ta + (tb - ta) * (fa / (fa - fb));
+        p = sb_v3_madd(c->from, t, c->edge);
+        f = c->sure ? sbi_stuffing_sure_value(c->s, c->shape, p) : sbi_stuffing_value(c->s, c->shape, p);
+        *residual = f;
+        if (!sb_is_finite(f) || sb_abs(f) <= enough)
+            return t;
+        if ((f < 0) == (fa < 0)) {
+            fb *= last == 1 ? (sb_real)0.5 : (sb_real)1;
+            ta = t;
+            fa = f;
+            last = 1;
+        } else {
+            fa *= last == 2 ? (sb_real)0.5 : (sb_real)1;
+            tb = t;
+            fb = f;
+            last = 2;
+        }
+    }
+    return t;
+}
+
+/* The cut between two surface points. The quick sign of surfaces can change where there is none (see
+ * sbi_stuffing_value): then the surface is not near, and the sure one looks again. */
+static sb_real sbi_stuffing_cut_at(const sbi_stuffing *s, int i, int j, sbi_stuffing_failure *failure)
+{
+    int shape = sbi_stuffing_separator(s->points[i].label, s->points[j].label);
+    size_t shapes = (size_t)s->def->shape_count;
+    sbi_stuffing_crossing c;
+    sb_real t, residual;
+    c.s = s;
+    c.shape = shape;
+    c.sure = 0;
+    c.from = sbi_stuffing_position(s, s->points[i].half);
+    c.edge = sb_v3_sub(sbi_stuffing_position(s, s->points[j].half), c.from);
+    c.f0 = s->values[(size_t)i * shapes + (size_t)shape];
+    c.f1 = s->values[(size_t)j * shapes + (size_t)shape];
+    t = sbi_stuffing_root(&c, &residual);
+    if (s->def->shapes[shape].surface && sb_abs(residual) > (sb_real)1e-3 * s->half) {
+        c.sure = 1;
+        t = sbi_stuffing_root(&c, &residual);
+    }
+    if (!sb_is_finite(residual)) {
+        failure->shape = shape;
+        failure->at = sb_v3_madd(c.from, t, c.edge);
+    }
+    return t;
+}
+
+static void sbi_stuffing_cut_task(void *user, int index)
+{
+    sbi_stuffing *s = (sbi_stuffing *)user;
+    int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
+    for (int i = begin; i < end; i++)
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
+            sbi_stuffing_point *point = s->points + i;
+            int j = sbi_stuffing_neighbour(s, point, edge, 1);
+            point->cut[edge] = -1;
+            if (j < 0 || s->points[j].label == point->label)
+                continue;
+            point->cut[edge] = sbi_stuffing_cut_at(s, i, j, s->failures + index);
+            if (s->failures[index].shape >= 0)
+                return;
+        }
+}
+
+/* Runs a task over all surface points, in slices that let progress be told. */
+static sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to)
+{
+    sb_result result = SB_OK;
+    for (s->first = 0; s->first < s->surface.count && result == SB_OK;) {
+        int chunks = (s->surface.count - s->first - 1) / SBI_STUFF_CHUNK + 1;
+        chunks = sbi_min_int(chunks, 64);
+        result = sbi_stuffing_progress(s, from + (to - from) * s->first / s->surface.count);
+        if (result == SB_OK)
+            result = sbi_stuffing_run(s, task, chunks);
+        if (chunks * SBI_STUFF_CHUNK >= s->surface.count - s->first)
+            break;
+        s->first += chunks * SBI_STUFF_CHUNK;
+    }
+    return result;
+}
+
+/* ---- 4. warping ---- */
+
+/* One edge of a surface point, seen from it. */
+typedef struct sbi_stuffing_edge {
+    int other;       /* surface point */
+    sb_real fraction, length; /* of the cut from the point; of the edge in cells */
+    sb_real alpha;
+    int inner;       /* 1: between two regions; 0: to the outside */
+} sbi_stuffing_edge;
+
+/* Edge k in [0, 14) of a surface point; 0 when no cut is left on it. A cut to the outside lives while its outer end is
+ * strict and its inner end is not on the boundary; one between regions lives while both ends are strict. */
+static int sbi_stuffing_live_edge(const sbi_stuffing *s, int i, int k, sbi_stuffing_edge *e)
+{
+    const sbi_stuffing_point *a = s->points + i, *b;
+    int own = k < SBI_STUFF_EDGES, edge = k % SBI_STUFF_EDGES;
+    e->other = sbi_stuffing_neighbour(s, a, edge, own);
+    if (e->other < 0 || s->points[e->other].label == a->label)
+        return 0;
+    b = s->points + e->other;
+    e->inner = a->label != 0 && b->label != 0;
+    if (a->state == SBI_STUFF_OUTER || b->state == SBI_STUFF_OUTER || (e->inner && (a->state || b->state)))
+        return 0;
+    e->fraction = own ? a->cut[edge] : 1 - b->cut[edge];
+    e->length = edge < 3 ? (sb_real)1 : SBI_STUFF_SHORT;
+    e->alpha = edge < 3 ? SBI_STUFF_ALPHA_LONG : SBI_STUFF_ALPHA_SHORT;
+    return 1;
+}
+
+/* Makes a point a zero, and moves it to a cut on the edge when there is one. */
+static void sbi_stuffing_make_zero(sbi_stuffing *s, int i, sbi_stuffing_state state, const sbi_stuffing_edge *to)
+{
+    sbi_stuffing_point *point = s->points + i;
+    point->state = (unsigned char)state;
+    if (to) {
+        sb_vec3 a = sbi_stuffing_position(s, point->half), b = sbi_stuffing_position(s, s->points[to->other].half);
+        s->positions[point->active] = sb_v3_madd(a, to->fraction, sb_v3_sub(b, a));
+        point->moved = to->fraction * to->length;
+    }
+}
+
+/* Inside, with an edge to the outside: the tets there take it for a point in its place. */
+static int sbi_stuffing_is_pinned(const sbi_stuffing *s, int i)
+{
+    sbi_stuffing_edge e;
+    if (s->points[i].label == 0)
+        return 0;
+    for (int k = 0; k < 2 * SBI_STUFF_EDGES; k++)
+        if (sbi_stuffing_live_edge(s, i, k, &e) && !e.inner)
+            return 1;
+    return 0;
+}
+
+/* The nearest cut of a point towards the outside or between regions, among those within alpha, or any. */
+static int sbi_stuffing_nearest_cut(const sbi_stuffing *s, int i, int inner, int any, sbi_stuffing_edge *nearest)
+{
+    sbi_stuffing_edge e;
+    int found = 0;
+    for (int k = 0; k < 2 * SBI_STUFF_EDGES; k++) {
+        if (!sbi_stuffing_live_edge(s, i, k, &e) || e.inner != inner || (!any && !(e.fraction < e.alpha)))
+            continue;
+        if (!found || e.fraction * e.length < nearest->fraction * nearest->length)
+            *nearest = e;
+        found = 1;
+    }
+    return found;
+}
+
+/* Warps the points to their nearest cut within alpha: those to the outside first, then those between regions. */
+static void sbi_stuffing_warp(sbi_stuffing *s, int inner)
+{
+    for (int i = 0; i < s->surface.count; i++) {
+        sbi_stuffing_edge to;
+        if (s->points[i].state != SBI_STUFF_STRICT || !sbi_stuffing_nearest_cut(s, i, inner, 0, &to))
+            continue;
+        if (inner)
+            sbi_stuffing_make_zero(s, i, SBI_STUFF_INNER, sbi_stuffing_is_pinned(s, i) ? NULL : &to);
+        else
+            sbi_stuffing_make_zero(s, i, SBI_STUFF_OUTER, &to);
+    }
+}
+
+/* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
+typedef struct sbi_stuffing_view {
+    const int *nodes;  /* active points */
+    int point[4];
+    int label[4];      /* -1: a zero */
+    int outside;       /* a strict point lies outside: the regions count as one side */
+    int zeros, inner_zeros;
+    int a, b;          /* two different labels among the strict, not outside; -1: none */
+    int more;          /* 1: there are further labels */
+} sbi_stuffing_view;
+
+static void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v)
+{
+    v->nodes = nodes;
+    v->outside = v->zeros = v->inner_zeros = v->more = 0;
+    v->a = v->b = -1;
+    for (int i = 0; i < 4; i++) {
+        int point = s->point_of[nodes[i]], state = point < 0 ? 0 : s->points[point].state;
+        v->point[i] = point;
+        v->label[i] = state ? -1 : s->active_label[nodes[i]];
+        v->zeros += state != SBI_STUFF_STRICT;
+        v->inner_zeros += state == SBI_STUFF_INNER;
+        v->outside |= v->label[i] == 0;
+        if (v->label[i] <= 0 || v->label[i] == v->a || v->label[i] == v->b)
+            continue;
+        if (v->a < 0)
+            v->a = v->label[i];
+        else if (v->b < 0)
+            v->b = v->label[i];
+        else
+            v->more = 1;
+    }
+}
+
+/* Makes zeros of inner points, the nearest to a face between regions first, until the tet sees two labels at most. */
+static void sbi_stuffing_settle_tet(sbi_stuffing *s, const int *nodes)
+{
+    sbi_stuffing_view v;
+    for (;;) {
+        int chosen = -1;
+        sb_real nearest = SB_REAL_MAX;
+        sbi_stuffing_look(s, nodes, &v);
+        if (!(v.outside ? v.b >= 0 : v.more))
+            return;
+        for (int i = 0; i < 4; i++) {
+            sbi_stuffing_edge e;
+            if (v.label[i] > 0 && sbi_stuffing_nearest_cut(s, v.point[i], 1, 1, &e) &&
+                e.fraction * e.length < nearest) {
+                nearest = e.fraction * e.length;
+                chosen = v.point[i];
+            }
+        }
+        sbi_stuffing_make_zero(s, chosen, SBI_STUFF_INNER, NULL);
+    }
+}
+
+static void sbi_stuffing_settle(sbi_stuffing *s)
+{
+    for (int t = 0; t < s->tet_count; t++)
+        sbi_stuffing_settle_tet(s, s->tets + 4 * (size_t)t);
+}
+
+/* Whether a tet has angles within those of the stencils. */
+static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
+{
+    const sb_real cos_10_7 = (sb_real)0.98260, cos_164_8 = (sb_real)-0.96500;
+    sb_real of_smallest, of_largest;
+    sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+    return of_smallest <= cos_10_7 && of_largest >= cos_164_8;
+}
+
+static sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
+{
+    return sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(corners[0], corners[1]), sb_v3_add(corners[2], corners[3])));
+}
+
+/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
+ * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
+static int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
+{
+    sb_vec3 corners[4];
+    int label, inner = 0, highest = 0;
+    for (int i = 0; i < 4; i++) {
+        const sbi_stuffing_point *point = s->points + points[i];
+        corners[i] = sbi_stuffing_position(s, point->half);
+        inner |= point->state == SBI_STUFF_INNER;
+        highest = sbi_max_int(highest, point->label);
+    }
+    if (highest == 0) /* not among the tets */
+        return 0;
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    return inner && label == 0 ? highest : label;
+}
+
+/* A tet of four zeros can be flat. Where one is needed its most displaced point goes half of the way back to its place
+ * in the lattice. Any place on the way is one of the cases that the angles' bounds were found over, so no other tet
+ * leaves them; only this point leaves the surface. Returns 1 when it moved one. */
+static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
+{
+    sbi_stuffing_view v;
+    sbi_stuffing_point *worst = NULL;
+    sb_vec3 place, corners[4], *now;
+    sbi_stuffing_look(s, nodes, &v);
+    if (v.zeros < 4)
+        return 0;
+    for (int i = 0; i < 4; i++)
+        corners[i] = s->positions[nodes[i]];
+    if (sbi_stuffing_is_well_shaped(corners) || sbi_stuffing_label_of_four(s, v.point) == 0)
+        return 0;
+    for (int i = 0; i < 4; i++)
+        if (!worst || s->points[v.point[i]].moved > worst->moved)
+            worst = s->points + v.point[i];
+    place = sbi_stuffing_position(s, worst->half);
+    now = s->positions + worst->active;
+    worst->moved *= (sb_real)0.5;
+    *now = sb_v3_madd(place, (sb_real)0.5, sb_v3_sub(*now, place));
+    return 1;
+}
+
+/* ---- 4a. a manifold boundary ----
+ * Where the shape is about as thin as a cell, parts of it can come to touch at a zero or along an edge of zeros. A zero
+ * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles that
+ * have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero is
+ * freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
+ * bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have manifold
+ * boundaries: this ends. */
+
+typedef struct sbi_stuffing_link {
+    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int triangle[24][3];
+    int beside[24][3];     /* triangle across the edge opposite corner i */
+} sbi_stuffing_link;
+
+static int sbi_stuffing_has_corner(const int triangle[3], int corner)
+{
+    return triangle[0] == corner || triangle[1] == corner || triangle[2] == corner;
+}
+
+static void sbi_stuffing_make_link(sbi_stuffing_link *link)
+{
+    int count = 0;
+    for (int k = 0; k < 14; k++)
+        for (int axis = 0; axis < 3; axis++)
+            link->step[k][axis] = k < 6 ? (k >> 1 == axis ? (k & 1 ? 2 : -2) : 0) : (k - 6) >> axis & 1 ? 1 : -1;
+    for (int l = 0; l < 6; l++) /* a long edge and two short ones that lean its way and differ along one axis */
+        for (int a = 6; a < 14; a++)
+            for (int b = a + 1; b < 14; b++) {
+                int axis = l >> 1, bit = 1 << axis, differ = (a - 6) ^ (b - 6);
+                if (((a - 6) >> axis & 1) != (l & 1) || (differ & bit) || (differ & (differ - 1)))
+                    continue;
+                link->triangle[count][0] = l;
+                link->triangle[count][1] = a;
+                link->triangle[count++][2] = b;
+            }
+    for (int t = 0; t < 24; t++)
+        for (int i = 0; i < 3; i++)
+            for (int u = 0; u < 24; u++)
+                if (u != t && sbi_stuffing_has_corner(link->triangle[u], link->triangle[t][(i + 1) % 3]) &&
+                    sbi_stuffing_has_corner(link->triangle[u], link->triangle[t][(i + 2) % 3]))
+                    link->beside[t][i] = u;
+}
+
+/* Sides of the 14 neighbours of a zero: +1 inside, -1 outside, 0 on the boundary; `points` holds their surface points. */
+static void sbi_stuffing_link_sides(const sbi_stuffing *s, const sbi_stuffing_link *link, int i, int points[14],
+                                    int sides[14])
+{
+    for (int k = 0; k < 14; k++) {
+        int half[3];
+        size_t index;
+        for (int axis = 0; axis < 3; axis++)
+            half[axis] = s->points[i].half[axis] + link->step[k][axis];
+        index = sbi_stuffing_index(s, half);
+        points[k] = sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
+        sides[k] = points[k] >= 0 && s->points[points[k]].state == SBI_STUFF_OUTER ? 0 : s->labels[index] ? 1 : -1;
+    }
+}
+
+/* Parts of one side that hang together round a zero. Corners on that side stand for the triangles they belong to;
+ * triangles of zeros (bit 14 + t) stand for themselves. */
+static int sbi_stuffing_count_parts(const sbi_stuffing_link *link, const int sides[14], const int side_of_triangle[24],
+                                    int side)
+{
+    uint64_t near_by[38], left = 0;
+    int parts = 0;
+    memset(near_by, 0, sizeof near_by);
+    for (int t = 0; t < 24; t++) {
+        const int *corner = link->triangle[t];
+        int zeros = sides[corner[0]] == 0 && sides[corner[1]] == 0 && sides[corner[2]] == 0;
+        for (int i = 0; i < 3; i++) {
+            int a = corner[(i + 1) % 3], b = corner[(i + 2) % 3], u = link->beside[t][i], mine, other = 0;
+            if (sides[corner[i]] == side)
+                left |= (uint64_t)1 << corner[i];
+            if (sides[a] == side && sides[b] == side) {
+                near_by[a] |= (uint64_t)1 << b;
+                near_by[b] |= (uint64_t)1 << a;
+            }
+            if (sides[a] != 0 || sides[b] != 0)
+                continue;
+            while (link->triangle[u][other] == a || link->triangle[u][other] == b)
+                other++;
+            other = link->triangle[u][other];
+            mine = zeros ? 14 + t : corner[i];
+            if ((zeros ? side_of_triangle[t] : sides[mine]) != side)
+                continue;
+            left |= (uint64_t)1 << mine;
+            if (sides[other] == side)
+                near_by[mine] |= (uint64_t)1 << other;
+            else if (sides[other] == 0 && side_of_triangle[u] == side)
+                near_by[mine] |= (uint64_t)1 << (14 + u);
+        }
+    }
+    for (; left; parts++) {
+        uint64_t reached = left & (~left + 1), before = 0;
+        while (reached != before) {
+            before = reached;
+            for (int k = 0; k < 38; k++)
+                reached |= reached >> k & 1 ? near_by[k] : 0;
+        }
+        left &= ~reached;
+    }
+    return parts;
+}
+
+static int sbi_stuffing_is_sheet(const sbi_stuffing *s, const sbi_stuffing_link *link, int i)
+{
+    int points[14], sides[14], side_of_triangle[24];
+    sbi_stuffing_link_sides(s, link, i, points, sides);
+    for (int t = 0; t < 24; t++) {
+        const int *corner = link->triangle[t];
+        int tet[4];
+        side_of_triangle[t] = 0;
+        if (sides[corner[0]] || sides[corner[1]] || sides[corner[2]])
+            continue;
+        tet[0] = i;
+        for (int k = 0; k < 3; k++)
+            tet[1 + k] = points[corner[k]];
+        side_of_triangle[t] = sbi_stuffing_label_of_four(s, tet) ? 1 : -1;
+    }
+    return sbi_stuffing_count_parts(link, sides, side_of_triangle, 1) <= 1 &&
+           sbi_stuffing_count_parts(link, sides, side_of_triangle, -1) <= 1;
+}
+
+static void sbi_stuffing_free_pinches(sbi_stuffing *s)
+{
+    sbi_stuffing_link link;
+    int changed = 1;
+    sbi_stuffing_make_link(&link);
+    while (changed) {
+        changed = 0;
+        for (int i = 0; i < s->surface.count; i++) {
+            sbi_stuffing_point *point = s->points + i;
+            if (point->state != SBI_STUFF_OUTER || sbi_stuffing_is_sheet(s, &link, i))
+                continue;
+            point->state = SBI_STUFF_STRICT;
+            point->moved = 0;
+            s->positions[point->active] = sbi_stuffing_position(s, point->half);
+            changed = 1;
+        }
+    }
+}
+
+/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
+ * four zeros near their places make a regular tet. */
+static void sbi_stuffing_place_zeros(sbi_stuffing *s)
+{
+    int changed = 1;
+    sbi_stuffing_warp(s, 0);
+    sbi_stuffing_free_pinches(s);
+    if (s->def->shape_count > 1) {
+        sbi_stuffing_settle(s);
+        sbi_stuffing_warp(s, 1);
+        sbi_stuffing_settle(s);
+    }
+    while (changed) {
+        changed = 0;
+        for (int t = 0; t < s->tet_count; t++)
+            changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
+    }
+}
+
+/* ---- 5. stencils ---- */
+
+/* Which of a tet's points are on the side that is cut out (+1), on the other (-1), on the surface (0). */
+typedef struct sbi_stuffing_stencil {
+    const sbi_stuffing_view *view;
+    int p[4], n[4], z[4]; /* local indices of each kind */
+    int p_count, n_count, z_count;
+    int label;
+} sbi_stuffing_stencil;
+
+static int sbi_stuffing_is_long(const sbi_stuffing *s, int a, int b)
+{
+    return ((s->points[a].half[0] ^ s->points[b].half[0]) & 1) == 0;
+}
+
+/* Whether the diagonal of the quadrilateral p1, p2 and their cuts towards n starts at p1, that is, ends at the cut of
+ * p2. The three are surface points. Long edges p1-p2 decide by parity, so that the faces round them take turns. */
+static int sbi_stuffing_starts_at_first(const sbi_stuffing *s, int p1, int p2, int n)
+{
+    const int *a = s->points[p1].half, *b = s->points[p2].half, *c = s->points[n].half;
+    int odd = a[0] & 1, sign = 1, from_lower, first_is_lower;
+    if (sbi_stuffing_is_long(s, p1, n))
+        return 0;
+    if (sbi_stuffing_is_long(s, p2, n))
+        return 1;
+    first_is_lower = a[0] + a[1] + a[2] < b[0] + b[1] + b[2];
+    for (int axis = 0; axis < 3; axis++)
+        if (a[axis] == b[axis])
+            sign *= c[axis] > a[axis] ? 1 : -1;
+    from_lower = (sign > 0) != odd;
+    return from_lower == first_is_lower;
+}
+
+static void sbi_stuffing_put_element(sbi_stuffing *s, int label, int a, int b, int c, int d)
+{
+    int *nodes = s->elements + 4 * (size_t)s->element_count;
+    if (s->element_count < s->element_capacity) {
+        nodes[0] = a;
+        nodes[1] = b;
+        nodes[2] = c;
+        nodes[3] = d;
+        s->element_labels[s->element_count] = (unsigned char)label;
+    }
+    s->element_count++;
+}
+
+/* Node of the cut between two surface points. */
+static int sbi_stuffing_cut_between(sbi_stuffing *s, int i, int j)
+{
+    const int *a = s->points[i].half, *b = s->points[j].half;
+    int edge = 0, owner = i, other = j;
+    int *node;
+    if (sbi_stuffing_is_long(s, i, j)) {
+        while (a[edge] == b[edge])
+            edge++;
+        if (a[edge] > b[edge])
+            owner = j;
+    } else {
+        if (a[2] > b[2])
+            owner = j;
+        other = owner == i ? j : i;
+        edge = 3 + (s->points[other].half[0] > s->points[owner].half[0]) +
+               2 * (s->points[other].half[1] > s->points[owner].half[1]);
+    }
+    other = owner == i ? j : i;
+    node = s->cut_node + (size_t)owner * SBI_STUFF_EDGES + edge;
+    if (*node < 0) {
+        sb_vec3 from = sbi_stuffing_position(s, s->points[owner].half);
+        sb_vec3 to = sbi_stuffing_position(s, s->points[other].half);
+        sb_real alpha = edge < 3 ? SBI_STUFF_ALPHA_LONG : SBI_STUFF_ALPHA_SHORT;
+        sb_real fraction = sb_min(sb_max(s->points[owner].cut[edge], alpha), 1 - alpha); /* beyond: freed points only */
+        s->cut_positions[s->cut_count] = sb_v3_madd(from, fraction, sb_v3_sub(to, from));
+        *node = s->active.count + s->cut_count++;
+    }
+    return *node;
+}
+
+/* A prism with bottom b and top t, cut so that the diagonal between columns i and j runs from b_i to t_j when before[i]
+ * < before[j]. */
+static void sbi_stuffing_put_prism(sbi_stuffing *s, int label, const int *b, const int *t, const int *order)
+{
+    int i = order[0], j = order[1], k = order[2];
+    sbi_stuffing_put_element(s, label, b[i], b[j], b[k], t[k]);
+    sbi_stuffing_put_element(s, label, b[i], b[j], t[j], t[k]);
+    sbi_stuffing_put_element(s, label, b[i], t[i], t[j], t[k]);
+}
+
+/* Order of three columns from which of each pair comes first; acyclic for all patterns of the lattice. */
+static void sbi_stuffing_order(int first01, int first02, int first12, int order[3])
+{
+    int rank[3];
+    rank[0] = !first01 + !first02;
+    rank[1] = first01 + !first12;
+    rank[2] = first02 + first12;
+    for (int i = 0; i < 3; i++)
+        order[rank[i]] = i;
+}
+
+/* +++-: the prism between the three points and their cuts. */
+static void sbi_stuffing_cut_corner(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int bottom[3], top[3], order[3], p[3], n = c->view->point[c->n[0]];
+    for (int i = 0; i < 3; i++) {
+        p[i] = c->view->point[c->p[i]];
+        bottom[i] = c->view->nodes[c->p[i]];
+        top[i] = sbi_stuffing_cut_between(s, p[i], n);
+    }
+    sbi_stuffing_order(sbi_stuffing_starts_at_first(s, p[0], p[1], n), sbi_stuffing_starts_at_first(s, p[0], p[2], n),
+                       sbi_stuffing_starts_at_first(s, p[1], p[2], n), order);
+    sbi_stuffing_put_prism(s, c->label, bottom, top, order);
+}
+
+/* ++--: the prism along the edge of the two points, with a triangle of cuts at each end. The two faces at that edge
+ * decide in opposite ways, so the free quadrilateral of four cuts has no choice left. */
+static void sbi_stuffing_cut_half(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int bottom[3], top[3], order[3], p[2], n[2], first01, first02;
+    for (int i = 0; i < 2; i++) {
+        p[i] = c->view->point[c->p[i]];
+        n[i] = c->view->point[c->n[i]];
+    }
+    bottom[0] = c->view->nodes[c->p[0]];
+    top[0] = c->view->nodes[c->p[1]];
+    for (int i = 0; i < 2; i++) {
+        bottom[1 + i] = sbi_stuffing_cut_between(s, p[0], n[i]);
+        top[1 + i] = sbi_stuffing_cut_between(s, p[1], n[i]);
+    }
+    first01 = sbi_stuffing_starts_at_first(s, p[0], p[1], n[0]);
+    first02 = sbi_stuffing_starts_at_first(s, p[0], p[1], n[1]);
+    sbi_stuffing_order(first01, first02, first02, order);
+    sbi_stuffing_put_prism(s, c->label, bottom, top, order);
+}
+
+/* ++-0: the pyramid over the two points and their cuts. */
+static void sbi_stuffing_cut_pyramid(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int p1 = c->view->point[c->p[0]], p2 = c->view->point[c->p[1]], n = c->view->point[c->n[0]];
+    int a = c->view->nodes[c->p[0]], b = c->view->nodes[c->p[1]], apex = c->view->nodes[c->z[0]];
+    int ca = sbi_stuffing_cut_between(s, p1, n), cb = sbi_stuffing_cut_between(s, p2, n);
+    if (sbi_stuffing_starts_at_first(s, p1, p2, n)) {
+        sbi_stuffing_put_element(s, c->label, a, b, cb, apex);
+        sbi_stuffing_put_element(s, c->label, a, cb, ca, apex);
+    } else {
+        sbi_stuffing_put_element(s, c->label, b, a, ca, apex);
+        sbi_stuffing_put_element(s, c->label, b, ca, cb, apex);
+    }
+}
+
+/* One point: the tet to its cuts and the zeros. */
+static void sbi_stuffing_cut_tip(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int nodes[4];
+    memcpy(nodes, c->view->nodes, sizeof nodes);
+    for (int i = 0; i < c->n_count; i++)
+        nodes[c->n[i]] = sbi_stuffing_cut_between(s, c->view->point[c->p[0]], c->view->point[c->n[i]]);
+    sbi_stuffing_put_element(s, c->label, nodes[0], nodes[1], nodes[2], nodes[3]);
+}
+
+static void sbi_stuffing_apply(sbi_stuffing *s, const sbi_stuffing_view *view, const int sides[4], int sign, int label)
+{
+    sbi_stuffing_stencil c;
+    memset(&c, 0, sizeof c);
+    c.view = view;
+    c.label = label;
+    for (int i = 0; i < 4; i++) {
+        if (sides[i] == 0)
+            c.z[c.z_count++] = i;
+        else if (sides[i] == sign)
+            c.p[c.p_count++] = i;
+        else
+            c.n[c.n_count++] = i;
+    }
+    if (c.p_count == 0)
+        return;
+    if (c.n_count == 0)
+        sbi_stuffing_put_element(s, label, view->nodes[0], view->nodes[1], view->nodes[2], view->nodes[3]);
+    else if (c.p_count == 1)
+        sbi_stuffing_cut_tip(s, &c);
+    else if (c.p_count == 3)
+        sbi_stuffing_cut_corner(s, &c);
+    else if (c.n_count == 2)
+        sbi_stuffing_cut_half(s, &c);
+    else
+        sbi_stuffing_cut_pyramid(s, &c);
+}
+
+/* Region of the inner part of a tet at the outside whose inner points are all zeros between regions. */
+static int sbi_stuffing_label_of_zeros(const sbi_stuffing *s, const int *nodes)
+{
+    sb_vec3 corners[4];
+    int label;
+    for (int i = 0; i < 4; i++)
+        corners[i] = s->positions[nodes[i]];
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    for (int i = 0; i < 4 && label == 0; i++)
+        label = s->active_label[nodes[i]];
+    return label;
+}
+
+static void sbi_stuffing_cut_tet(sbi_stuffing *s, const int *nodes)
+{
+    sbi_stuffing_view v;
+    int sides[4];
+    sbi_stuffing_look(s, nodes, &v);
+    if (v.zeros == 4) {
+        int label = sbi_stuffing_label_of_four(s, v.point);
+        if (label > 0)
+            sbi_stuffing_put_element(s, label, nodes[0], nodes[1], nodes[2], nodes[3]);
+        return;
+    }
+    for (int i = 0; i < 4; i++) {
+        int state = v.point[i] < 0 ? 0 : s->points[v.point[i]].state;
+        if (v.outside)
+            sides[i] = state == SBI_STUFF_OUTER ? 0 : state == SBI_STUFF_STRICT && v.label[i] == 0 ? -1 : 1;
+        else
+            sides[i] = state ? 0 : v.label[i] == v.a ? 1 : -1;
+    }
+    if (v.outside) {
+        int label = v.a > 0 ? v.a : sbi_stuffing_label_of_zeros(s, nodes);
+        sbi_stuffing_apply(s, &v, sides, 1, label);
+        return;
+    }
+    sbi_stuffing_apply(s, &v, sides, 1, v.a);
+    if (v.b > 0)
+        sbi_stuffing_apply(s, &v, sides, -1, v.b);
+}
+
+static sb_result sbi_stuffing_cut(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    size_t edges = (size_t)s->surface.count * SBI_STUFF_EDGES, cuts = 0;
+    for (int i = 0; i < s->surface.count; i++)
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++)
+            cuts += s->points[i].cut[edge] >= 0;
+    s->cut_node = (int *)sbi_alloc(allocator, edges, sizeof(int));
+    s->cut_positions = (sb_vec3 *)sbi_alloc(allocator, cuts, sizeof(sb_vec3));
+    if (!s->cut_node || !s->cut_positions || cuts > (size_t)(INT_MAX - s->active.count))
+        return sbi_stuffing_no_memory(s);
+    memset(s->cut_node, 0xff, edges * sizeof(int)); /* all -1 */
+    for (int pass = 0; pass < 2; pass++) { /* count, then fill */
+        s->element_count = 0;
+        for (int t = 0; t < s->tet_count && s->element_count < INT_MAX - 8; t++)
+            sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);
+        if (pass == 1)
+            break;
+        if (s->element_count == 0)
+            return sbi_fail(s->error, SB_ERROR_MESH,
+                            "nothing to mesh: the first shape is much thinner than cells of %g m everywhere",
+                            (double)s->def->cell);
+        if (s->element_count > s->def->max_elements)
+            return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
+                            (double)s->def->cell, s->def->max_elements);
+        s->element_capacity = s->element_count;
+        s->elements = (int *)sbi_alloc(allocator, (size_t)s->element_count, 4 * sizeof(int));
+        s->element_labels = (unsigned char *)sbi_alloc(allocator, (size_t)s->element_count, 1);
+        if (!s->elements || !s->element_labels)
+            return sbi_stuffing_no_memory(s);
+    }
+    return SB_OK;
+}
+
+/* ---- the mesh ---- */
+
+static sb_vec3 sbi_stuffing_node(const sbi_stuffing *s, int node)
+{
+    return node < s->active.count ? s->positions[node] : s->cut_positions[node - s->active.count];
+}
+
+/* Copies elements and the nodes they use into the mesh, each tet turned so that its volume is positive. */
+static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
+{
+    int total = s->active.count + s->cut_count, used = 0;
+    int *map = (int *)sbi_alloc_zeroed(&s->def->allocator, (size_t)total, sizeof(int));
+    if (!map)
+        return sbi_stuffing_no_memory(s);
+    for (size_t i = 0; i < 4 * (size_t)s->element_count; i++)
+        map[s->elements[i]] = 1;
+    for (int node = 0; node < total; node++)
+        used += map[node];
+    if (!sbi_mesh_allocate(mesh, SB_TET4, used, s->element_count, 1, &s->def->allocator)) {
+        sbi_free(&s->def->allocator, map);
+        return sbi_stuffing_no_memory(s);
+    }
+    used = 0;
+    for (int node = 0; node < total; node++)
+        if (map[node]) {
+            mesh->nodes[used] = sbi_stuffing_node(s, node);
+            map[node] = used++;
+        }
+    for (int e = 0; e < s->element_count; e++) {
+        int *nodes = mesh->elements + 4 * (size_t)e, *x = s->elements + 4 * (size_t)e;
+        for (int i = 0; i < 4; i++)
+            nodes[i] = map[x[i]];
+        if (sb_mesh_element_volume(mesh, e) < 0) {
+            int swap = nodes[2];
+            nodes[2] = nodes[3];
+            nodes[3] = swap;
+        }
+        mesh->regions[e] = s->def->shapes[s->element_labels[e] - 1].region;
+    }
+    sbi_free(&s->def->allocator, map);
+    return SB_OK;
+}
+
+/* ---- 6. the boundary ----
+ * Its nodes lie on the surface, but a triangle between them cuts the corner at ridges and thin parts. Where it leaves
+ * the surface by more than SBI_STUFF_FAR its nodes slide along the surface towards what it misses, as long as all tets
+ * at them keep angles within the bounds and no triangle becomes worse than the worst was; where that is not enough,
+ * edges get a node in the middle, under the same condition. */
+
+#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
+#define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 7          /* of a triangle: corners, middles of edges, centre */
+
+typedef struct sbi_stuffing_rim {
+    const sbi_stuffing *s;
+    sb_mesh *mesh;
+    sb_boundary boundary;
+    sb_index_lists tets, faces; /* of nodes of the mesh; of nodes of the boundary */
+    sb_real *worst;             /* [faces] largest distance of a sample */
+} sbi_stuffing_rim;
+
+/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. p itself where
+ * they lead nowhere, as for functions that are no distances at all. */
+static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes;
+    const sb_real step = (sb_real)0.01 * s->half;
+    const sb_vec3 start = p;
+    sb_surface_hit hit;
+    sb_real first;
+    if (g->surface)
+        return sb_surface_closest(g->surface, p, SB_REAL_MAX, &hit) ? hit.point : p;
+    first = sb_abs(sbi_stuffing_value(s, 0, p));
+    for (int i = 0; i < 4; i++) {
+        sb_real value = sbi_stuffing_value(s, 0, p), size, length;
+        sb_vec3 n;
+        n.x = sbi_stuffing_value(s, 0, sb_v3(p.x + step, p.y, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x - step, p.y, p.z));
+        n.y = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y + step, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y - step, p.z));
+        n.z = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z + step)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z - step));
+        size = sb_v3_norm(n);
+        if (!(size > 0) || !sb_is_finite(size))
+            break;
+        length = sb_min(sb_abs(value) * 2 * step / size, s->def->cell);
+        p = sb_v3_madd(p, (value > 0 ? -length : length) / size, n);
+    }
+    return sb_abs(sbi_stuffing_value(s, 0, p)) < (sb_real)0.1 * first ? p : start;
+}
+
+/* Sample k of a triangle. */
+static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k)
+{
+    const int *nodes = surface->elements + 3 * (size_t)face;
+    sb_vec3 a = surface->nodes[nodes[0]], b = surface->nodes[nodes[1]], c = surface->nodes[nodes[2]];
+    if (k < 3)
+        return surface->nodes[nodes[k]];
+    if (k < 6)
+        return sb_v3_scale((sb_real)0.5, sb_v3_add(surface->nodes[nodes[k - 3]], surface->nodes[nodes[(k - 2) % 3]]));
+    return sb_v3_scale((sb_real)1 / 3, sb_v3_add(a, sb_v3_add(b, c)));
+}
+
+/* Largest distance of a triangle's samples; *from (or NULL) the worst of them, *away from there to the surface. Gives up beyond
+ * `limit`: what is returned is then some distance above it. */
+static sb_real sbi_stuffing_face_distance(const sbi_stuffing_rim *rim, int face, sb_real limit, sb_vec3 *from,
+                                          sb_vec3 *away)
+{
+    sb_real worst = 0;
+    for (int k = SBI_STUFF_SAMPLES - 1; k >= 0 && worst <= limit; k--) {
+        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, k);
+        sb_vec3 d = sb_v3_sub(sbi_stuffing_closest(rim->s, p), p);
+        sb_real distance = sb_v3_norm(d);
+        if (away && (distance > worst || k == SBI_STUFF_SAMPLES - 1)) {
+            *from = p;
+            *away = d;
+        }
+        worst = sb_max(worst, distance);
+    }
+    return worst;
+}
+
+static void sbi_stuffing_measure_task(void *user, int index)
+{
+    sbi_stuffing_rim *rim = (sbi_stuffing_rim *)user;
+    int count = rim->boundary.surface.element_count;
+    int end = index < (count - 1) / SBI_STUFF_CHUNK ? (index + 1) * SBI_STUFF_CHUNK : count;
+    for (int f = index * SBI_STUFF_CHUNK; f < end; f++)
+        rim->worst[f] = sbi_stuffing_face_distance(rim, f, SB_REAL_MAX, NULL, NULL);
+}
+
+static void sbi_stuffing_set_node(sbi_stuffing_rim *rim, int node, sb_vec3 x)
+{
+    rim->boundary.surface.nodes[node] = x;
+    rim->mesh->nodes[rim->boundary.nodes[node]] = x;
+}
+
+/* Whether a tet is positive and well shaped with node `node` at x. */
+static int sbi_stuffing_is_sound(const sb_mesh *mesh, int tet, int node, sb_vec3 x)
+{
+    const int *nodes = mesh->elements + 4 * (size_t)tet;
+    sb_vec3 c[4];
+    for (int i = 0; i < 4; i++)
+        c[i] = nodes[i] == node ? x : mesh->nodes[nodes[i]];
+    return sb_v3_dot(sb_v3_cross(sb_v3_sub(c[1], c[0]), sb_v3_sub(c[2], c[0])), sb_v3_sub(c[3], c[0])) > 0 &&
+           sbi_stuffing_is_well_shaped(c);
+}
+
+static int sbi_stuffing_tets_are_sound(const sbi_stuffing_rim *rim, int node, sb_vec3 x)
+{
+    int at = rim->boundary.nodes[node];
+    for (int k = rim->tets.offsets[at]; k < rim->tets.offsets[at + 1]; k++)
+        if (!sbi_stuffing_is_sound(rim->mesh, rim->tets.items[k], at, x))
+            return 0;
+    return 1;
+}
+
+/* Largest distance of the triangles at a node; gives up beyond `limit`. */
+static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node, sb_real limit)
+{
+    sb_real worst = 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1] && worst <= limit; k++)
+        worst = sb_max(worst, sbi_stuffing_face_distance(rim, rim->faces.items[k], limit, NULL, NULL));
+    return worst;
+}
+
+/* Slides a node by about `by`, or towards the point that lies too far away, where that brings the triangles round it
+ * closer to the surface. Returns 1 when it did. */
+static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
+{
+    static const sb_real scales[6][2] = {
+        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
+    sb_real least = 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
+        least = sb_max(least, rim->worst[rim->faces.items[k]]);
+    least *= (sb_real)0.99; /* gains of less are not worth a round */
+    for (int i = 0; i < 6; i++) {
+        sb_real distance;
+        sb_vec3 step = sb_v3_madd(sb_v3_scale(scales[i][0], by), scales[i][1], sb_v3_sub(from, start));
+        sb_vec3 x = sbi_stuffing_closest(rim->s, sb_v3_add(start, step));
+        if (!sbi_stuffing_tets_are_sound(rim, node, x))
+            continue;
+        sbi_stuffing_set_node(rim, node, x);
+        distance = sbi_stuffing_distance_round(rim, node, least);
+        if (distance < least) {
+            least = distance;
+            best = rim->boundary.surface.nodes[node];
+        }
+    }
+    sbi_stuffing_set_node(rim, node, best);
+    if (sb_v3_norm(sb_v3_sub(best, start)) == 0)
+        return 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
+        rim->worst[rim->faces.items[k]] = sbi_stuffing_face_distance(rim, rim->faces.items[k], SB_REAL_MAX, NULL, NULL);
+    return 1;
+}
+
+static sb_result sbi_stuffing_slide_all(sbi_stuffing_rim *rim)
+{
+    const sb_real enough = SBI_STUFF_FAR * rim->s->def->cell;
+    const sb_mesh *surface = &rim->boundary.surface;
+    sb_result result;
+    int changed = 0;
+    for (int f = 0; f < surface->element_count; f++)
+        changed |= rim->worst[f] > enough;
+    if (!changed)
+        return SB_OK;
+    result = sb_mesh_node_elements(rim->mesh, &rim->s->def->allocator, &rim->tets, rim->s->error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(surface, &rim->s->def->allocator, &rim->faces, rim->s->error);
+    for (int round = 0; round < SBI_STUFF_ROUNDS && changed && result == SB_OK; round++) {
+        changed = 0;
+        for (int f = 0; f < surface->element_count; f++) {
+            for (int i = 0; i < 3 && rim->worst[f] > enough; i++) {
+                sb_vec3 from = {0, 0, 0}, away = {0, 0, 0};
+                sbi_stuffing_face_distance(rim, f, SB_REAL_MAX, &from, &away);
+                changed |= sbi_stuffing_slide(rim, surface->elements[3 * (size_t)f + (size_t)i], from, away);
+            }
+        }
+    }
+    return result;
+}
+
+/* An edge of the boundary that is to get a node in the middle, at `at` on the surface. */
+typedef struct sbi_stuffing_split {
+    int a, b; /* nodes of the mesh */
+    sb_vec3 at;
+} sbi_stuffing_split;
+
+static int sbi_stuffing_tet_has(const sb_mesh *mesh, int tet, int node)
+{
+    const int *nodes = mesh->elements + 4 * (size_t)tet;
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+/* Whether the tets round an edge stay sound when it is split; taken [tets]: those that other splits change already.
+ * Returns how many there are, or 0. */
+static int sbi_stuffing_can_split(const sbi_stuffing_rim *rim, const sbi_stuffing_split *split,
+                                  const unsigned char *taken)
+{
+    int count = 0;
+    for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++) {
+        int tet = rim->tets.items[k];
+        if (!sbi_stuffing_tet_has(rim->mesh, tet, split->b))
+            continue;
+        if (taken[tet] || !sbi_stuffing_is_sound(rim->mesh, tet, split->a, split->at) ||
+            !sbi_stuffing_is_sound(rim->mesh, tet, split->b, split->at))
+            return 0;
+        count++;
+    }
+    return count;
+}
+
+/* Chooses a split for a triangle that is too far from the surface: the edge whose middle is, or its longest one, with
+ * the new node where the middle's closest point is or beyond it, towards a ridge; in the last round, if need be, half
+ * way to it. Returns how many tets it adds, or 0. */
+static int sbi_stuffing_choose_split(const sbi_stuffing_rim *rim, int face, int is_last, const unsigned char *taken,
+                                     sbi_stuffing_split *split)
+{
+    const int *nodes = rim->boundary.surface.elements + 3 * (size_t)face;
+    const sb_vec3 *x = rim->boundary.surface.nodes;
+    int edge = -1, longest = 0, count = 0, last = is_last ? 1 : 2;
+    sb_real farthest = SBI_STUFF_FAR * rim->s->def->cell;
+    sb_vec3 middle, away;
+    for (int k = 0; k < 3; k++) {
+        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + k);
+        sb_real distance = sb_v3_norm(sb_v3_sub(sbi_stuffing_closest(rim->s, p), p));
+        if (distance > farthest) {
+            farthest = distance;
+            edge = k;
+        }
+        if (sb_v3_norm(sb_v3_sub(x[nodes[k]], x[nodes[(k + 1) % 3]])) >
+            sb_v3_norm(sb_v3_sub(x[nodes[longest]], x[nodes[(longest + 1) % 3]])))
+            longest = k;
+    }
+    edge = edge < 0 ? longest : edge;
+    split->a = rim->boundary.nodes[nodes[edge]];
+    split->b = rim->boundary.nodes[nodes[(edge + 1) % 3]];
+    middle = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + edge);
+    away = sb_v3_sub(sbi_stuffing_closest(rim->s, middle), middle);
+    for (int k = 4; k >= last && count == 0; k--) {
+        sb_vec3 at = sb_v3_madd(middle, (sb_real)0.5 * (sb_real)k, away);
+        split->at = k > 1 ? sbi_stuffing_closest(rim->s, at) : at;
+        count = sbi_stuffing_can_split(rim, split, taken);
+    }
+    return count;
+}
+
+/* The mesh with edges split; no tet has two of them. */
+static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sbi_stuffing_split *splits, int count,
+                                           int added, sb_mesh *result)
+{
+    const sb_mesh *mesh = rim->mesh;
+    int next = mesh->element_count;
+    if (mesh->element_count > rim->s->def->max_elements - added ||
+        !sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
+                           &rim->s->def->allocator))
+        return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes", mesh->node_count + count);
+    memcpy(result->nodes, mesh->nodes, (size_t)mesh->node_count * sizeof(sb_vec3));
+    memcpy(result->elements, mesh->elements, (size_t)mesh->element_count * 4 * sizeof(int));
+    memcpy(result->regions, mesh->regions, (size_t)mesh->element_count * sizeof(int));
+    for (int i = 0; i < count; i++) {
+        const sbi_stuffing_split *split = splits + i;
+        result->nodes[mesh->node_count + i] = split->at;
+        for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++) {
+            int tet = rim->tets.items[k], *old = result->elements + 4 * (size_t)tet;
+            int *half = result->elements + 4 * (size_t)next;
+            if (!sbi_stuffing_tet_has(mesh, tet, split->b))
+                continue;
+            for (int j = 0; j < 4; j++) {
+                half[j] = old[j] == split->b ? mesh->node_count + i : old[j];
+                old[j] = old[j] == split->a ? mesh->node_count + i : old[j];
+            }
+            result->regions[next++] = result->regions[tet];
+        }
+    }
+    return SB_OK;
+}
+
+/* Splits edges where the boundary is still too far from the surface; *count: how many. */
+static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int *count)
+{
+    const sb_allocator *allocator = &rim->s->def->allocator;
+    const sb_real limit = SBI_STUFF_FAR * rim->s->def->cell;
+    int faces = rim->boundary.surface.element_count, far = 0, added = 0;
+    sbi_stuffing_split *splits;
+    unsigned char *taken;
+    sb_result result = SB_OK;
+    *count = 0;
+    for (int f = 0; f < faces; f++)
+        far += rim->worst[f] > limit;
+    if (far == 0)
+        return SB_OK;
+    splits = (sbi_stuffing_split *)sbi_alloc(allocator, (size_t)far, sizeof *splits);
+    taken = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)rim->mesh->element_count, 1);
+    if (!splits || !taken)
+        result = sbi_stuffing_no_memory(rim->s);
+    for (int f = 0; f < faces && result == SB_OK; f++) {
+        sbi_stuffing_split *split = splits + *count;
+        int more = rim->worst[f] > limit ? sbi_stuffing_choose_split(rim, f, is_last, taken, split) : 0;
+        if (more == 0)
+            continue;
+        for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++)
+            if (sbi_stuffing_tet_has(rim->mesh, rim->tets.items[k], split->b))
+                taken[rim->tets.items[k]] = 1;
+        added += more;
+        ++*count;
+    }
+    if (result == SB_OK && *count > 0) {
+        sb_mesh split;
+        result = sbi_stuffing_apply_splits(rim, splits, *count, added, &split);
+        if (result == SB_OK) {
+            sb_mesh_free(rim->mesh);
+            *rim->mesh = split;
+        }
+    }
+    sbi_free(allocator, splits);
+    sbi_free(allocator, taken);
+    return result;
+}
+
+/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
+                                              sb_real *distance)
+{
+    sbi_stuffing_rim rim;
+    sb_result result;
+    memset(&rim, 0, sizeof rim);
+    rim.s = s;
+    rim.mesh = mesh;
+    *again = 0;
+    *distance = 0;
+    result = sb_mesh_boundary(mesh, 1, &s->def->allocator, &rim.boundary, s->error);
+    if (result == SB_OK) {
+        int count = rim.boundary.surface.element_count;
+        rim.worst = (sb_real *)sbi_alloc(&s->def->allocator, (size_t)count, sizeof(sb_real));
+        if (rim.worst) {
+            sbi_run(&s->def->jobs, sbi_stuffing_measure_task, &rim, (count - 1) / SBI_STUFF_CHUNK + 1);
+            result = sbi_stuffing_slide_all(&rim);
+        } else {
+            result = sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a boundary of %d triangles", count);
+        }
+        for (int f = 0; f < count && result == SB_OK; f++)
+            *distance = sb_max(*distance, rim.worst[f]);
+        if (result == SB_OK && round < SBI_STUFF_SPLITS)
+            result = sbi_stuffing_split_all(&rim, round == SBI_STUFF_SPLITS - 1, again);
+    }
+    sb_boundary_free(&rim.boundary);
+    sb_index_lists_free(&rim.tets);
+    sb_index_lists_free(&rim.faces);
+    sbi_free(&s->def->allocator, rim.worst);
+    return result;
+}
+
+/* Brings the boundary close to the surface and tells how close it is. */
+static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+{
+    sb_result result = SB_OK;
+    int again = 1;
+    for (int round = 0; round <= SBI_STUFF_SPLITS && again && result == SB_OK; round++)
+        result = sbi_stuffing_refine_boundary(s, mesh, round, &again, distance);
+    return result;
+}
+
+static void sbi_stuffing_fill_report(const sbi_stuffing *s, const sb_mesh *mesh, sb_real distance,
+                                     sb_stuff_report *report)
+{
+    memset(report, 0, sizeof *report);
+    memcpy(report->cells, s->n, sizeof report->cells);
+    report->node_count = mesh->node_count;
+    report->element_count = mesh->element_count;
+    report->distance = distance;
+    report->volume = sb_mesh_volume(mesh);
+    sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
+}
+
+static void sbi_stuffing_free(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    sbi_free(allocator, s->labels);
+    for (int level = 0; level <= SBI_STUFF_MAX_LEVELS; level++)
+        sbi_free(allocator, s->split[level]);
+    sbi_stuffing_set_free(s, &s->surface);
+    sbi_stuffing_set_free(s, &s->active);
+    sbi_free(allocator, s->tets);
+    sbi_free(allocator, s->positions);
+    sbi_free(allocator, s->active_label);
+    sbi_free(allocator, s->point_of);
+    sbi_free(allocator, s->points);
+    sbi_free(allocator, s->values);
+    sbi_free(allocator, s->failures);
+    sbi_free(allocator, s->cut_node);
+    sbi_free(allocator, s->cut_positions);
+    sbi_free(allocator, s->elements);
+    sbi_free(allocator, s->element_labels);
+}
+
+/* From the def to a tet4 mesh. */
+static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
+{
+    sb_result result = sbi_stuffing_lay_out(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_sample(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_find_surface(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_grade(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_enumerate(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_value_task, 0.5, 0.6);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_cut_task, 0.6, 0.9);
+    if (result != SB_OK)
+        return result;
+    sbi_stuffing_place_zeros(s);
+    result = sbi_stuffing_cut(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_collect(s, mesh);
+    return result;
+}
+
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+{
+    sbi_stuffing s;
+    sb_mesh made, raised;
+    sb_real distance = 0;
+    sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result != SB_OK)
+        return result;
+    memset(&s, 0, sizeof s);
+    memset(&made, 0, sizeof made);
+    s.def = def;
+    s.error = error;
+    result = sbi_stuffing_build(&s, &made);
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 0.9);
+    if (result == SB_OK)
+        result = sbi_stuffing_finish_boundary(&s, &made, &distance);
+    if (result == SB_OK)
+        result = sb_mesh_reorder(&made, NULL, NULL, error);
+    if (result == SB_OK && def->type == SB_TET10) {
+        result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
+        if (result == SB_OK) {
+            sb_mesh_free(&made);
+            made = raised;
+        }
+    }
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 1);
+    if (result == SB_OK) {
+        *mesh = made;
+        if (report)
+            sbi_stuffing_fill_report(&s, mesh, distance, report);
+    } else {
+        sb_mesh_free(&made);
+    }
+    sbi_stuffing_free(&s);
+    return result;
+}
+
 /* ==== src/softbody/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
 
@@ -19491,6 +21919,7 @@ SB_API void sb_domain_free(sb_domain *domain)
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
     sbi_free(&allocator, domain->corner_gradients);
+    sbi_free(&allocator, domain->cell_mass);
     memset(domain, 0, sizeof *domain);
 }
 
@@ -19634,6 +22063,21 @@ static sb_result sbi_domain_allocate(const sb_mesh *mesh, const sb_allocator *al
     return SB_OK;
 }
 
+/* What every domain asks of its mesh. */
+static sb_result sbi_domain_check_mesh(const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = sb_mesh_validate(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) != 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (!sbi_element_is_enabled(mesh->element_type))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
+                        sb_element_name(mesh->element_type));
+    return SB_OK;
+}
+
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error)
 {
@@ -19644,15 +22088,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     memset(&made, 0, sizeof made);
     if (!mesh || !domain)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_domain_create needs a mesh and a domain");
-    result = sb_mesh_validate(mesh, error);
+    result = sbi_domain_check_mesh(mesh, error);
     if (result != SB_OK)
         return result;
-    if (sb_element_dimension(mesh->element_type) != 3)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
-                        sb_element_name(mesh->element_type));
-    if (!sbi_element_is_enabled(mesh->element_type))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
-                        sb_element_name(mesh->element_type));
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
@@ -19682,6 +22120,140 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     return SB_OK;
 }
 
+/* ---- domains from elsewhere ---- */
+
+/* 1 when bodies have loops for so many points of these cells. */
+static int sbi_domain_has_loops(const sb_domain *domain, const sb_mesh *mesh)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int plain = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    int curved = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
+    int ordinary = domain->points_per_cell - domain->mean_point;
+    return ordinary == plain || (ordinary == curved && !domain->single_rotation);
+}
+
+/* Counts, flags and arrays against the mesh. */
+static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *mesh, sb_error *error)
+{
+    size_t entries = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
+    if (domain->element_type != mesh->element_type || domain->node_count != mesh->node_count ||
+        domain->cell_count != mesh->element_count || domain->nodes_per_cell != sb_mesh_element_width(mesh) ||
+        (mesh->element_type == SB_CUSTOM && domain->table != mesh->table))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain has %d nodes and %d cells of %s, the mesh %d nodes and %d elements of %s",
+                        domain->node_count, domain->cell_count, sb_element_name(domain->element_type), mesh->node_count,
+                        mesh->element_count, sb_element_name(mesh->element_type));
+    if (domain->mean_point != (domain->mean_point && mesh->element_type == SB_HEX8) ||
+        domain->single_rotation != (domain->single_rotation && mesh->element_type == SB_TET10))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain's mean_point %d is 0, or 1 for hex8; its single_rotation %d 0, or 1 for tet10",
+                        domain->mean_point, domain->single_rotation);
+    if (!sbi_domain_has_loops(domain, mesh))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
+                        domain->points_per_cell, sb_element_name(mesh->element_type));
+    if (!domain->cells || !domain->gradients || !domain->weights ||
+        (domain->single_rotation && !domain->corner_gradients))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an array of the domain is NULL");
+    for (size_t i = 0; i < entries; i++)
+        if (domain->cells[i] != mesh->elements[i])
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, (int)(i / (size_t)domain->nodes_per_cell),
+                                    "cell %d of the domain has other nodes than the mesh's element",
+                                    (int)(i / (size_t)domain->nodes_per_cell));
+    return SB_OK;
+}
+
+static int sbi_domain_all_finite(const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!sb_is_finite(values[i]))
+            return 0;
+    return 1;
+}
+
+/* 1 when gradients[n][3] sum to 0 up to rounding: then a translation is no deformation. */
+static int sbi_domain_is_balanced(const sb_real *gradients, int n)
+{
+    sb_real size = 0, sum[3] = {0, 0, 0};
+    for (int a = 0; a < 3 * n; a++) {
+        sum[a % 3] += gradients[a];
+        size += sb_abs(gradients[a]);
+    }
+    return sb_abs(sum[0]) + sb_abs(sum[1]) + sb_abs(sum[2]) <= 1000 * SB_EPSILON * size;
+}
+
+/* The numbers of one cell; *volume += its weights. */
+static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *volume, sb_error *error)
+{
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell, pairs = n * (n + 1) / 2;
+    const sb_real *weights = domain->weights + (size_t)e * q, *gradients = domain->gradients + (size_t)e * q * 3 * n;
+    const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
+    if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
+        (mass && !sbi_domain_all_finite(mass, pairs)) ||
+        (domain->single_rotation && !sbi_domain_all_finite(domain->corner_gradients + (size_t)e * 12, 12)))
+        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
+    for (size_t p = 0; p < q; p++) {
+        if (!(weights[p] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "point %d of cell %d of the domain has the weight %g",
+                                    (int)p, e, (double)weights[p]);
+        if (!sbi_domain_is_balanced(gradients + p * 3 * n, (int)n))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e,
+                                    "the gradients at point %d of cell %d of the domain do not sum to 0", (int)p, e);
+        *volume += weights[p];
+    }
+    for (size_t a = 0, at = 0; mass && a < n; at += n - a, a++)
+        if (!(mass[at] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "cell %d of the domain has a negative mass %g", e,
+                                    (double)mass[at]);
+    return SB_OK;
+}
+
+/* A copy of `count` numbers, or NULL: of none, or (then *failed is 1) for lack of memory. */
+static sb_real *sbi_domain_copy_reals(const sb_allocator *allocator, const sb_real *from, size_t rows, size_t columns,
+                                      int *failed)
+{
+    sb_real *to = from ? (sb_real *)sbi_alloc(allocator, rows, columns * sizeof(sb_real)) : NULL;
+    if (to)
+        memcpy(to, from, rows * columns * sizeof(sb_real));
+    *failed |= from && !to;
+    return to;
+}
+
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error)
+{
+    sb_domain made = *domain;
+    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    sb_real volume = 0;
+    int failed = 0;
+    sb_result result = sbi_domain_check_mesh(mesh, error);
+    if (result == SB_OK)
+        result = sbi_domain_check_fit(domain, mesh, error);
+    for (int e = 0; e < domain->cell_count && result == SB_OK; e++)
+        result = sbi_domain_check_cell(domain, e, &volume, error);
+    if (result == SB_OK && !(volume > 0))
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the domain are 0");
+    if (result != SB_OK)
+        return result;
+    memset(&made.allocator, 0, sizeof made.allocator);
+    if (allocator)
+        made.allocator = *allocator;
+    made.cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    if (made.cells)
+        memcpy(made.cells, domain->cells, cells * n * sizeof(int));
+    made.gradients = sbi_domain_copy_reals(allocator, domain->gradients, cells, q * n * 3, &failed);
+    made.weights = sbi_domain_copy_reals(allocator, domain->weights, cells, q, &failed);
+    made.corner_gradients = sbi_domain_copy_reals(
+        allocator, domain->single_rotation ? domain->corner_gradients : NULL, cells, 12, &failed);
+    made.cell_mass = sbi_domain_copy_reals(allocator, domain->cell_mass, cells, n * (n + 1) / 2, &failed);
+    if (failed || !made.cells) {
+        sb_domain_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", domain->cell_count);
+    }
+    *copy = made;
+    return SB_OK;
+}
+
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
@@ -19707,6 +22279,17 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
     return volume;
 }
 
+/* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */
+static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
+{
+    sb_real trace = 0;
+    for (int a = 0; a < n; a++)
+        trace += mass[a * n + a];
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++)
+            mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
+}
+
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load)
 {
@@ -19716,14 +22299,1338 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
         sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
         sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
-    if (kind == SB_MASS_LUMPED) {
-        sb_real trace = 0;
-        for (int a = 0; a < n; a++)
-            trace += mass[a * n + a];
-        for (int a = 0; a < n; a++)
-            for (int b = 0; b < n; b++)
-                mass[a * n + b] = a == b ? mass[a * n + a] * volume / trace : 0;
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load)
+{
+    int n = domain->nodes_per_cell;
+    const sb_real *own = domain->cell_mass;
+    sb_real volume = 0;
+    if (!own) {
+        sbi_element_mass(sbi_domain_element(domain), kind, x, mass, volume_load);
+        return;
     }
+    own += (size_t)cell * (size_t)(n * (n + 1) / 2);
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, own++)
+            mass[a * n + b] = mass[b * n + a] = *own;
+    for (int a = 0; a < n; a++) { /* shape functions sum to 1, so rows sum to int N_a dV */
+        sb_real load = 0;
+        for (int b = 0; b < n; b++)
+            load += mass[a * n + b];
+        if (volume_load)
+            volume_load[a] = load;
+        volume += load;
+    }
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+/* ---- points between nodes ---- */
+
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
+{
+    for (int j = 0; j < mapping->row_count; j++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
+            sum = sb_v3_madd(sum, mapping->weights[k], x[mapping->nodes[k]]);
+        out[j] = sum;
+    }
+}
+
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
+{
+    for (int j = 0; j < mapping->row_count; j++)
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
+            sb_vec3 *force = forces + mapping->nodes[k];
+            *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
+        }
+}
+
+/* ==== src/softbody/grid.c ==== */
+/* grid: octrees in the cells that a surface cuts, and what comes of them: points, weights, masses. */
+
+#include <string.h>
+
+#define SBI_GRID_COOKIE 0x6e1du
+
+enum {
+    SBI_GRID_BLOCK = 4,       /* cells along each edge of a block that is looked at at once */
+    SBI_GRID_PROBE_LEVEL = 4, /* how finely the inside of a cell is looked for when the level asked for finds none */
+    SBI_GRID_SLAB = 64        /* tasks between two calls of progress */
+};
+
+/* What the boxes of a lattice turned out to be. */
+enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
+
+SB_API sb_grid_def sb_default_grid_def(void)
+{
+    sb_grid_def def;
+    memset(&def, 0, sizeof def);
+    def.method = SB_GRID_WEIGHTED_CELL;
+    def.level = 3;
+    def.cells = 10;
+    def.void_stiffness = (sb_real)1e-4;
+    def.max_points = 4000000;
+    def.cookie = SBI_GRID_COOKIE;
+    return def;
+}
+
+SB_API void sb_grid_free(sb_grid *grid)
+{
+    sb_allocator allocator;
+    if (!grid)
+        return;
+    allocator = grid->allocator;
+    sb_mesh_free(&grid->mesh);
+    sb_mesh_free(&grid->body_mesh);
+    sb_domain_free(&grid->domain);
+    sbi_free(&allocator, grid->body_cells);
+    sbi_free(&allocator, grid->shares);
+    sbi_free(&allocator, grid->lattice);
+    sbi_free(&allocator, grid->regions);
+    sbi_free(&allocator, grid->region_volumes);
+    memset(grid, 0, sizeof *grid);
+}
+
+/* ---- what is worked with ---- */
+
+/* A box of the octree. Bits of shapes: bit 0 the outer one, bit i the inner shape i - 1. */
+typedef struct sbi_grid_box {
+    sb_vec3 centre, half;   /* m */
+    unsigned undecided;     /* shapes whose surface may cut the box */
+    unsigned inside;        /* shapes that the whole box is inside of */
+    int near[SB_GRID_MAX_SHAPES]; /* triangle of each surface that was closest to the last centre, or -1 */
+} sbi_grid_box;
+
+/* What one region has of a cell, in shares of the cell. */
+typedef struct sbi_grid_part {
+    double phi[8];          /* share of each octant */
+    double mass[36];        /* int N_a N_b of the pairs a <= b */
+    int64_t points;
+} sbi_grid_part;
+
+/* A cell that may be kept. */
+typedef struct sbi_grid_candidate {
+    int box;                /* number in the lattice */
+    int level;              /* of its octree */
+    int part;               /* its parts start at this times slot_count, or -1: full of one region */
+    int slot;               /* that region; of a cut cell: the one with most of it */
+    unsigned undecided, inside;
+    int first_cell;         /* of the body's mesh */
+    int cell_count;         /* there; 0: the cell is dropped */
+} sbi_grid_candidate;
+
+typedef struct sbi_grid_work {
+    const sb_grid_def *def;
+    sb_grid *grid;
+    int shape_count, slot_count;
+    int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
+    int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
+    unsigned *undecided, *inside;        /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
+    int candidate_count, cut_count;
+    sbi_grid_candidate *candidates;      /* [candidate_count] */
+    int *cut;                            /* [cut_count] candidates that are cut */
+    sbi_grid_part *parts;                /* [cut_count][slot_count] */
+    sbi_grid_part full;                  /* of a cell inside */
+    double done, total;                  /* tasks, for progress */
+    int first_task;                      /* of the slab being run */
+    sb_task task;
+} sbi_grid_work;
+
+/* Walks an octree and hands points on: to the sums of the cell's parts, or to where finite cells are written. */
+typedef struct sbi_grid_walk {
+    const sbi_grid_work *work;
+    sb_vec3 centre;         /* of the cell (m) */
+    int level;
+    sbi_grid_part *parts;   /* [slot_count], or NULL: */
+    int *at;                /* [slot_count] next point of each region, counted from the cell's first */
+    int first_cell;         /* of the body's mesh */
+    int bad;                /* 1: a distance was not finite */
+} sbi_grid_walk;
+
+/* ---- distances ---- */
+
+static const sb_grid_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
+{
+    return shape == 0 ? &def->outer : def->inner + (shape - 1);
+}
+
+/* Signed distance of a surface. The triangle found last time is a good guess for the next point; its sign is that of the
+ * face where the closest point is in one, which holds for closed surfaces only. */
+static sb_real sbi_grid_surface_distance(const sb_surface *surface, sb_vec3 point, int *near)
+{
+    sb_surface_hit hit;
+    sb_vec3 normal;
+    if (!sb_surface_is_closed(surface))
+        return sb_surface_signed_distance_winding(surface, point, NULL);
+    if (!sb_surface_closest_from(surface, point, SB_REAL_MAX, *near, &hit))
+        return sb_surface_signed_distance(surface, point, NULL);
+    *near = hit.triangle;
+    normal = sb_surface_normal(surface, &hit);
+    if (hit.feature != SB_SURFACE_FACE || sb_v3_dot(normal, normal) == 0)
+        return sb_surface_signed_distance(surface, point, NULL);
+    return sb_v3_dot(sb_v3_sub(point, hit.point), normal) < 0 ? -hit.distance : hit.distance;
+}
+
+static sb_real sbi_grid_distance(const sb_grid_shape *shape, sb_vec3 point, int *near)
+{
+    return shape->surface ? sbi_grid_surface_distance(shape->surface, point, near)
+                          : shape->distance(shape->user, point);
+}
+
+/* ---- boxes ---- */
+
+/* Looks which surfaces keep clear of what is within `reach` (m) of the box's middle. Returns 0 when a distance is not
+ * finite. */
+static int sbi_grid_decide(const sb_grid_def *def, int shape_count, sb_real reach, sbi_grid_box *box)
+{
+    for (int s = 0; s < shape_count && box->undecided; s++) {
+        unsigned bit = 1u << s;
+        sb_real d;
+        if (!(box->undecided & bit))
+            continue;
+        d = sbi_grid_distance(sbi_grid_get_shape(def, s), box->centre, &box->near[s]);
+        if (!sb_is_finite(d))
+            return 0;
+        if (sb_abs(d) <= reach)
+            continue;
+        box->undecided &= ~bit;
+        if (d < 0)
+            box->inside |= bit;
+        else if (s == 0)
+            box->undecided = 0; /* nothing else counts outside of the outer shape */
+    }
+    return 1;
+}
+
+/* Slot of the region that the whole box is of, -1 where it is empty, -2 when that is open. */
+static int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside)
+{
+    if (undecided & 1u)
+        return -2;
+    if (!(inside & 1u))
+        return -1;
+    for (int s = work->shape_count - 1; s > 0; s--) {
+        if (undecided >> s & 1u)
+            return -2;
+        if (inside >> s & 1u)
+            return work->slot_of[s];
+    }
+    return work->slot_of[0];
+}
+
+static sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside)
+{
+    sbi_grid_box box;
+    box.centre = centre;
+    box.half = half;
+    box.undecided = undecided;
+    box.inside = inside;
+    for (int s = 0; s < SB_GRID_MAX_SHAPES; s++)
+        box.near[s] = -1;
+    return box;
+}
+
+/* Middle of a lattice box `index` cells from the origin, or of a block of `width` cells from there. */
+static sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width)
+{
+    sb_real reach = (sb_real)0.5 * (sb_real)width;
+    return sb_v3(grid->origin.x + grid->cell_size.x * ((sb_real)x + reach),
+                 grid->origin.y + grid->cell_size.y * ((sb_real)y + reach),
+                 grid->origin.z + grid->cell_size.z * ((sb_real)z + reach));
+}
+
+static sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
+{
+    int x = box % grid->counts[0], row = box / grid->counts[0];
+    return sbi_grid_middle(grid, x, row % grid->counts[1], row / grid->counts[1], 1);
+}
+
+/* ---- shape functions of a cell ---- */
+
+/* Signs of local coordinates at the corners, in VTK's order. */
+static double sbi_grid_sign(int node, int axis)
+{
+    static const signed char sign[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
+                                           {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};
+    return (double)sign[node][axis];
+}
+
+static void sbi_grid_shape_functions(const double xi[3], double shape[8])
+{
+    for (int a = 0; a < 8; a++)
+        shape[a] = 0.125 * (1 + sbi_grid_sign(a, 0) * xi[0]) * (1 + sbi_grid_sign(a, 1) * xi[1]) *
+                   (1 + sbi_grid_sign(a, 2) * xi[2]);
+}
+
+/* Gradients (1/m) in a brick of this size. */
+static void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients)
+{
+    const double scale[3] = {0.25 / (double)size.x, 0.25 / (double)size.y, 0.25 / (double)size.z};
+    for (int a = 0; a < 8; a++)
+        for (int i = 0; i < 3; i++) {
+            int j = (i + 1) % 3, k = (i + 2) % 3;
+            gradients[3 * a + i] = (sb_real)(sbi_grid_sign(a, i) * (1 + sbi_grid_sign(a, j) * xi[j]) *
+                                             (1 + sbi_grid_sign(a, k) * xi[k]) * scale[i]);
+        }
+}
+
+/* Local coordinates of a point in the cell with this middle. */
+static void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3])
+{
+    xi[0] = 2 * ((double)point.x - (double)middle.x) / (double)grid->cell_size.x;
+    xi[1] = 2 * ((double)point.y - (double)middle.y) / (double)grid->cell_size.y;
+    xi[2] = 2 * ((double)point.z - (double)middle.z) / (double)grid->cell_size.z;
+}
+
+/* ---- the octree of a cell ---- */
+
+/* What a point inside adds to the sums of its region: `share` of the cell. */
+static void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant)
+{
+    double shape[8];
+    sbi_grid_shape_functions(xi, shape);
+    for (int a = 0, at = 0; a < 8; a++) {
+        double w = share * shape[a];
+        for (int b = a; b < 8; b++, at++)
+            part->mass[at] += w * shape[b];
+    }
+    part->phi[octant] += 8 * share;
+    part->points++;
+}
+
+/* A point inside becomes the next one of its region's cells. */
+static void sbi_grid_write_point(const sbi_grid_walk *walk, int slot, const double xi[3], double share)
+{
+    const sb_grid *grid = walk->work->grid;
+    double volume = (double)grid->cell_size.x * (double)grid->cell_size.y * (double)grid->cell_size.z;
+    size_t at = 8 * (size_t)walk->first_cell + (size_t)walk->at[slot]++;
+    grid->domain.weights[at] = (sb_real)((1 - (double)walk->work->def->void_stiffness) * share * volume);
+    sbi_grid_gradients(grid->cell_size, xi, grid->domain.gradients + 24 * at);
+}
+
+static void sbi_grid_emit(sbi_grid_walk *walk, int slot, sb_vec3 point, double share, int octant)
+{
+    double xi[3];
+    sbi_grid_local(walk->work->grid, walk->centre, point, xi);
+    if (walk->parts)
+        sbi_grid_sum_point(walk->parts + slot, xi, share, octant);
+    else
+        sbi_grid_write_point(walk, slot, xi, share);
+}
+
+/* Point p of eight in a box: Gauss's two along each axis, the first axis fastest. */
+static sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p)
+{
+    const sb_real gauss = (sb_real)0.57735026918962576451;
+    return sb_v3(box->centre.x + (p & 1 ? gauss : -gauss) * box->half.x,
+                 box->centre.y + (p & 2 ? gauss : -gauss) * box->half.y,
+                 box->centre.z + (p & 4 ? gauss : -gauss) * box->half.z);
+}
+
+/* The leaf is of one region (slot), or it is cut and its points are looked at one by one (slot -2). Octant -1: the leaf
+ * is the whole cell. */
+static void sbi_grid_leaf(sbi_grid_walk *walk, const sbi_grid_box *box, int slot, int depth, int octant)
+{
+    double share = 0.125;
+    for (int i = 0; i < depth; i++)
+        share *= 0.125;
+    for (int p = 0; p < 8 && slot != -1; p++) {
+        sb_vec3 point = sbi_grid_gauss_point(box, p);
+        int of = slot;
+        if (slot == -2) {
+            sbi_grid_box single = *box;
+            single.centre = point;
+            walk->bad |= !sbi_grid_decide(walk->work->def, walk->work->shape_count, 0, &single);
+            of = sbi_grid_slot(walk->work, 0, single.inside); /* on a surface: not inside it */
+        }
+        if (of >= 0)
+            sbi_grid_emit(walk, of, point, share, octant < 0 ? p : octant);
+    }
+}
+
+/* Depth first, children in the order of the points. */
+static void sbi_grid_descend(sbi_grid_walk *walk, sbi_grid_box *box, int depth, int octant)
+{
+    sb_real reach = sb_v3_norm(box->half);
+    int slot;
+    if (depth == walk->level) /* nothing but its points will be asked for */
+        reach *= (sb_real)0.5774;
+    walk->bad |= !sbi_grid_decide(walk->work->def, walk->work->shape_count, reach, box);
+    slot = sbi_grid_slot(walk->work, box->undecided, box->inside);
+    if (slot != -2 || depth == walk->level) {
+        sbi_grid_leaf(walk, box, slot, depth, octant);
+        return;
+    }
+    for (int c = 0; c < 8; c++) {
+        sb_vec3 half = sb_v3_scale((sb_real)0.5, box->half);
+        sbi_grid_box child = *box;
+        child.half = half;
+        child.centre = sb_v3(box->centre.x + (c & 1 ? half.x : -half.x), box->centre.y + (c & 2 ? half.y : -half.y),
+                             box->centre.z + (c & 4 ? half.z : -half.z));
+        sbi_grid_descend(walk, &child, depth + 1, depth == 0 ? c : octant);
+        memcpy(box->near, child.near, sizeof box->near); /* the next child is not far */
+    }
+}
+
+static void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate)
+{
+    const sb_grid *grid = walk->work->grid;
+    sbi_grid_box box;
+    walk->centre = sbi_grid_cell_middle(grid, candidate->box);
+    walk->level = candidate->level;
+    walk->bad = 0;
+    box = sbi_grid_make_box(walk->centre, sb_v3_scale((sb_real)0.5, grid->cell_size), candidate->undecided,
+                            candidate->inside);
+    sbi_grid_descend(walk, &box, 0, -1);
+}
+
+/* ---- running tasks ---- */
+
+static void sbi_grid_slab_task(void *user, int index)
+{
+    sbi_grid_work *work = (sbi_grid_work *)user;
+    work->task(work, work->first_task + index);
+}
+
+/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
+static void sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share)
+{
+    double before = work->done;
+    work->task = task;
+    for (int first = 0; first < count; first += SBI_GRID_SLAB) {
+        int now = sbi_min_int(SBI_GRID_SLAB, count - first);
+        work->first_task = first;
+        sbi_run(&work->def->jobs, sbi_grid_slab_task, work, now);
+        work->done = before + share * (double)(first + now) / (double)count;
+        if (work->def->progress)
+            work->def->progress(work->def->progress_user, work->done);
+    }
+    work->done = before + share;
+}
+
+/* ---- which cells the surfaces cut ---- */
+
+static int sbi_grid_blocks(int count) { return (count - 1) / SBI_GRID_BLOCK + 1; }
+
+static void sbi_grid_store_box(const sbi_grid_work *work, int x, int y, int z, const sbi_grid_box *box, int good)
+{
+    const int *counts = work->grid->counts;
+    size_t at = ((size_t)z * (size_t)counts[1] + (size_t)y) * (size_t)counts[0] + (size_t)x;
+    work->undecided[at] = good ? box->undecided : 0;
+    work->inside[at] = good ? box->inside : (unsigned)SBI_GRID_BAD;
+}
+
+/* Task: the cells of a block. */
+static void sbi_grid_classify_block(void *user, int index)
+{
+    const sbi_grid_work *work = (const sbi_grid_work *)user;
+    const sb_grid *grid = work->grid;
+    const int *counts = grid->counts;
+    int bx = sbi_grid_blocks(counts[0]), by = sbi_grid_blocks(counts[1]);
+    int x0 = index % bx * SBI_GRID_BLOCK, y0 = index / bx % by * SBI_GRID_BLOCK, z0 = index / bx / by * SBI_GRID_BLOCK;
+    sb_vec3 half = sb_v3_scale((sb_real)0.5, grid->cell_size);
+    sbi_grid_box block = sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK),
+                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
+                                           (1u << work->shape_count) - 1, 0);
+    int good = sbi_grid_decide(work->def, work->shape_count, sb_v3_norm(block.half), &block);
+    for (int z = z0; z < sbi_min_int(z0 + SBI_GRID_BLOCK, counts[2]); z++)
+        for (int y = y0; y < sbi_min_int(y0 + SBI_GRID_BLOCK, counts[1]); y++)
+            for (int x = x0; x < sbi_min_int(x0 + SBI_GRID_BLOCK, counts[0]); x++) {
+                sbi_grid_box box = block;
+                int fine = good;
+                box.centre = sbi_grid_middle(grid, x, y, z, 1);
+                box.half = half;
+                if (fine && box.undecided)
+                    fine = sbi_grid_decide(work->def, work->shape_count, sb_v3_norm(half), &box);
+                sbi_grid_store_box(work, x, y, z, &box, fine);
+            }
+}
+
+/* Lists the cells that are not empty. */
+static sb_result sbi_grid_list_candidates(sbi_grid_work *work, int boxes, sb_error *error)
+{
+    const sb_allocator *allocator = &work->def->allocator;
+    for (int pass = 0; pass < 2; pass++) {
+        int count = 0, cut = 0;
+        for (int i = 0; i < boxes; i++) {
+            int slot = sbi_grid_slot(work, work->undecided[i], work->inside[i]);
+            if (work->inside[i] == (unsigned)SBI_GRID_BAD)
+                return sbi_fail(error, SB_ERROR_NOT_FINITE, "a distance in cell %d of the grid is not finite", i);
+            if (slot == -1)
+                continue;
+            if (pass == 1) {
+                sbi_grid_candidate *c = work->candidates + count;
+                c->box = i;
+                c->level = sbi_max_int(work->def->level, 1);
+                c->slot = slot;
+                c->part = slot == -2 ? cut : -1;
+                c->undecided = work->undecided[i];
+                c->inside = work->inside[i];
+                c->first_cell = 0;
+                c->cell_count = 1;
+                if (slot == -2)
+                    work->cut[cut] = count;
+            }
+            count++;
+            cut += slot == -2;
+        }
+        work->candidate_count = count;
+        work->cut_count = cut;
+        if (pass == 1)
+            break;
+        work->candidates = (sbi_grid_candidate *)sbi_alloc(allocator, (size_t)count, sizeof *work->candidates);
+        work->cut = (int *)sbi_alloc(allocator, (size_t)cut, sizeof(int));
+        work->parts = (sbi_grid_part *)sbi_alloc_zeroed(allocator, (size_t)cut,
+                                                        (size_t)work->slot_count * sizeof *work->parts);
+        if (!work->candidates || !work->cut || !work->parts)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d cells of a grid", count);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
+{
+    const int *counts = work->grid->counts;
+    const sb_allocator *allocator = &work->def->allocator;
+    int boxes = counts[0] * counts[1] * counts[2];
+    work->undecided = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
+    work->inside = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
+    if (!work->undecided || !work->inside)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
+    sbi_grid_run(work, sbi_grid_classify_block,
+                 sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1);
+    return sbi_grid_list_candidates(work, boxes, error);
+}
+
+/* ---- what is inside the cells that are cut ---- */
+
+/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
+ * that the cells of a grid do not change with the level, and none that is kept is without mass. */
+static void sbi_grid_measure_cell(void *user, int index)
+{
+    sbi_grid_work *work = (sbi_grid_work *)user;
+    sbi_grid_candidate *candidate = work->candidates + work->cut[index];
+    sbi_grid_walk walk;
+    int64_t points = 0;
+    memset(&walk, 0, sizeof walk);
+    walk.work = work;
+    walk.parts = work->parts + (size_t)index * (size_t)work->slot_count;
+    for (;; candidate->level++) {
+        sbi_grid_walk_cell(&walk, candidate);
+        for (int s = 0; s < work->slot_count; s++)
+            points += walk.parts[s].points;
+        if (points > 0 || walk.bad || candidate->level >= SBI_GRID_PROBE_LEVEL)
+            break;
+    }
+    if (walk.bad)
+        candidate->cell_count = -1;
+}
+
+static double sbi_grid_part_share(const sbi_grid_part *part)
+{
+    double sum = 0;
+    for (int o = 0; o < 8; o++)
+        sum += part->phi[o];
+    return 0.125 * sum;
+}
+
+/* Share of a cut cell that is inside; *largest: the region that has most of it. */
+static double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest)
+{
+    double sum = 0, most = -1;
+    for (int s = 0; s < work->slot_count; s++) {
+        double share = sbi_grid_part_share(work->parts + (size_t)c->part * (size_t)work->slot_count + s);
+        sum += share;
+        if (share > most) {
+            most = share;
+            *largest = s;
+        }
+    }
+    return sum;
+}
+
+static int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
+
+/* Cells of the body's mesh for a cut cell that is kept. */
+static int64_t sbi_grid_count_cells(const sbi_grid_work *work, const sbi_grid_candidate *c)
+{
+    const sb_grid_def *def = work->def;
+    int64_t cells = 0;
+    if (sbi_grid_is_sparse(def))
+        return 1;
+    for (int s = 0; s < work->slot_count; s++) {
+        int64_t points = work->parts[(size_t)c->part * (size_t)work->slot_count + (size_t)s].points;
+        cells += def->method == SB_GRID_WEIGHTED_CELL ? points > 0 : (points + 7) / 8;
+    }
+    return cells + (def->method == SB_GRID_FINITE_CELL && def->void_stiffness > 0);
+}
+
+static int sbi_grid_fit_int(int64_t count) { return count <= INT32_MAX / 64; }
+
+/* Decides what is kept, and where its cells of the body's mesh start. *cells and *body_cells: how many there are. */
+static sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error)
+{
+    const sb_grid_def *def = work->def;
+    int64_t total = 0;
+    *cells = 0;
+    for (int i = 0; i < work->candidate_count; i++) {
+        sbi_grid_candidate *c = work->candidates + i;
+        int64_t count = 1;
+        if (c->cell_count < 0)
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "a distance in cell %d of the grid is not finite", c->box);
+        if (c->part >= 0) {
+            double share = sbi_grid_cell_share(work, c, &c->slot);
+            count = share > 0 && share >= (double)def->least_share ? sbi_grid_count_cells(work, c) : 0;
+        }
+        total += count;
+        if (!sbi_grid_fit_int(total) || (def->method == SB_GRID_FINITE_CELL && 8 * total > (int64_t)def->max_points))
+            return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                            "more than %d points at level %d: a lower level or fewer cells, or more max_points",
+                            def->method == SB_GRID_FINITE_CELL ? def->max_points : INT32_MAX / 8, def->level);
+        c->first_cell = (int)(total - count);
+        c->cell_count = (int)count;
+        *cells += count > 0;
+    }
+    *body_cells = (int)total;
+    if (total == 0)
+        return sbi_fail(error, SB_ERROR_MESH, "no cell of the grid has anything of the body inside");
+    return SB_OK;
+}
+
+/* ---- meshes ---- */
+
+/* Node of the lattice at corner `node` of a box. */
+static size_t sbi_grid_lattice_node(const int *counts, int box, int node)
+{
+    size_t x = (size_t)(box % counts[0]) + (sbi_grid_sign(node, 0) > 0);
+    size_t y = (size_t)(box / counts[0] % counts[1]) + (sbi_grid_sign(node, 1) > 0);
+    size_t z = (size_t)(box / counts[0] / counts[1]) + (sbi_grid_sign(node, 2) > 0);
+    return (z * (size_t)(counts[1] + 1) + y) * (size_t)(counts[0] + 1) + x;
+}
+
+static size_t sbi_grid_lattice_nodes(const int *counts)
+{
+    return (size_t)(counts[0] + 1) * (size_t)(counts[1] + 1) * (size_t)(counts[2] + 1);
+}
+
+/* Numbers the nodes of the kept cells in the order of the lattice; returns how many there are. */
+static int sbi_grid_number_nodes(const sbi_grid_work *work, int *numbers)
+{
+    const int *counts = work->grid->counts;
+    size_t nodes = sbi_grid_lattice_nodes(counts);
+    int count = 0;
+    memset(numbers, 0, nodes * sizeof *numbers);
+    for (int i = 0; i < work->candidate_count; i++)
+        for (int a = 0; a < 8 && work->candidates[i].cell_count; a++)
+            numbers[sbi_grid_lattice_node(counts, work->candidates[i].box, a)] = 1;
+    for (size_t k = 0; k < nodes; k++)
+        numbers[k] = numbers[k] ? count++ : -1;
+    return count;
+}
+
+static void sbi_grid_place_nodes(const sb_grid *grid, const int *numbers, sb_vec3 *nodes)
+{
+    size_t k = 0;
+    for (int z = 0; z <= grid->counts[2]; z++)
+        for (int y = 0; y <= grid->counts[1]; y++)
+            for (int x = 0; x <= grid->counts[0]; x++, k++)
+                if (numbers[k] >= 0)
+                    nodes[numbers[k]] = sbi_grid_middle(grid, x, y, z, 0);
+}
+
+static sb_result sbi_grid_allocate(sbi_grid_work *work, int nodes, int cells, int body_cells, sb_error *error)
+{
+    sb_grid *grid = work->grid;
+    const sb_allocator *allocator = &work->def->allocator;
+    size_t count = (size_t)body_cells, boxes = (size_t)(grid->counts[0] * grid->counts[1] * grid->counts[2]);
+    sb_domain *domain = &grid->domain;
+    domain->allocator = *allocator;
+    domain->cells = (int *)sbi_alloc(allocator, count, 8 * sizeof(int));
+    domain->gradients = (sb_real *)sbi_alloc_zeroed(allocator, count, 8 * 24 * sizeof(sb_real));
+    domain->weights = (sb_real *)sbi_alloc_zeroed(allocator, count, 8 * sizeof(sb_real));
+    domain->cell_mass = (sb_real *)sbi_alloc_zeroed(allocator, count, 36 * sizeof(sb_real));
+    grid->body_cells = (int *)sbi_alloc(allocator, count, sizeof(int));
+    grid->shares = (sb_real *)sbi_alloc(allocator, (size_t)cells, sizeof(sb_real));
+    grid->lattice = (int *)sbi_alloc(allocator, boxes, sizeof(int));
+    grid->regions = (int *)sbi_alloc(allocator, (size_t)work->slot_count, sizeof(int));
+    grid->region_volumes = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)work->slot_count, sizeof(sb_real));
+    if (!domain->cells || !domain->gradients || !domain->weights || !domain->cell_mass || !grid->body_cells ||
+        !grid->shares || !grid->lattice || !grid->regions || !grid->region_volumes ||
+        !sbi_mesh_allocate(&grid->mesh, SB_HEX8, nodes, cells, 1, allocator) ||
+        !sbi_mesh_allocate(&grid->body_mesh, SB_HEX8, nodes, body_cells, 1, allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d points of a grid", 8 * body_cells);
+    domain->element_type = SB_HEX8;
+    domain->node_count = nodes;
+    domain->cell_count = body_cells;
+    domain->nodes_per_cell = 8;
+    domain->points_per_cell = 8;
+    for (size_t i = 0; i < boxes; i++)
+        grid->lattice[i] = -1;
+    memcpy(grid->regions, work->regions, (size_t)work->slot_count * sizeof(int));
+    grid->region_count = work->slot_count;
+    return SB_OK;
+}
+
+/* Elements of both meshes; regions of the first. */
+static void sbi_grid_fill_meshes(const sbi_grid_work *work, const int *numbers)
+{
+    sb_grid *grid = work->grid;
+    int cell = 0;
+    for (int i = 0; i < work->candidate_count; i++) {
+        const sbi_grid_candidate *c = work->candidates + i;
+        int *nodes = grid->mesh.elements + 8 * (size_t)cell;
+        if (!c->cell_count)
+            continue;
+        for (int a = 0; a < 8; a++)
+            nodes[a] = numbers[sbi_grid_lattice_node(grid->counts, c->box, a)];
+        grid->mesh.regions[cell] = work->regions[c->slot];
+        grid->lattice[c->box] = cell;
+        for (int e = c->first_cell; e < c->first_cell + c->cell_count; e++) {
+            memcpy(grid->body_mesh.elements + 8 * (size_t)e, nodes, 8 * sizeof(int));
+            grid->body_cells[e] = cell;
+        }
+        cell++;
+    }
+    memcpy(grid->domain.cells, grid->body_mesh.elements, (size_t)grid->body_mesh.element_count * 8 * sizeof(int));
+}
+
+/* ---- points, weights, masses ---- */
+
+static double sbi_grid_cell_volume(const sb_grid *grid)
+{
+    return (double)grid->cell_size.x * (double)grid->cell_size.y * (double)grid->cell_size.z;
+}
+
+/* The eight points of a brick: weights are shares[8] of an eighth of it. */
+static void sbi_grid_fill_brick(const sb_grid *grid, int cell, const double *shares)
+{
+    sbi_grid_box unit = sbi_grid_make_box(sb_v3(0, 0, 0), sb_v3(1, 1, 1), 0, 0);
+    for (int p = 0; p < 8; p++) {
+        size_t at = 8 * (size_t)cell + (size_t)p;
+        sb_vec3 point = sbi_grid_gauss_point(&unit, p);
+        const double xi[3] = {(double)point.x, (double)point.y, (double)point.z};
+        grid->domain.weights[at] = (sb_real)(0.125 * shares[p] * sbi_grid_cell_volume(grid));
+        sbi_grid_gradients(grid->cell_size, xi, grid->domain.gradients + 24 * at);
+    }
+}
+
+static void sbi_grid_fill_mass(const sb_grid *grid, int cell, const double *mass)
+{
+    for (int k = 0; k < 36; k++)
+        grid->domain.cell_mass[36 * (size_t)cell + (size_t)k] = (sb_real)(mass[k] * sbi_grid_cell_volume(grid));
+}
+
+static void sbi_grid_fill_uncut(const sbi_grid_work *work, const sbi_grid_candidate *c)
+{
+    sbi_grid_fill_brick(work->grid, c->first_cell, work->full.phi);
+    sbi_grid_fill_mass(work->grid, c->first_cell, work->full.mass);
+    work->grid->body_mesh.regions[c->first_cell] = work->regions[c->slot];
+}
+
+/* One cell for each region; where all of them together have less than the void's stiffness, the largest fills up. */
+static void sbi_grid_fill_weighted(const sbi_grid_work *work, const sbi_grid_candidate *c)
+{
+    const sbi_grid_part *parts = work->parts + (size_t)c->part * (size_t)work->slot_count;
+    double least = (double)work->def->void_stiffness;
+    int cell = c->first_cell;
+    for (int s = 0; s < work->slot_count; s++) {
+        double phi[8];
+        if (parts[s].points == 0)
+            continue;
+        for (int p = 0; p < 8; p++) {
+            double sum = 0;
+            for (int k = 0; k < work->slot_count; k++)
+                sum += parts[k].phi[p];
+            phi[p] = parts[s].phi[p] + (s == c->slot && sum < least ? least - sum : 0);
+        }
+        sbi_grid_fill_brick(work->grid, cell, phi);
+        sbi_grid_fill_mass(work->grid, cell, parts[s].mass);
+        work->grid->body_mesh.regions[cell] = work->regions[s];
+        cell++;
+    }
+}
+
+/* Points of a region's last cell that are left over: no weight, and the gradients of the middle. */
+static void sbi_grid_pad(const sb_grid *grid, size_t from, size_t to)
+{
+    const double middle[3] = {0, 0, 0};
+    for (size_t at = from; at < to; at++)
+        sbi_grid_gradients(grid->cell_size, middle, grid->domain.gradients + 24 * at);
+}
+
+/* The inside points of each region in cells of eight, the first of which has the region's mass; then, for the void,
+ * the brick itself with its share of the stiffness. */
+static void sbi_grid_fill_finite(const sbi_grid_work *work, const sbi_grid_candidate *c)
+{
+    const sbi_grid_part *parts = work->parts + (size_t)c->part * (size_t)work->slot_count;
+    const sb_grid *grid = work->grid;
+    int at[SB_GRID_MAX_SHAPES], cell = c->first_cell;
+    sbi_grid_walk walk;
+    memset(&walk, 0, sizeof walk);
+    walk.work = work;
+    walk.at = at;
+    walk.first_cell = c->first_cell;
+    for (int s = 0; s < work->slot_count; s++) {
+        int cells = (int)((parts[s].points + 7) / 8);
+        at[s] = 8 * (cell - c->first_cell);
+        for (int e = cell; e < cell + cells; e++)
+            grid->body_mesh.regions[e] = work->regions[s];
+        if (cells)
+            sbi_grid_fill_mass(grid, cell, parts[s].mass);
+        sbi_grid_pad(grid, 8 * (size_t)cell + (size_t)parts[s].points, 8 * (size_t)(cell + cells));
+        cell += cells;
+    }
+    sbi_grid_walk_cell(&walk, c);
+    if (cell < c->first_cell + c->cell_count) {
+        double shares[8];
+        for (int p = 0; p < 8; p++)
+            shares[p] = (double)work->def->void_stiffness;
+        sbi_grid_fill_brick(grid, cell, shares);
+        grid->body_mesh.regions[cell] = work->regions[c->slot];
+    }
+}
+
+/* Task: everything of candidate `index`. */
+static void sbi_grid_fill_cell(void *user, int index)
+{
+    const sbi_grid_work *work = (const sbi_grid_work *)user;
+    const sbi_grid_candidate *c = work->candidates + index;
+    if (!c->cell_count)
+        return;
+    if (c->part < 0 || sbi_grid_is_sparse(work->def))
+        sbi_grid_fill_uncut(work, c);
+    else if (work->def->method == SB_GRID_WEIGHTED_CELL)
+        sbi_grid_fill_weighted(work, c);
+    else
+        sbi_grid_fill_finite(work, c);
+}
+
+/* Shares of cells and volumes of regions, as the body has them. */
+static void sbi_grid_sum_volumes(const sbi_grid_work *work)
+{
+    sb_grid *grid = work->grid;
+    double volumes[SB_GRID_MAX_SHAPES] = {0}, total = 0, cell_volume = sbi_grid_cell_volume(grid);
+    int cell = 0, sparse = sbi_grid_is_sparse(work->def);
+    for (int i = 0; i < work->candidate_count; i++) {
+        const sbi_grid_candidate *c = work->candidates + i;
+        int largest;
+        if (!c->cell_count)
+            continue;
+        grid->cut_count += c->part >= 0;
+        if (c->part < 0 || sparse) {
+            volumes[c->slot] += 1;
+            grid->shares[cell++] = 1;
+            continue;
+        }
+        for (int s = 0; s < work->slot_count; s++)
+            volumes[s] += sbi_grid_part_share(work->parts + (size_t)c->part * (size_t)work->slot_count + s);
+        grid->shares[cell++] = (sb_real)sbi_grid_cell_share(work, c, &largest);
+    }
+    for (int s = 0; s < work->slot_count; s++) {
+        grid->region_volumes[s] = (sb_real)(volumes[s] * cell_volume);
+        total += volumes[s] * cell_volume;
+    }
+    grid->volume = (sb_real)total;
+}
+
+static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error)
+{
+    sb_grid *grid = work->grid;
+    int cells, body_cells, nodes;
+    sb_result result = sbi_grid_number_cells(work, &cells, &body_cells, error);
+    if (result != SB_OK)
+        return result;
+    nodes = sbi_grid_number_nodes(work, numbers);
+    result = sbi_grid_allocate(work, nodes, cells, body_cells, error);
+    if (result != SB_OK)
+        return result;
+    sbi_grid_place_nodes(grid, numbers, grid->mesh.nodes);
+    memcpy(grid->body_mesh.nodes, grid->mesh.nodes, (size_t)nodes * sizeof(sb_vec3));
+    sbi_grid_fill_meshes(work, numbers);
+    sbi_grid_run(work, sbi_grid_fill_cell, work->candidate_count, 1 - work->done);
+    sbi_grid_sum_volumes(work);
+    return SB_OK;
+}
+
+/* ---- creation ---- */
+
+static sb_result sbi_grid_check_shape(const sb_grid_shape *shape, int inner, sb_error *error)
+{
+    char name[32] = "def.outer";
+    if (inner >= 0) {
+        static const char digits[] = "0123456789";
+        memcpy(name, "def.inner[  ]", 14);
+        name[10] = digits[inner / 10];
+        name[11] = digits[inner % 10];
+    }
+    if (!shape->surface == !shape->distance)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s needs a surface or a distance, and not both", name);
+    if (shape->region < (inner >= 0 ? SB_GRID_EMPTY : 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.region %d must be >= 0%s", name, shape->region,
+                        inner >= 0 ? " or SB_GRID_EMPTY" : "");
+    return SB_OK;
+}
+
+static sb_result sbi_grid_check_def(const sb_grid_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_GRID_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_grid_def");
+    if (def->method < SB_GRID_SPARSE || def->method > SB_GRID_WEIGHTED_CELL)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.method %d is unknown", (int)def->method);
+    if (def->level < 0 || def->level > SB_GRID_MAX_LEVEL)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.level %d must be in [0, %d]", def->level, SB_GRID_MAX_LEVEL);
+    if (def->inner_count < 0 || def->inner_count >= SB_GRID_MAX_SHAPES || (def->inner_count > 0 && !def->inner))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.inner is NULL, or def.inner_count %d not in [0, %d]",
+                        def->inner_count, SB_GRID_MAX_SHAPES - 1);
+    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) || !(def->least_share < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.void_stiffness %g and def.least_share %g must be in [0, 1)",
+                        (double)def->void_stiffness, (double)def->least_share);
+    if (def->max_points < 8)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_points %d must be >= 8", def->max_points);
+    if (def->allocator.alloc && !def->allocator.release)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    result = sbi_grid_check_shape(&def->outer, -1, error);
+    for (int i = 0; i < def->inner_count && result == SB_OK; i++)
+        result = sbi_grid_check_shape(def->inner + i, i, error);
+    return result;
+}
+
+/* The box to cover. */
+static sb_result sbi_grid_find_box(const sb_grid_def *def, sb_vec3 *low, sb_vec3 *high, sb_error *error)
+{
+    *low = def->low;
+    *high = def->high;
+    if (!sb_v3_is_finite(*low) || !sb_v3_is_finite(*high))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.low or def.high is not finite");
+    if (low->x == high->x && low->y == high->y && low->z == high->z) {
+        if (!def->outer.surface)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "a distance has no bounds: def.low and def.high are needed");
+        sb_surface_bounds(def->outer.surface, low, high);
+    }
+    if (!(low->x < high->x) || !(low->y < high->y) || !(low->z < high->z))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the box from (%g %g %g) to (%g %g %g) has no volume", (double)low->x,
+                        (double)low->y, (double)low->z, (double)high->x, (double)high->y, (double)high->z);
+    return SB_OK;
+}
+
+/* Cubes of this edge over one axis: how many, and where they begin. Room that is a rounding error gets no cell. */
+static double sbi_grid_count_cubes(double low, double high, double edge, double *begin)
+{
+    double count = ceil((high - low) / edge - 1e-6);
+    count = count < 1 ? 1 : count;
+    *begin = 0.5 * (low + high) - 0.5 * count * edge;
+    return count;
+}
+
+static sb_result sbi_grid_lay_out(const sb_grid_def *def, sb_grid *grid, sb_error *error)
+{
+    sb_vec3 low, high;
+    double extent[3], from[3], begin[3], counts[3], edge, longest;
+    int given = def->counts[0] != 0 || def->counts[1] != 0 || def->counts[2] != 0;
+    sb_result result = sbi_grid_find_box(def, &low, &high, error);
+    if (result != SB_OK)
+        return result;
+    from[0] = (double)low.x, from[1] = (double)low.y, from[2] = (double)low.z;
+    extent[0] = (double)high.x - from[0], extent[1] = (double)high.y - from[1], extent[2] = (double)high.z - from[2];
+    longest = extent[0] > extent[1] ? extent[0] : extent[1];
+    longest = extent[2] > longest ? extent[2] : longest;
+    if (given && (def->counts[0] < 1 || def->counts[1] < 1 || def->counts[2] < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.counts %d %d %d must all be >= 1, or all 0", def->counts[0],
+                        def->counts[1], def->counts[2]);
+    if (!given && !(def->cell_size > 0) && (def->cell_size != 0 || def->cells < 1 || def->cells > 2000))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.cell_size %g must be > 0, or 0 and def.cells %d in [1, 2000]",
+                        (double)def->cell_size, def->cells);
+    edge = def->cell_size > 0 ? (double)def->cell_size : longest / def->cells;
+    for (int i = 0; i < 3; i++) {
+        begin[i] = from[i];
+        counts[i] = given ? (double)def->counts[i] : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
+    }
+    if (!(counts[0] * counts[1] * counts[2] < INT32_MAX / 64))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a grid of %g x %g x %g cells is too large", counts[0], counts[1],
+                        counts[2]);
+    for (int i = 0; i < 3; i++)
+        grid->counts[i] = (int)counts[i];
+    grid->origin = sb_v3((sb_real)begin[0], (sb_real)begin[1], (sb_real)begin[2]);
+    grid->cell_size = given ? sb_v3((sb_real)(extent[0] / counts[0]), (sb_real)(extent[1] / counts[1]),
+                                    (sb_real)(extent[2] / counts[2]))
+                            : sb_v3((sb_real)edge, (sb_real)edge, (sb_real)edge);
+    return SB_OK;
+}
+
+/* Gives every region a slot. */
+static void sbi_grid_list_regions(sbi_grid_work *work)
+{
+    for (int s = 0; s < work->shape_count; s++) {
+        int region = sbi_grid_get_shape(work->def, s)->region, slot = 0;
+        work->slot_of[s] = -1;
+        if (region == SB_GRID_EMPTY)
+            continue;
+        while (slot < work->slot_count && work->regions[slot] != region)
+            slot++;
+        work->slot_of[s] = slot;
+        work->regions[slot] = region;
+        work->slot_count = sbi_max_int(work->slot_count, slot + 1);
+    }
+}
+
+/* Sums of a cell that is inside. */
+static void sbi_grid_fill_full(sbi_grid_work *work)
+{
+    sbi_grid_box unit = sbi_grid_make_box(sb_v3(0, 0, 0), sb_v3(1, 1, 1), 0, 0);
+    for (int p = 0; p < 8; p++) {
+        sb_vec3 point = sbi_grid_gauss_point(&unit, p);
+        const double xi[3] = {(double)point.x, (double)point.y, (double)point.z};
+        sbi_grid_sum_point(&work->full, xi, 0.125, p);
+    }
+}
+
+static sb_result sbi_grid_make(sbi_grid_work *work, sb_error *error)
+{
+    const sb_allocator *allocator = &work->def->allocator;
+    int *numbers = NULL;
+    sb_result result = sbi_grid_lay_out(work->def, work->grid, error);
+    if (result != SB_OK)
+        return result;
+    sbi_grid_list_regions(work);
+    sbi_grid_fill_full(work);
+    result = sbi_grid_classify(work, error);
+    if (result != SB_OK)
+        return result;
+    sbi_grid_run(work, sbi_grid_measure_cell, work->cut_count,
+                 work->def->method == SB_GRID_FINITE_CELL ? 0.45 : 0.8);
+    numbers = (int *)sbi_alloc(allocator, sbi_grid_lattice_nodes(work->grid->counts), sizeof(int));
+    result = numbers ? sbi_grid_build(work, numbers, error)
+                     : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a grid");
+    sbi_free(allocator, numbers);
+    return result;
+}
+
+SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error)
+{
+    sbi_grid_work work;
+    sb_grid made;
+    sb_result result;
+    if (!def || !grid)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_grid_create needs a def and a grid");
+    result = sbi_grid_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    memset(&made, 0, sizeof made);
+    memset(&work, 0, sizeof work);
+    made.allocator = def->allocator;
+    work.def = def;
+    work.grid = &made;
+    work.shape_count = 1 + def->inner_count;
+    result = sbi_grid_make(&work, error);
+    sbi_free(&def->allocator, work.undecided);
+    sbi_free(&def->allocator, work.inside);
+    sbi_free(&def->allocator, work.candidates);
+    sbi_free(&def->allocator, work.cut);
+    sbi_free(&def->allocator, work.parts);
+    if (result == SB_OK)
+        *grid = made;
+    else
+        sb_grid_free(&made);
+    return result;
+}
+
+/* ---- points of the body in the grid ---- */
+
+SB_API void sb_grid_rows_free(sb_grid_rows *rows)
+{
+    sb_allocator allocator;
+    if (!rows)
+        return;
+    allocator = rows->allocator;
+    sbi_free(&allocator, rows->memory);
+    memset(rows, 0, sizeof *rows);
+}
+
+/* Rows while they are filled. */
+typedef struct sbi_grid_filling {
+    const sb_grid *grid;
+    int count, next;
+    int *row_start, *nodes, *cells;
+    sb_real *weights, *areas;
+    sb_vec3 *points, *normals;
+    sb_real farthest;
+    void *memory;
+} sbi_grid_filling;
+
+static void sbi_grid_lay_out_rows(sbi_grid_filling *filling, int with_areas, sbi_arena *arena)
+{
+    size_t n = (size_t)filling->count;
+    filling->row_start = (int *)sbi_arena_take(arena, n + 1, sizeof(int));
+    filling->nodes = (int *)sbi_arena_take(arena, n, 8 * sizeof(int));
+    filling->cells = (int *)sbi_arena_take(arena, n, sizeof(int));
+    filling->weights = (sb_real *)sbi_arena_take(arena, n, 8 * sizeof(sb_real));
+    filling->points = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    if (!with_areas)
+        return;
+    filling->areas = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    filling->normals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+}
+
+static sb_result sbi_grid_begin_rows(sbi_grid_filling *filling, int with_areas, const sb_allocator *allocator,
+                                     sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_grid_lay_out_rows(filling, with_areas, &arena);
+    filling->memory = arena.overflow ? NULL : sbi_alloc(allocator, arena.used, 1);
+    if (!filling->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows", filling->count);
+    arena.base = (unsigned char *)filling->memory;
+    arena.used = 0;
+    sbi_grid_lay_out_rows(filling, with_areas, &arena);
+    filling->row_start[0] = 0;
+    return SB_OK;
+}
+
+static void sbi_grid_end_rows(const sbi_grid_filling *filling, const sb_allocator *allocator, sb_grid_rows *rows)
+{
+    memset(rows, 0, sizeof *rows);
+    rows->rows.row_count = filling->count;
+    rows->rows.row_start = filling->row_start;
+    rows->rows.nodes = filling->nodes;
+    rows->rows.weights = filling->weights;
+    rows->cells = filling->cells;
+    rows->points = filling->points;
+    rows->areas = filling->areas;
+    rows->normals = filling->normals;
+    rows->farthest = filling->farthest;
+    rows->memory = filling->memory;
+    if (allocator)
+        rows->allocator = *allocator;
+}
+
+/* Distance of a coordinate from cell `index` along one axis, in cells. */
+static double sbi_grid_beyond(double coordinate, int index)
+{
+    double below = index - coordinate, above = coordinate - index - 1;
+    return below > 0 ? below : above > 0 ? above : 0;
+}
+
+/* Square of the distance (m^2) between a point, in cells from the origin, and lattice box (x, y, z). */
+static double sbi_grid_gap(const sb_grid *grid, const double at[3], int x, int y, int z)
+{
+    double dx = (double)grid->cell_size.x * sbi_grid_beyond(at[0], x);
+    double dy = (double)grid->cell_size.y * sbi_grid_beyond(at[1], y);
+    double dz = (double)grid->cell_size.z * sbi_grid_beyond(at[2], z);
+    return dx * dx + dy * dy + dz * dz;
+}
+
+/* First and last cell along an axis that a point may belong to, given how many cells it may be away. */
+static void sbi_grid_range(double coordinate, double reach, int count, int *first, int *last)
+{
+    double low = floor(coordinate - reach) - 1, high = floor(coordinate + reach) + 1;
+    *first = low > 0 ? (low < count ? (int)low : count) : 0;
+    *last = high < count - 1 ? (high >= 0 ? (int)high : -1) : count - 1;
+}
+
+/* The lattice box of the kept cell that a point is in or nearest to, or -1: none within the longest edge of a cell.
+ * *gap (m): how far away it is. */
+static int sbi_grid_find_cell(const sb_grid *grid, sb_vec3 point, double *gap)
+{
+    const double size[3] = {(double)grid->cell_size.x, (double)grid->cell_size.y, (double)grid->cell_size.z};
+    const double at[3] = {((double)point.x - (double)grid->origin.x) / size[0],
+                          ((double)point.y - (double)grid->origin.y) / size[1],
+                          ((double)point.z - (double)grid->origin.z) / size[2]};
+    double reach = size[0] > size[1] ? size[0] : size[1], best;
+    int first[3], last[3], own[3], inside = 1, found = -1;
+    reach = size[2] > reach ? size[2] : reach;
+    for (int i = 0; i < 3; i++) {
+        sbi_grid_range(at[i], reach / size[i], grid->counts[i], &first[i], &last[i]);
+        own[i] = at[i] >= 0 && at[i] < grid->counts[i] ? (int)at[i] : -1;
+        inside &= own[i] >= 0;
+    }
+    *gap = 0;
+    if (inside && grid->lattice[(own[2] * grid->counts[1] + own[1]) * grid->counts[0] + own[0]] >= 0)
+        return (own[2] * grid->counts[1] + own[1]) * grid->counts[0] + own[0];
+    best = reach * reach;
+    for (int z = first[2]; z <= last[2]; z++)
+        for (int y = first[1]; y <= last[1]; y++)
+            for (int x = first[0]; x <= last[0]; x++) {
+                int box = (z * grid->counts[1] + y) * grid->counts[0] + x;
+                double square = grid->lattice[box] >= 0 ? sbi_grid_gap(grid, at, x, y, z) : 2 * best;
+                if (square < best || (square == best && found < 0)) {
+                    best = square;
+                    found = box;
+                }
+            }
+    *gap = sqrt(best);
+    return found;
+}
+
+/* Appends the row of a point; `index` names it in errors. */
+static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what, sb_error *error)
+{
+    const sb_grid *grid = filling->grid;
+    double xi[3], shape[8], gap;
+    int row = filling->next++, box = -1, cell;
+    if (!sb_v3_is_finite(point))
+        return sbi_fail_node(error, SB_ERROR_NOT_FINITE, index, "%s %d is not finite", what, index);
+    box = sbi_grid_find_cell(grid, point, &gap);
+    if (box < 0)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index,
+                             "%s %d at (%g %g %g) is more than a cell away from every cell of the grid", what, index,
+                             (double)point.x, (double)point.y, (double)point.z);
+    cell = grid->lattice[box];
+    sbi_grid_local(grid, sbi_grid_cell_middle(grid, box), point, xi);
+    sbi_grid_shape_functions(xi, shape);
+    memcpy(filling->nodes + 8 * (size_t)row, grid->mesh.elements + 8 * (size_t)cell, 8 * sizeof(int));
+    for (int a = 0; a < 8; a++)
+        filling->weights[8 * (size_t)row + (size_t)a] = (sb_real)shape[a];
+    filling->row_start[row + 1] = 8 * (row + 1);
+    filling->cells[row] = cell;
+    filling->points[row] = point;
+    filling->farthest = sb_max(filling->farthest, (sb_real)gap);
+    return SB_OK;
+}
+
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
+                                    sb_grid_rows *rows, sb_error *error)
+{
+    sbi_grid_filling filling;
+    sb_result result;
+    memset(&filling, 0, sizeof filling);
+    if (!grid || !grid->lattice || !rows || !points || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_grid_map_points needs a grid, points and a place for the rows");
+    if (count > INT32_MAX / 8 - 1)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "%d points are too many", count);
+    filling.grid = grid;
+    filling.count = count;
+    result = sbi_grid_begin_rows(&filling, 0, allocator, error);
+    for (int i = 0; i < count && result == SB_OK; i++)
+        result = sbi_grid_add_row(&filling, points[i], i, "point", error);
+    if (result == SB_OK)
+        sbi_grid_end_rows(&filling, allocator, rows);
+    else
+        sbi_free(allocator, filling.memory);
+    return result;
+}
+
+/* ---- surfaces in the grid ---- */
+
+static const int *sbi_grid_triangle(const sb_mesh *surface, const int *triangles, int index)
+{
+    return surface->elements + 3 * (size_t)(triangles ? triangles[index] : index);
+}
+
+/* Into how many pieces along its edges a triangle is cut; 0: one point does for all of it. -1: far too many. */
+static int sbi_grid_pieces(const sb_grid *grid, const sb_mesh *surface, const int *nodes)
+{
+    double smallest = (double)sb_min(sb_min(grid->cell_size.x, grid->cell_size.y), grid->cell_size.z), longest = 0;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 edge = sb_v3_sub(surface->nodes[nodes[(i + 1) % 3]], surface->nodes[nodes[i]]);
+        double length = (double)sb_v3_norm(edge);
+        longest = length > longest ? length : longest;
+    }
+    longest /= smallest;
+    return longest <= 0.5 ? 0 : longest < 10000 ? (int)ceil(longest - 1e-6) : -1;
+}
+
+/* Appends a point of weight area/weight_sum at barycentric coordinates (r, s). */
+static sb_result sbi_grid_add_surface_point(sbi_grid_filling *filling, const sb_vec3 corners[3], double r, double s,
+                                            sb_real area, sb_vec3 normal, int triangle, sb_error *error)
+{
+    int row = filling->next;
+    sb_vec3 point = sb_v3_madd(sb_v3_madd(corners[0], (sb_real)r, sb_v3_sub(corners[1], corners[0])), (sb_real)s,
+                               sb_v3_sub(corners[2], corners[0]));
+    filling->areas[row] = area;
+    filling->normals[row] = normal;
+    return sbi_grid_add_row(filling, point, triangle, "a point of triangle", error);
+}
+
+/* Appends the points of a triangle. Each piece, upright or upside down in the net of lines parallel to the edges, has the
+ * three points of the rule of degree 2. */
+static sb_result sbi_grid_add_triangle(sbi_grid_filling *filling, const sb_vec3 corners[3], int pieces, int triangle,
+                                       sb_error *error)
+{
+    static const double rule[3][2] = {{1.0 / 6, 1.0 / 6}, {2.0 / 3, 1.0 / 6}, {1.0 / 6, 2.0 / 3}};
+    sb_vec3 cross = sb_v3_cross(sb_v3_sub(corners[1], corners[0]), sb_v3_sub(corners[2], corners[0]));
+    sb_real twice = sb_v3_norm(cross);
+    sb_result result = SB_OK;
+    if (!(twice > 0))
+        return sbi_fail_element(error, SB_ERROR_MESH, triangle, "triangle %d has no area", triangle);
+    cross = sb_v3_scale(1 / twice, cross);
+    if (pieces == 0)
+        return sbi_grid_add_surface_point(filling, corners, 1.0 / 3, 1.0 / 3, twice / 2, cross, triangle, error);
+    for (int i = 0; i < pieces; i++)
+        for (int j = 0; j < pieces - i; j++)
+            for (int turned = 0; turned < (j < pieces - i - 1 ? 2 : 1); turned++)
+                for (int p = 0; p < 3 && result == SB_OK; p++) {
+                    double r = turned ? 1 - rule[p][0] : rule[p][0], s = turned ? 1 - rule[p][1] : rule[p][1];
+                    sb_real area = twice / (6 * (sb_real)pieces * (sb_real)pieces);
+                    result = sbi_grid_add_surface_point(filling, corners, (i + r) / pieces, (j + s) / pieces, area,
+                                                        cross, triangle, error);
+                }
+    return result;
+}
+
+static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *surface, const int *triangles, int count,
+                                          const sb_grid_rows *rows, sb_error *error)
+{
+    sb_result result;
+    if (!grid || !grid->lattice || !surface || !rows || (triangles && count < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_grid_map_surface needs a grid, a surface and a place for the rows");
+    result = sbi_mesh_check_arrays(surface, error);
+    if (result != SB_OK)
+        return result;
+    if (surface->element_type != SB_TRI3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a surface of tri3 is needed, not of %s",
+                        sb_element_name(surface->element_type));
+    for (int i = 0; triangles && i < count; i++)
+        if (triangles[i] < 0 || triangles[i] >= surface->element_count)
+            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d", triangles[i]);
+    return SB_OK;
+}
+
+SB_API sb_result sb_grid_map_surface(const sb_grid *grid, const sb_mesh *surface, const int *triangles, int count,
+                                     const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error)
+{
+    sbi_grid_filling filling;
+    int64_t total = 0;
+    sb_result result = sbi_grid_check_triangles(grid, surface, triangles, count, rows, error);
+    if (result != SB_OK)
+        return result;
+    memset(&filling, 0, sizeof filling);
+    count = triangles ? count : surface->element_count;
+    for (int i = 0; i < count; i++) {
+        int pieces = sbi_grid_pieces(grid, surface, sbi_grid_triangle(surface, triangles, i));
+        total += pieces ? 3 * (int64_t)pieces * pieces : 1;
+        if (pieces < 0 || total > INT32_MAX / 8 - 1)
+            return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the surface has too many points in cells of this size");
+    }
+    filling.grid = grid;
+    filling.count = (int)total;
+    result = sbi_grid_begin_rows(&filling, 1, allocator, error);
+    for (int i = 0; i < count && result == SB_OK; i++) {
+        const int *nodes = sbi_grid_triangle(surface, triangles, i);
+        const sb_vec3 corners[3] = {surface->nodes[nodes[0]], surface->nodes[nodes[1]], surface->nodes[nodes[2]]};
+        result = sbi_grid_add_triangle(&filling, corners, sbi_grid_pieces(grid, surface, nodes),
+                                       triangles ? triangles[i] : i, error);
+    }
+    if (result == SB_OK)
+        sbi_grid_end_rows(&filling, allocator, rows);
+    else
+        sbi_free(allocator, filling.memory);
+    return result;
+}
+
+SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces)
+{
+    const sb_mapping *mapping = &rows->rows;
+    for (int j = 0; j < mapping->row_count && rows->areas; j++)
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
+            sb_vec3 *force = forces + mapping->nodes[k];
+            *force = sb_v3_madd(*force, rows->areas[j] * mapping->weights[k], tractions[uniform ? 0 : j]);
+        }
 }
 
 /* ==== src/softbody/assembly.h ==== */
@@ -20261,9 +24168,11 @@ static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
 static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if (!sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+        if ((weights[p] > 0 || flags) &&
+            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -20281,6 +24190,8 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
         sb_real density = 0;
+        if (weights[p] == 0)
+            continue;
         if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
@@ -20329,11 +24240,12 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
 /* ---- force ---- */
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
- * be NULL). */
+ * be NULL). Points of weight 0 have no say, and without flags no stress. */
 SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
                                        const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     int corotated = sbi_cell_is_corotated(shares), admissible = 1;
     int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
@@ -20341,6 +24253,8 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
+        if (weights[p] == 0 && !flags)
+            continue;
         if (shared || material->model == SB_COROTATED)
             stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
         else
@@ -20394,6 +24308,7 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
                                      const int scheme, const sb_quat *start, sb_real *sum)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
@@ -20402,11 +24317,13 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
     for (int p = 0; p < q; p++) {
         const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
+        if (weights[p] == 0)
+            continue;
         if (shared || material->model == SB_COROTATED)
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
-        *sum += assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * density;
+        *sum += weights[p] * density;
     }
     return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
@@ -20519,6 +24436,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
+        if (domain->weights[point] == 0)
+            continue;
         if (rotated) {
             sb_mat3 r = material->model == SB_LINEAR ? sb_m3_identity() : sb_quat_to_mat3(start);
             sbi_cell_add_rotated(r, g, w * material->lambda, w * material->mu, n, blocks);
@@ -21920,6 +25839,7 @@ struct sb_body {
 
     /* what it is made of */
     sb_domain domain;
+    int own_points;              /* 1: the domain came with the def, not from the elements */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;
@@ -22262,6 +26182,9 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
     if (!def->mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
     if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
     result = sbi_body_check_settings(def, error);
@@ -22350,7 +26273,7 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
         for (int k = 0; k < def->region_material_count; k++)
             if (def->region_materials[k].region == body->material_regions[i])
                 material = &def->region_materials[k].material;
-        sb_result result = sbi_body_check_material(material, def->single_rotation, error);
+        sb_result result = sbi_body_check_material(material, body->domain.single_rotation, error);
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
@@ -22530,7 +26453,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
     for (int e = 0; e < body->domain.cell_count; e++) {
         sbi_body_gather_reference(body, e, x);
-        sbi_element_mass(sbi_domain_element(&body->domain), kind, x, mass, NULL);
+        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
     }
 }
@@ -22549,10 +26472,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         sb_real density = body->materials[body->cell_material[e]].density;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_element_mass(sbi_domain_element(&body->domain), body->mass_kind, x, mass, load);
+            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
-        sbi_element_mass(sbi_domain_element(&body->domain), SB_MASS_LUMPED, x, mass, load);
+        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -22687,8 +26610,10 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
 {
     const sb_allocator *allocator = &body->allocator;
     uint64_t *node_colours;
-    sb_result result = sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                        &body->domain, error);
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
     if (result == SB_OK)
         result = sbi_body_make_materials(body, def, error);
     if (result == SB_OK)
@@ -23469,12 +27394,28 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     return SB_OK;
 }
 
+static sb_real sbi_body_element_volume(const sb_body *body, int element)
+{
+    sb_real sum = 0;
+    int q = body->domain.points_per_cell;
+    for (int p = 0; p < sbi_body_points(body); p++)
+        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
+    return sum;
+}
+
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
     sb_mat3 stress[SB_MAX_QUADRATURE_POINTS];
     int admissible[SB_MAX_QUADRATURE_POINTS];
+    const sb_real *weights = body->domain.weights + (size_t)element * (size_t)body->domain.points_per_cell;
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);
+    for (int p = 0; body->own_points && p < sbi_body_points(body); p++)
+        sum += weights[p] * sb_von_mises(stress[p]);
+    if (body->own_points) {
+        sb_real volume = sbi_body_element_volume(body, element);
+        return volume > 0 ? sum / volume : 0;
+    }
     for (int p = 0; p < sbi_body_points(body); p++)
         sum += sb_von_mises(stress[p]);
     return sum / (sb_real)sbi_body_points(body);
@@ -23484,15 +27425,6 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 {
     for (int e = 0; e < body->domain.cell_count; e++)
         values[e] = sbi_body_element_von_mises(body, e);
-}
-
-static sb_real sbi_body_element_volume(const sb_body *body, int element)
-{
-    sb_real sum = 0;
-    int q = body->domain.points_per_cell;
-    for (int p = 0; p < sbi_body_points(body); p++)
-        sum += body->domain.weights[(size_t)element * (size_t)q + (size_t)p];
-    return sum;
 }
 
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
@@ -23783,7 +27715,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
     for (int e = 0; e < mesh.element_count; e++) {
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
-        report->duplicate_count += sbi_body_is_duplicate(body, e);
+        report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;
@@ -31152,6 +35084,13 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].x));
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].y));
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
+    }
+    if (body->own_points) { /* nothing else tells them from the elements' */
+        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell, n = (size_t)domain->nodes_per_cell;
+        hash = sbi_state_reals_hash(hash, domain->weights, points);
+        hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
+        hash = sbi_state_reals_hash(hash, domain->cell_mass,
+                                    domain->cell_mass ? (size_t)domain->cell_count * (n * (n + 1) / 2) : 0);
     }
     return hash;
 }

@@ -29,6 +29,7 @@
 #define sb_mesh_surface_area sb_mesh_surface_area_f32
 #define sb_mesh_bounds sb_mesh_bounds_f32
 #define sb_mesh_element_quality sb_mesh_element_quality_f32
+#define sb_mesh_dihedral_range sb_mesh_dihedral_range_f32
 #define sb_mesh_orient sb_mesh_orient_f32
 #define sb_mesh_orient_surface sb_mesh_orient_surface_f32
 #define sb_mesh_merge_nodes sb_mesh_merge_nodes_f32
@@ -89,6 +90,8 @@
 #define sb_surface_triangulate sb_surface_triangulate_f32
 #define sb_default_surface_repair sb_default_surface_repair_f32
 #define sb_surface_repair sb_surface_repair_f32
+#define sb_default_stuff_def sb_default_stuff_def_f32
+#define sb_mesh_stuff sb_mesh_stuff_f32
 #define sb_material_linear sb_material_linear_f32
 #define sb_material_corotated sb_material_corotated_f32
 #define sb_material_corotated_invertible sb_material_corotated_invertible_f32
@@ -142,6 +145,15 @@
 #define sb_pcg_solve sb_pcg_solve_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
+#define sb_default_grid_def sb_default_grid_def_f32
+#define sb_grid_create sb_grid_create_f32
+#define sb_grid_free sb_grid_free_f32
+#define sb_grid_map_points sb_grid_map_points_f32
+#define sb_grid_map_surface sb_grid_map_surface_f32
+#define sb_grid_rows_free sb_grid_rows_free_f32
+#define sb_grid_add_traction sb_grid_add_traction_f32
 #define sb_default_body_def sb_default_body_def_f32
 #define sb_body_create sb_body_create_f32
 #define sb_body_destroy sb_body_destroy_f32
