@@ -2847,6 +2847,22 @@ SB_API sb_surface_repair_def sb_default_surface_repair(void);
 SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *def, sb_surface_repair_report *report,
                                    sb_error *error);
 
+/* ---- shapes: what a mesh or a grid is made round ----------------------------------------------------------------- */
+
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. It must
+ * give the same value for the same point each time, also when called from several threads at once. */
+typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
+
+/* The inside of something: of a surface, or of a function of one's own; one of the two. Zero-initialise. */
+typedef struct sb_shape {
+    const sb_surface *surface; /* or NULL, then `distance` is called. Borrowed for the call that takes the shape */
+    sb_distance distance;
+    void *user;                /* handed to `distance` */
+    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                                * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;                /* of the elements inside */
+} sb_shape;
+
 #endif /* SB_SURFACE_H */
 
 /* ==== src/softbody/stuffing.h ==== */
@@ -2858,23 +2874,8 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
 #define SB_STUFFING_H
 
 
-/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. Only
- * the sign and the zero set decide what is meshed; the values between steer how fast the surface is found. It must
- * give the same value for the same point each time, also when called from several threads at once. */
-typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
-
 /* Shapes of one mesh, at most. */
 #define SB_STUFF_MAX_SHAPES 64
-
-/* One of the shapes that a mesh is made of: a surface, or a function. */
-typedef struct sb_stuff_shape {
-    const sb_surface *surface; /* closed; or NULL, then `distance` is called. Borrowed for the call */
-    sb_distance distance;
-    void *user;                /* handed to `distance` */
-    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
-                                * then space far from the surface is not sampled. 0: unknown, every point is */
-    int region;                /* of the elements inside this shape and inside none that follows it */
-} sb_stuff_shape;
 
 /* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
  *
@@ -2883,7 +2884,7 @@ typedef struct sb_stuff_shape {
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_stuff_shape *shapes; /* [shape_count] borrowed */
+    const sb_shape *shapes; /* [shape_count] borrowed */
     int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
     sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
                                    * surface, which brings its own */
@@ -4312,23 +4313,15 @@ enum {
     SB_GRID_MAX_LEVEL = 8
 };
 
-/* The inside of something: of a surface, or of a function of one's own. One of the two. */
-typedef struct sb_grid_shape {
-    const sb_surface *surface;    /* used during the call only, or NULL */
-    sb_real (*distance)(void *user, sb_vec3 point); /* signed distance (m), negative inside: its sign must be right and its
-                                   * size nowhere larger than the true distance. Called from the job's threads */
-    void *user;
-    int region;                   /* of what is inside; default 0. SB_GRID_EMPTY: nothing */
-} sb_grid_shape;
-
 /* What a grid is made from. Start from sb_default_grid_def(). */
 typedef struct sb_grid_def {
     sb_grid_method method;        /* default SB_GRID_WEIGHTED_CELL */
     int level;                    /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
                                    * More than 3 hardly changes weighted cells; finite cells have four times the points
                                    * with each level */
-    sb_grid_shape outer;          /* the body */
-    const sb_grid_shape *inner;   /* [inner_count] parts of other regions (tumours, vessels), or NULL. Where they overlap, the
+    sb_shape outer;               /* the body */
+    const sb_shape *inner;        /* [inner_count] parts of other regions (tumours, vessels), or NULL; holes have the region
+                                   * SB_GRID_EMPTY. Where they overlap, the
                                    * last one counts; what sticks out of the outer shape does not */
     int inner_count;              /* at most SB_GRID_MAX_SHAPES - 1 */
     sb_vec3 low, high;            /* box that the grid is to cover (m); equal (default): that of outer.surface */
@@ -4345,7 +4338,8 @@ typedef struct sb_grid_def {
                                    * with, >= 8; default 4,000,000. Each costs about 400 bytes in a body */
     sb_allocator allocator;       /* default malloc */
     sb_jobs jobs;                 /* default inline */
-    void (*progress)(void *user, double share); /* called now and then with the share of work done, (0, 1], or NULL */
+    int (*progress)(void *user, double share); /* called now and then by the caller's thread with the share of work done,
+                                   * in (0, 1]; a result other than 0 cancels. Default NULL */
     void *progress_user;
     unsigned cookie;              /* set by sb_default_grid_def; a def made without it is refused */
 } sb_grid_def;
@@ -4375,7 +4369,7 @@ typedef struct sb_grid {
 
 /* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box, or a
  * distance), SB_ERROR_MESH (no cell has anything inside), SB_ERROR_UNSUPPORTED (more cells than an int counts, more points
- * than max_points), SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
+ * than max_points), SB_ERROR_CANCELLED, SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
 SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);
 SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
 
@@ -16649,7 +16643,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void)
  * triangle's side: right but where the surface crosses itself. */
 static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     sb_real value;
     if (g->surface)
         return sb_surface_signed_distance(g->surface, p, NULL);
@@ -16665,20 +16659,20 @@ static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 /* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
 static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
 }
 
 static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     return g->surface ? sb_surface_inside(g->surface, p) : sbi_stuffing_value(s, shape, p) < 0;
 }
 
 /* Largest slope of a shape's function, 0: unknown. */
 static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     if (g->surface)
         return 1;
     return shape == 0 && g->max_slope > 0 ? sb_max(g->max_slope, 1) : g->max_slope;
@@ -16809,7 +16803,7 @@ static int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
 
 static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
 {
-    const sb_stuff_shape *g = def->shapes + shape;
+    const sb_shape *g = def->shapes + shape;
     if (!g->surface == !g->distance)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
     if (!sb_is_finite(g->max_slope))
@@ -16923,7 +16917,7 @@ typedef struct sbi_stuffing_cube {
  * -1: not told; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     sb_real slope = sbi_stuffing_slope(s, shape), value;
     if (g->surface)
         return reach > 0 && sb_surface_closest(g->surface, p, reach, NULL) ? -1 : sb_surface_inside(g->surface, p);
@@ -18225,7 +18219,7 @@ typedef struct sbi_stuffing_rim {
  * they lead nowhere, as for functions that are no distances at all. */
 static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes;
+    const sb_shape *g = s->def->shapes;
     const sb_real step = (sb_real)0.01 * s->half;
     const sb_vec3 start = p;
     sb_surface_hit hit;
@@ -22454,7 +22448,7 @@ typedef struct sbi_grid_walk {
 
 /* ---- distances ---- */
 
-static const sb_grid_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
+static const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
 {
     return shape == 0 ? &def->outer : def->inner + (shape - 1);
 }
@@ -22476,7 +22470,7 @@ static sb_real sbi_grid_surface_distance(const sb_surface *surface, sb_vec3 poin
     return sb_v3_dot(sb_v3_sub(point, hit.point), normal) < 0 ? -hit.distance : hit.distance;
 }
 
-static sb_real sbi_grid_distance(const sb_grid_shape *shape, sb_vec3 point, int *near)
+static sb_real sbi_grid_distance(const sb_shape *shape, sb_vec3 point, int *near)
 {
     return shape->surface ? sbi_grid_surface_distance(shape->surface, point, near)
                           : shape->distance(shape->user, point);
@@ -22489,14 +22483,15 @@ static sb_real sbi_grid_distance(const sb_grid_shape *shape, sb_vec3 point, int 
 static int sbi_grid_decide(const sb_grid_def *def, int shape_count, sb_real reach, sbi_grid_box *box)
 {
     for (int s = 0; s < shape_count && box->undecided; s++) {
+        const sb_shape *shape = sbi_grid_get_shape(def, s);
         unsigned bit = 1u << s;
-        sb_real d;
+        sb_real d, slope = shape->surface ? 1 : shape->max_slope;
         if (!(box->undecided & bit))
             continue;
-        d = sbi_grid_distance(sbi_grid_get_shape(def, s), box->centre, &box->near[s]);
+        d = sbi_grid_distance(shape, box->centre, &box->near[s]);
         if (!sb_is_finite(d))
             return 0;
-        if (sb_abs(d) <= reach)
+        if ((slope == 0 && reach > 0) || sb_abs(d) <= reach * slope)
             continue;
         box->undecided &= ~bit;
         if (d < 0)
@@ -22698,7 +22693,7 @@ static void sbi_grid_slab_task(void *user, int index)
 }
 
 /* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
-static void sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share)
+static sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error)
 {
     double before = work->done;
     work->task = task;
@@ -22707,10 +22702,11 @@ static void sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double sh
         work->first_task = first;
         sbi_run(&work->def->jobs, sbi_grid_slab_task, work, now);
         work->done = before + share * (double)(first + now) / (double)count;
-        if (work->def->progress)
-            work->def->progress(work->def->progress_user, work->done);
+        if (work->def->progress && work->def->progress(work->def->progress_user, work->done))
+            return sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * work->done);
     }
     work->done = before + share;
+    return SB_OK;
 }
 
 /* ---- which cells the surfaces cut ---- */
@@ -22798,13 +22794,14 @@ static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
     const int *counts = work->grid->counts;
     const sb_allocator *allocator = &work->def->allocator;
     int boxes = counts[0] * counts[1] * counts[2];
+    sb_result result;
     work->undecided = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
     work->inside = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
     if (!work->undecided || !work->inside)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
-    sbi_grid_run(work, sbi_grid_classify_block,
-                 sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1);
-    return sbi_grid_list_candidates(work, boxes, error);
+    result = sbi_grid_run(work, sbi_grid_classify_block,
+                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
+    return result == SB_OK ? sbi_grid_list_candidates(work, boxes, error) : result;
 }
 
 /* ---- what is inside the cells that are cut ---- */
@@ -23152,14 +23149,15 @@ static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *err
     sbi_grid_place_nodes(grid, numbers, grid->mesh.nodes);
     memcpy(grid->body_mesh.nodes, grid->mesh.nodes, (size_t)nodes * sizeof(sb_vec3));
     sbi_grid_fill_meshes(work, numbers);
-    sbi_grid_run(work, sbi_grid_fill_cell, work->candidate_count, 1 - work->done);
-    sbi_grid_sum_volumes(work);
-    return SB_OK;
+    result = sbi_grid_run(work, sbi_grid_fill_cell, work->candidate_count, 1 - work->done, error);
+    if (result == SB_OK)
+        sbi_grid_sum_volumes(work);
+    return result;
 }
 
 /* ---- creation ---- */
 
-static sb_result sbi_grid_check_shape(const sb_grid_shape *shape, int inner, sb_error *error)
+static sb_result sbi_grid_check_shape(const sb_shape *shape, int inner, sb_error *error)
 {
     char name[32] = "def.outer";
     if (inner >= 0) {
@@ -23170,6 +23168,8 @@ static sb_result sbi_grid_check_shape(const sb_grid_shape *shape, int inner, sb_
     }
     if (!shape->surface == !shape->distance)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s needs a surface or a distance, and not both", name);
+    if (!(shape->max_slope >= 0) || !sb_is_finite(shape->max_slope))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.max_slope %g must be >= 0", name, (double)shape->max_slope);
     if (shape->region < (inner >= 0 ? SB_GRID_EMPTY : 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.region %d must be >= 0%s", name, shape->region,
                         inner >= 0 ? " or SB_GRID_EMPTY" : "");
@@ -23300,10 +23300,11 @@ static sb_result sbi_grid_make(sbi_grid_work *work, sb_error *error)
     sbi_grid_list_regions(work);
     sbi_grid_fill_full(work);
     result = sbi_grid_classify(work, error);
+    if (result == SB_OK)
+        result = sbi_grid_run(work, sbi_grid_measure_cell, work->cut_count,
+                              work->def->method == SB_GRID_FINITE_CELL ? 0.45 : 0.8, error);
     if (result != SB_OK)
         return result;
-    sbi_grid_run(work, sbi_grid_measure_cell, work->cut_count,
-                 work->def->method == SB_GRID_FINITE_CELL ? 0.45 : 0.8);
     numbers = (int *)sbi_alloc(allocator, sbi_grid_lattice_nodes(work->grid->counts), sizeof(int));
     result = numbers ? sbi_grid_build(work, numbers, error)
                      : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a grid");

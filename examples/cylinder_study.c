@@ -311,6 +311,7 @@ static int run_grid(const settings *s, const experiment *e, const series *curve,
     def.method = curve->method;
     def.level = curve->level;
     def.outer.distance = cylinder_distance;
+    def.outer.max_slope = 1;
     def.outer.user = &length;
     def.void_stiffness = (sb_real)s->void_stiffness;
     def.low = sb_v3((sb_real)-radius, (sb_real)-radius, 0);

@@ -65,11 +65,12 @@ static solid make_box(sb_vec3 low, sb_vec3 high)
     return s;
 }
 
-static sb_grid_shape make_shape(solid *s, int region)
+static sb_shape make_shape(solid *s, int region)
 {
-    sb_grid_shape shape;
+    sb_shape shape;
     memset(&shape, 0, sizeof shape);
     shape.distance = solid_distance;
+    shape.max_slope = 1;
     shape.user = s;
     shape.region = region;
     return shape;
@@ -272,11 +273,40 @@ static unsigned long long hash_grid(const sb_grid *grid)
            11 * scene_hash(grid->shares, (size_t)grid->mesh.element_count * sizeof(sb_real));
 }
 
-static void count_progress(void *user, double share)
+static int count_progress(void *user, double share)
 {
     double *last = (double *)user;
     CHECK(share > *last && share <= 1 + 1e-12);
     *last = share;
+    return 0;
+}
+
+/* Stops once half is done. */
+static int stop_progress(void *user, double share)
+{
+    (void)user;
+    return share > 0.5;
+}
+
+/* A function whose slope nobody knows gives the grid that a distance gives, only later. */
+static void test_unknown_slope(void)
+{
+    solid ball = make_ball(sb_v3(0, 0, 0), 0.05);
+    sb_grid_def def = make_def(&ball, sb_v3(REAL(-0.06), REAL(-0.06), REAL(-0.06)), sb_v3(REAL(0.06), REAL(0.06), REAL(0.06)),
+                               6, 6, 6);
+    for (int method = SB_GRID_FINITE_CELL; method <= SB_GRID_WEIGHTED_CELL; method++) {
+        sb_grid known, unknown;
+        def.method = (sb_grid_method)method;
+        def.level = 2;
+        def.outer.max_slope = 1;
+        known = make_grid(&def);
+        def.outer.max_slope = 0;
+        unknown = make_grid(&def);
+        CHECK_INT(unknown.mesh.element_count, known.mesh.element_count);
+        CHECK_NEAR(unknown.volume, known.volume, scene_tolerance(1e-12, 100) * (double)known.volume);
+        sb_grid_free(&known);
+        sb_grid_free(&unknown);
+    }
 }
 
 /* Grids of surfaces: their volume is the surface's; the bits do not depend on the threads; progress rises to 1. */
@@ -365,7 +395,7 @@ static void test_regions(void)
         solid outer = make_ball(sb_v3(0, 0, 0), 0.05), tumour = make_ball(sb_v3(REAL(0.01), 0, 0), 0.025),
               hole = make_ball(sb_v3(REAL(0.01), 0, 0), 0.012),
               half = make_box(sb_v3(REAL(-0.1), REAL(-0.1), REAL(-0.1)), sb_v3(REAL(-0.03), REAL(0.1), REAL(0.1)));
-        sb_grid_shape inner[4];
+        sb_shape inner[4];
         sb_grid_def def = make_def(&outer, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 7, 7, 7);
         double cap = pi * 0.02 * 0.02 * (0.15 - 0.02) / 3, ball = 4.0 / 3 * pi, volumes[3], mass = 0;
         sb_grid grid;
@@ -418,7 +448,7 @@ static double pull_bar(int method, int level, int side_by_side, double cut)
 {
     const double length = 0.12, width = 0.04, pull = 10; /* m, m, Pa */
     solid bar = make_box(sb_v3(0, 0, 0), sb_v3(REAL(length), REAL(width), REAL(width))), other;
-    sb_grid_shape inner;
+    sb_shape inner;
     sb_grid_def def = make_def(&bar, sb_v3(0, 0, 0), sb_v3(REAL(length), REAL(width), REAL(width)), 12, 4, 4);
     sb_region_material stiff;
     sb_body_def body_def;
@@ -1032,7 +1062,7 @@ static void test_errors(void)
     solid s = make_ball(sb_v3(0, 0, 0), 0.05);
     sb_vec3 low = sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), high = sb_v3(REAL(0.05), REAL(0.05), REAL(0.05));
     sb_grid_def good = make_def(&s, low, high, 4, 4, 4), def;
-    sb_grid_shape inner = make_shape(&s, -2);
+    sb_shape inner = make_shape(&s, -2);
     sb_grid grid;
     sb_grid_rows rows;
     sb_error error;
@@ -1104,6 +1134,12 @@ static void test_errors(void)
     def = good;
     def.outer.distance = bad_distance;
     CHECK_RESULT(refused(&def, "distance in cell"), SB_ERROR_NOT_FINITE);
+    def = good;
+    def.progress = stop_progress;
+    CHECK_RESULT(refused(&def, "stopped by the progress callback"), SB_ERROR_CANCELLED);
+    def = good;
+    def.outer.max_slope = -1;
+    CHECK_RESULT(refused(&def, "def.outer.max_slope -1"), SB_ERROR_ARGUMENT);
     def = good;
     s.centre.x = 10;
     CHECK_RESULT(refused(&def, "no cell"), SB_ERROR_MESH);
@@ -1180,7 +1216,7 @@ static void test_allocation_failures(void)
 CHECK_SUITE(grid, {"volumes and moments by level", test_volumes},
             {"cells and points do not depend on the level", test_cells_do_not_depend_on_level},
             {"a block that fills its cells", test_aligned_block_is_plain_mesh},
-            {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
+            {"unknown slope", test_unknown_slope}, {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
             {"scale", test_scale}, {"regions and holes", test_regions}, {"bars of two materials", test_two_materials},
             {"rows of points and tractions", test_rows}, {"triangles larger than cells", test_coarse_triangles},
             {"weighted cells follow finite cells", test_weighted_follows_finite_cell},

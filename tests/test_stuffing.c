@@ -79,7 +79,7 @@ static shape random_shape(int kind, unsigned long long *seed)
 #define MAX_SHAPES 4
 typedef struct scene {
     shape shapes[MAX_SHAPES];
-    sb_stuff_shape described[MAX_SHAPES];
+    sb_shape described[MAX_SHAPES];
     sb_stuff_def def;
 } scene;
 
@@ -476,7 +476,7 @@ static void test_surfaces(void)
     for (int k = 0; k < SURFACE_COUNT; k++) {
         sb_mesh input;
         sb_surface *surface = NULL;
-        sb_stuff_shape described;
+        sb_shape described;
         memset(&input, 0, sizeof input);
         memset(&described, 0, sizeof described);
         if (!load_surface(surface_names[k], &input, &surface))
@@ -505,7 +505,7 @@ static void test_phantom(void)
 {
     sb_mesh input[2];
     sb_surface *surface[2] = {NULL, NULL};
-    sb_stuff_shape described[2];
+    sb_shape described[2];
     sb_stuff_def def = sb_default_stuff_def();
     memset(input, 0, sizeof input);
     memset(described, 0, sizeof described);

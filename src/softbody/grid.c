@@ -102,7 +102,7 @@ typedef struct sbi_grid_walk {
 
 /* ---- distances ---- */
 
-static const sb_grid_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
+static const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
 {
     return shape == 0 ? &def->outer : def->inner + (shape - 1);
 }
@@ -124,7 +124,7 @@ static sb_real sbi_grid_surface_distance(const sb_surface *surface, sb_vec3 poin
     return sb_v3_dot(sb_v3_sub(point, hit.point), normal) < 0 ? -hit.distance : hit.distance;
 }
 
-static sb_real sbi_grid_distance(const sb_grid_shape *shape, sb_vec3 point, int *near)
+static sb_real sbi_grid_distance(const sb_shape *shape, sb_vec3 point, int *near)
 {
     return shape->surface ? sbi_grid_surface_distance(shape->surface, point, near)
                           : shape->distance(shape->user, point);
@@ -137,14 +137,15 @@ static sb_real sbi_grid_distance(const sb_grid_shape *shape, sb_vec3 point, int 
 static int sbi_grid_decide(const sb_grid_def *def, int shape_count, sb_real reach, sbi_grid_box *box)
 {
     for (int s = 0; s < shape_count && box->undecided; s++) {
+        const sb_shape *shape = sbi_grid_get_shape(def, s);
         unsigned bit = 1u << s;
-        sb_real d;
+        sb_real d, slope = shape->surface ? 1 : shape->max_slope;
         if (!(box->undecided & bit))
             continue;
-        d = sbi_grid_distance(sbi_grid_get_shape(def, s), box->centre, &box->near[s]);
+        d = sbi_grid_distance(shape, box->centre, &box->near[s]);
         if (!sb_is_finite(d))
             return 0;
-        if (sb_abs(d) <= reach)
+        if ((slope == 0 && reach > 0) || sb_abs(d) <= reach * slope)
             continue;
         box->undecided &= ~bit;
         if (d < 0)
@@ -346,7 +347,7 @@ static void sbi_grid_slab_task(void *user, int index)
 }
 
 /* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
-static void sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share)
+static sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error)
 {
     double before = work->done;
     work->task = task;
@@ -355,10 +356,11 @@ static void sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double sh
         work->first_task = first;
         sbi_run(&work->def->jobs, sbi_grid_slab_task, work, now);
         work->done = before + share * (double)(first + now) / (double)count;
-        if (work->def->progress)
-            work->def->progress(work->def->progress_user, work->done);
+        if (work->def->progress && work->def->progress(work->def->progress_user, work->done))
+            return sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * work->done);
     }
     work->done = before + share;
+    return SB_OK;
 }
 
 /* ---- which cells the surfaces cut ---- */
@@ -446,13 +448,14 @@ static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
     const int *counts = work->grid->counts;
     const sb_allocator *allocator = &work->def->allocator;
     int boxes = counts[0] * counts[1] * counts[2];
+    sb_result result;
     work->undecided = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
     work->inside = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
     if (!work->undecided || !work->inside)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
-    sbi_grid_run(work, sbi_grid_classify_block,
-                 sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1);
-    return sbi_grid_list_candidates(work, boxes, error);
+    result = sbi_grid_run(work, sbi_grid_classify_block,
+                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
+    return result == SB_OK ? sbi_grid_list_candidates(work, boxes, error) : result;
 }
 
 /* ---- what is inside the cells that are cut ---- */
@@ -800,14 +803,15 @@ static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *err
     sbi_grid_place_nodes(grid, numbers, grid->mesh.nodes);
     memcpy(grid->body_mesh.nodes, grid->mesh.nodes, (size_t)nodes * sizeof(sb_vec3));
     sbi_grid_fill_meshes(work, numbers);
-    sbi_grid_run(work, sbi_grid_fill_cell, work->candidate_count, 1 - work->done);
-    sbi_grid_sum_volumes(work);
-    return SB_OK;
+    result = sbi_grid_run(work, sbi_grid_fill_cell, work->candidate_count, 1 - work->done, error);
+    if (result == SB_OK)
+        sbi_grid_sum_volumes(work);
+    return result;
 }
 
 /* ---- creation ---- */
 
-static sb_result sbi_grid_check_shape(const sb_grid_shape *shape, int inner, sb_error *error)
+static sb_result sbi_grid_check_shape(const sb_shape *shape, int inner, sb_error *error)
 {
     char name[32] = "def.outer";
     if (inner >= 0) {
@@ -818,6 +822,8 @@ static sb_result sbi_grid_check_shape(const sb_grid_shape *shape, int inner, sb_
     }
     if (!shape->surface == !shape->distance)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s needs a surface or a distance, and not both", name);
+    if (!(shape->max_slope >= 0) || !sb_is_finite(shape->max_slope))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.max_slope %g must be >= 0", name, (double)shape->max_slope);
     if (shape->region < (inner >= 0 ? SB_GRID_EMPTY : 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.region %d must be >= 0%s", name, shape->region,
                         inner >= 0 ? " or SB_GRID_EMPTY" : "");
@@ -948,10 +954,11 @@ static sb_result sbi_grid_make(sbi_grid_work *work, sb_error *error)
     sbi_grid_list_regions(work);
     sbi_grid_fill_full(work);
     result = sbi_grid_classify(work, error);
+    if (result == SB_OK)
+        result = sbi_grid_run(work, sbi_grid_measure_cell, work->cut_count,
+                              work->def->method == SB_GRID_FINITE_CELL ? 0.45 : 0.8, error);
     if (result != SB_OK)
         return result;
-    sbi_grid_run(work, sbi_grid_measure_cell, work->cut_count,
-                 work->def->method == SB_GRID_FINITE_CELL ? 0.45 : 0.8);
     numbers = (int *)sbi_alloc(allocator, sbi_grid_lattice_nodes(work->grid->counts), sizeof(int));
     result = numbers ? sbi_grid_build(work, numbers, error)
                      : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a grid");

@@ -36,23 +36,15 @@ enum {
     SB_GRID_MAX_LEVEL = 8
 };
 
-/* The inside of something: of a surface, or of a function of one's own. One of the two. */
-typedef struct sb_grid_shape {
-    const sb_surface *surface;    /* used during the call only, or NULL */
-    sb_real (*distance)(void *user, sb_vec3 point); /* signed distance (m), negative inside: its sign must be right and its
-                                   * size nowhere larger than the true distance. Called from the job's threads */
-    void *user;
-    int region;                   /* of what is inside; default 0. SB_GRID_EMPTY: nothing */
-} sb_grid_shape;
-
 /* What a grid is made from. Start from sb_default_grid_def(). */
 typedef struct sb_grid_def {
     sb_grid_method method;        /* default SB_GRID_WEIGHTED_CELL */
     int level;                    /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
                                    * More than 3 hardly changes weighted cells; finite cells have four times the points
                                    * with each level */
-    sb_grid_shape outer;          /* the body */
-    const sb_grid_shape *inner;   /* [inner_count] parts of other regions (tumours, vessels), or NULL. Where they overlap, the
+    sb_shape outer;               /* the body */
+    const sb_shape *inner;        /* [inner_count] parts of other regions (tumours, vessels), or NULL; holes have the region
+                                   * SB_GRID_EMPTY. Where they overlap, the
                                    * last one counts; what sticks out of the outer shape does not */
     int inner_count;              /* at most SB_GRID_MAX_SHAPES - 1 */
     sb_vec3 low, high;            /* box that the grid is to cover (m); equal (default): that of outer.surface */
@@ -69,7 +61,8 @@ typedef struct sb_grid_def {
                                    * with, >= 8; default 4,000,000. Each costs about 400 bytes in a body */
     sb_allocator allocator;       /* default malloc */
     sb_jobs jobs;                 /* default inline */
-    void (*progress)(void *user, double share); /* called now and then with the share of work done, (0, 1], or NULL */
+    int (*progress)(void *user, double share); /* called now and then by the caller's thread with the share of work done,
+                                   * in (0, 1]; a result other than 0 cancels. Default NULL */
     void *progress_user;
     unsigned cookie;              /* set by sb_default_grid_def; a def made without it is refused */
 } sb_grid_def;
@@ -99,7 +92,7 @@ typedef struct sb_grid {
 
 /* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box, or a
  * distance), SB_ERROR_MESH (no cell has anything inside), SB_ERROR_UNSUPPORTED (more cells than an int counts, more points
- * than max_points), SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
+ * than max_points), SB_ERROR_CANCELLED, SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
 SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);
 SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
 

@@ -106,7 +106,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void)
  * triangle's side: right but where the surface crosses itself. */
 static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     sb_real value;
     if (g->surface)
         return sb_surface_signed_distance(g->surface, p, NULL);
@@ -122,20 +122,20 @@ static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 /* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
 static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
 }
 
 static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     return g->surface ? sb_surface_inside(g->surface, p) : sbi_stuffing_value(s, shape, p) < 0;
 }
 
 /* Largest slope of a shape's function, 0: unknown. */
 static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     if (g->surface)
         return 1;
     return shape == 0 && g->max_slope > 0 ? sb_max(g->max_slope, 1) : g->max_slope;
@@ -266,7 +266,7 @@ static int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
 
 static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
 {
-    const sb_stuff_shape *g = def->shapes + shape;
+    const sb_shape *g = def->shapes + shape;
     if (!g->surface == !g->distance)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
     if (!sb_is_finite(g->max_slope))
@@ -380,7 +380,7 @@ typedef struct sbi_stuffing_cube {
  * -1: not told; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
-    const sb_stuff_shape *g = s->def->shapes + shape;
+    const sb_shape *g = s->def->shapes + shape;
     sb_real slope = sbi_stuffing_slope(s, shape), value;
     if (g->surface)
         return reach > 0 && sb_surface_closest(g->surface, p, reach, NULL) ? -1 : sb_surface_inside(g->surface, p);
@@ -1682,7 +1682,7 @@ typedef struct sbi_stuffing_rim {
  * they lead nowhere, as for functions that are no distances at all. */
 static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 {
-    const sb_stuff_shape *g = s->def->shapes;
+    const sb_shape *g = s->def->shapes;
     const sb_real step = (sb_real)0.01 * s->half;
     const sb_vec3 start = p;
     sb_surface_hit hit;

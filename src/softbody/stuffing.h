@@ -8,23 +8,8 @@
 #include "mesh.h"
 #include "surface.h"
 
-/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. Only
- * the sign and the zero set decide what is meshed; the values between steer how fast the surface is found. It must
- * give the same value for the same point each time, also when called from several threads at once. */
-typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
-
 /* Shapes of one mesh, at most. */
 #define SB_STUFF_MAX_SHAPES 64
-
-/* One of the shapes that a mesh is made of: a surface, or a function. */
-typedef struct sb_stuff_shape {
-    const sb_surface *surface; /* closed; or NULL, then `distance` is called. Borrowed for the call */
-    sb_distance distance;
-    void *user;                /* handed to `distance` */
-    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
-                                * then space far from the surface is not sampled. 0: unknown, every point is */
-    int region;                /* of the elements inside this shape and inside none that follows it */
-} sb_stuff_shape;
 
 /* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
  *
@@ -33,7 +18,7 @@ typedef struct sb_stuff_shape {
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_stuff_shape *shapes; /* [shape_count] borrowed */
+    const sb_shape *shapes; /* [shape_count] borrowed */
     int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
     sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
                                    * surface, which brings its own */

@@ -231,4 +231,20 @@ SB_API sb_surface_repair_def sb_default_surface_repair(void);
 SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *def, sb_surface_repair_report *report,
                                    sb_error *error);
 
+/* ---- shapes: what a mesh or a grid is made round ----------------------------------------------------------------- */
+
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. It must
+ * give the same value for the same point each time, also when called from several threads at once. */
+typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
+
+/* The inside of something: of a surface, or of a function of one's own; one of the two. Zero-initialise. */
+typedef struct sb_shape {
+    const sb_surface *surface; /* or NULL, then `distance` is called. Borrowed for the call that takes the shape */
+    sb_distance distance;
+    void *user;                /* handed to `distance` */
+    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                                * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;                /* of the elements inside */
+} sb_shape;
+
 #endif /* SB_SURFACE_H */
