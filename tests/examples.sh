@@ -182,6 +182,58 @@ expect_data 2 'nan_coordinate.vtk:9: ' liver_models bad/nan_coordinate.vtk
 expect 2 'no-such-folder' liver_models --cells 4 --steps 1 -o no-such-folder
 expect 2 '--steps needs a whole number' liver_models --steps none
 
+# ---- surface_to_sim ----
+# cube FILE SIZE [SHIFT]: a closed box of 12 triangles with edges SIZE (m), in the middle at SHIFT
+cube() {
+    awk -v h="$2" -v s="${3:-0}" 'BEGIN {
+        for (i = 0; i < 8; i++)
+            print "v", s + h * (i % 2 - 0.5), h * (int(i / 2) % 2 - 0.5), h * (int(i / 4) - 0.5)
+        n = split("1 3 4 2 5 6 8 7 1 2 6 5 3 7 8 4 1 5 7 3 2 4 8 6", f, " ")
+        for (k = 1; k <= n; k += 4) {
+            print "f", f[k], f[k + 1], f[k + 2]
+            print "f", f[k], f[k + 2], f[k + 3]
+        }
+    }' >"$1"
+}
+# last NAME: the number behind NAME= on the last line
+last() { tail -n 1 output.txt | tr ' ' '\n' | sed -n "s/^$1=//p"; }
+holds() { awk "BEGIN { exit !($1) }"; }
+cube box.obj 0.1
+cube core.obj 0.04
+cube far.obj 0.04 1
+expect 0 'usage: surface_to_sim' surface_to_sim --help
+expect 0 '^tets=[0-9]* min_dihedral=[0-9.]* max_dihedral=[0-9.]* distance=[0-9.e-]* seconds=[0-9.]*$' \
+    surface_to_sim box.obj --cells 10 --steps 3 -o box.vtk --mesh volume.vtk
+check "angles of the tets" holds "$(last min_dihedral) > 9 && $(last max_dihedral) < 165.7"
+check "the mesh keeps to the surface" holds "$(last distance) < 0.01 / 3"
+check "the mesh has the tets" grep -q "^CELLS $(last tets) " volume.vtk
+check "the surface is carried along" grep -q '^VECTORS displacement' box.vtk
+check "with normals" grep -q '^VECTORS normal' box.vtk
+check "with stress" grep -q '^SCALARS von_mises' box.vtk
+expect 0 '^tets=' surface_to_sim box.obj core.obj --cells 10 --steps 2 --mesh regions.vtk
+check "the core is a region" grep -q '^1$' regions.vtk
+for method in --wc --fc --sparse; do
+    expect 0 '^cells=' surface_to_sim box.obj core.obj $method --cells 8 --steps 2 --mesh grid.vtk
+    check "$method writes bricks" grep -q '^12$' grid.vtk
+done
+sed '$d' box.obj >open.obj
+expect 2 'open.obj: .* 3 edges of one face only; the first joins nodes' surface_to_sim open.obj
+expect 0 'warning: repaired: .*1 holes filled' surface_to_sim open.obj --repair --cells 8 --steps 1
+awk '/^f/ && !done { print $1, $2, $4, $3; done = 1; next } { print }' box.obj >turned.obj
+expect 2 'turned.obj: .*oriented against each other' surface_to_sim turned.obj
+for method in --stuff --wc; do
+    expect 2 'far.obj: encloses no part of the body' surface_to_sim box.obj far.obj $method --cells 8 --steps 0
+done
+expect 2 'no-such.obj' surface_to_sim no-such.obj
+expect 2 'SURFACE is missing' surface_to_sim --cells 10
+expect 2 'only one of them' surface_to_sim box.obj --wc --fc
+expect 2 'needs -x, +x' surface_to_sim box.obj --hold up
+expect 2 'would be overwritten' surface_to_sim box.obj -o box.obj
+expect 2 'no-such-folder' surface_to_sim box.obj --cells 4 --steps 1 -o no-such-folder/x.vtk
+for surface in liver_a liver_b bunny torus; do
+    expect_data 0 '^tets=' surface_to_sim surfaces/$surface.obj --cells 20 --steps 2
+done
+
 # ---- cylinder_study ----
 expect 0 'study.svg written' cylinder_study --quick -o study
 check "30 rows and a head of CSV" [ "$(wc -l <study.csv | tr -d ' ')" = 31 ]

@@ -28,7 +28,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting, needles, surface meshing or rendering in this version.
+ * No collision detection, cutting or rendering in this version.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -101,6 +101,12 @@
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
+ *
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
+ *              they bound a solid, sb_surface_repair mends what can be mended.
+ * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
+ *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
+ * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
@@ -208,6 +214,58 @@
  *     sb_mesh_free(&block);
  *     ```
  *
+ * From a closed surface to a simulation, and back to the screen:
+ *
+ *     ```c fragment
+ *     sb_mesh drawn = {0}, tets = {0};
+ *     sb_surface *skin = NULL;
+ *     sb_embedding *embedding = NULL;
+ *     sb_error error;
+ *     if (sb_mesh_load(&drawn, "liver.obj", NULL, &error) != SB_OK ||
+ *         sb_surface_require(&drawn, SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED, NULL, NULL, &error) != SB_OK ||
+ *         sb_surface_create(&drawn, NULL, &skin, &error) != SB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return 1;
+ *     }
+ *     sb_shape shape = {skin, NULL, NULL, 0, 0};
+ *     sb_stuff_def stuff = sb_default_stuff_def();
+ *     stuff.shapes = &shape;
+ *     stuff.shape_count = 1;
+ *     stuff.cell = (sb_real)0.02;                         // m
+ *     if (sb_mesh_stuff(&stuff, &tets, NULL, &error) != SB_OK)
+ *         return 1;
+ *     sb_body_def def = sb_default_body_def();
+ *     def.mesh = &tets;
+ *     def.material = sb_material_corotated(5e3, 0.45, 1060);
+ *     def.gravity = sb_v3(0, 0, (sb_real)-9.81);
+ *     sb_body *body = NULL;
+ *     if (sb_body_create(&def, &body, &error) != SB_OK)
+ *         return 1;
+ *     sb_vec3 low, high;
+ *     sb_mesh_bounds(&tets, &low, &high);
+ *     for (int i = 0; i < tets.node_count; i++)
+ *         if (tets.nodes[i].z < low.z + (sb_real)0.2 * (high.z - low.z))
+ *             sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+ *
+ *     sb_embedding_def carried = sb_default_embedding_def();
+ *     carried.mesh = &tets;
+ *     carried.surface = &drawn;
+ *     if (sb_embedding_create(&carried, &embedding, &error) != SB_OK)
+ *         return 1;
+ *     sb_vec3 *points = (sb_vec3 *)malloc((size_t)drawn.node_count * sizeof *points);
+ *     for (int frame = 0; points && frame < 10; frame++) {
+ *         if (sb_body_step(body, (sb_real)(1.0 / 60), NULL) != SB_OK)
+ *             break;
+ *         sb_embedding_update(embedding, sb_body_positions(body), points, NULL, NULL);   // draw these
+ *     }
+ *     free(points);
+ *     sb_embedding_destroy(embedding);
+ *     sb_body_destroy(body);
+ *     sb_surface_destroy(skin);
+ *     sb_mesh_free(&tets);
+ *     sb_mesh_free(&drawn);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -234,6 +292,6 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, material, material_fit, sparse, precond, pcg, domain, body, load,
- * constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, precond, pcg,
+ * domain, grid, body, load, embed, constraint, step, modes, state, record.
  */
