@@ -17985,8 +17985,8 @@ static int sbi_stuffing_starts_at_first(const sbi_stuffing *s, int p1, int p2, i
 
 static void sbi_stuffing_put_element(sbi_stuffing *s, int label, int a, int b, int c, int d)
 {
-    int *nodes = s->elements + 4 * (size_t)s->element_count;
     if (s->element_count < s->element_capacity) {
+        int *nodes = s->elements + 4 * (size_t)s->element_count;
         nodes[0] = a;
         nodes[1] = b;
         nodes[2] = c;

@@ -12,6 +12,7 @@
 
 #include "target_body.h"
 #include "target_case.h"
+#include "target_geometry.h"
 #include "target_mesh.h"
 
 #include <signal.h>
@@ -21,7 +22,7 @@ static const struct fuzz_target {
     const char *name;
     void (*run)(const uint8_t *data, size_t size);
 } fuzz_targets[] = {{"vtk", fuzz_vtk},       {"gmsh", fuzz_gmsh}, {"tetgen", fuzz_tetgen},
-                    {"surface", fuzz_surface}, {"mesh", fuzz_mesh}, {"case", fuzz_case},
+                    {"surface", fuzz_surface}, {"geometry", fuzz_geometry}, {"mesh", fuzz_mesh}, {"case", fuzz_case},
                     {"state", fuzz_state},   {"record", fuzz_record}, {"body", fuzz_body}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
