@@ -329,9 +329,12 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
 static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
 {
     sbi_surface_angle angle = sbi_surface_angle_zero();
-    for (int t = 0; t < s->triangle_count; t++)
-        if (part[s->element[t]] != own)
-            sbi_surface_angle_of(s, t, eye, &angle);
+    for (int t = 0; t < s->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(s, t, x);
+        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
     return (sb_real)sbi_surface_angle_turns(&angle);
 }
 
