@@ -134,6 +134,57 @@ static void sbi_surface_field_load(const sbi_surface_cluster *cluster, int lane,
         field->moment[k] = (sb_real)f[SBI_CLUSTER_MOMENT + k][lane];
 }
 
+/* A coin in the making, in local coordinates. */
+typedef struct sbi_surface_coin {
+    sb_vec3 centre, normal;
+    sb_real radius, thickness;
+} sbi_surface_coin;
+
+static sb_vec3 sbi_surface_rounded(sb_vec3 v)
+{
+    return sb_v3((sb_real)(float)v.x, (sb_real)(float)v.y, (sb_real)(float)v.z);
+}
+
+/* An empty coin in the middle of a far field, as float holds it. */
+static void sbi_surface_coin_begin(const sbi_surface_field *field, sbi_surface_coin *coin)
+{
+    sb_real length = sb_v3_norm(field->dipole);
+    coin->centre = sbi_surface_rounded(field->centre);
+    coin->normal = length > SB_EPSILON * field->area && length > 0 ? sb_v3_scale((sb_real)1 / length, field->dipole)
+                                                                   : sb_v3(0, 0, 1);
+    coin->normal = sbi_surface_rounded(coin->normal);
+    coin->radius = coin->thickness = 0;
+}
+
+/* Widens the coin by another; one without radius and thickness is a point. */
+static void sbi_surface_coin_add(sbi_surface_coin *coin, const sbi_surface_coin *other)
+{
+    sb_vec3 d = sb_v3_sub(other->centre, coin->centre);
+    sb_real height = sb_v3_dot(d, coin->normal), tilt = sb_abs(sb_v3_dot(coin->normal, other->normal));
+    sb_real sine = sb_v3_norm(sb_v3_cross(coin->normal, other->normal));
+    sb_real aside = sb_v3_norm(sb_v3_madd(d, -height, coin->normal));
+    height = sb_abs(height) + tilt * other->thickness + sine * other->radius;
+    coin->radius = sb_max(coin->radius, aside + other->radius + sine * other->thickness);
+    coin->thickness = sb_max(coin->thickness, height);
+}
+
+static void sbi_surface_coin_store(const sbi_surface_coin *coin, sbi_surface_node *node, int lane)
+{
+    sbi_surface_put(node->coin + SBI_COIN_CENTRE, lane, coin->centre);
+    sbi_surface_put(node->coin + SBI_COIN_NORMAL, lane, coin->normal);
+    node->coin[SBI_COIN_RADIUS][lane] = (float)coin->radius + SBI_SURFACE_PAD;
+    node->coin[SBI_COIN_THICKNESS][lane] = (float)coin->thickness + SBI_SURFACE_PAD;
+}
+
+static void sbi_surface_coin_load(const sbi_surface_node *node, int lane, sbi_surface_coin *coin)
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = node->coin;
+    coin->centre = sb_v3((sb_real)f[0][lane], (sb_real)f[1][lane], (sb_real)f[2][lane]);
+    coin->normal = sb_v3((sb_real)f[3][lane], (sb_real)f[4][lane], (sb_real)f[5][lane]);
+    coin->radius = (sb_real)f[SBI_COIN_RADIUS][lane];
+    coin->thickness = (sb_real)f[SBI_COIN_THICKNESS][lane];
+}
+
 static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const float low[3], const float high[3])
 {
     for (int axis = 0; axis < 3; axis++) {
@@ -142,11 +193,27 @@ static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const fl
     }
 }
 
-/* Recomputes a leaf from the nodes, and its box and far field in its parent. */
+/* The coin around the triangles of a leaf. */
+static void sbi_surface_coin_of_leaf(const sb_surface *s, int index, const sbi_surface_field *field,
+                                     sbi_surface_coin *coin)
+{
+    sbi_surface_coin point;
+    sbi_surface_coin_begin(field, coin);
+    point = *coin;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) { /* places without a triangle hold copies */
+        for (int i = 0; i < 3; i++) {
+            point.centre = sb_v3_sub(s->exact[SBI_SURFACE_WIDTH * index + k][i], s->centre);
+            sbi_surface_coin_add(coin, &point);
+        }
+    }
+}
+
+/* Recomputes a leaf from the nodes, and its box, coin and far field in its parent. */
 static void sbi_surface_refit_leaf(sb_surface *s, int index)
 {
     sbi_surface_leaf *leaf = s->leaf + index;
     sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    sbi_surface_coin coin;
     float low[3], high[3], box_low[3], box_high[3];
     int parent = s->leaf_slot[index] / SBI_SURFACE_WIDTH, lane = s->leaf_slot[index] % SBI_SURFACE_WIDTH, count = 0;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -170,13 +237,16 @@ static void sbi_surface_refit_leaf(sb_surface *s, int index)
     sbi_surface_set_child_box(s->tree + parent, lane, box_low, box_high);
     sbi_surface_field_join(part, count, &field);
     sbi_surface_field_store(&field, s->cluster + parent, lane);
+    sbi_surface_coin_of_leaf(s, index, &field, &coin);
+    sbi_surface_coin_store(&coin, s->tree + parent, lane);
 }
 
-/* Passes the boxes and far fields of a node's children on to its own parent. */
+/* Passes the boxes, coins and far fields of a node's children on to its own parent. */
 static void sbi_surface_refit_node(sb_surface *s, int index)
 {
     const sbi_surface_node *node = s->tree + index;
     sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    sbi_surface_coin coin, other;
     float low[3], high[3];
     int parent = node->slot / SBI_SURFACE_WIDTH, lane = node->slot % SBI_SURFACE_WIDTH;
     int count = sbi_surface_child_count(node);
@@ -193,6 +263,12 @@ static void sbi_surface_refit_node(sb_surface *s, int index)
     sbi_surface_set_child_box(s->tree + parent, lane, low, high);
     sbi_surface_field_join(part, count, &field);
     sbi_surface_field_store(&field, s->cluster + parent, lane);
+    sbi_surface_coin_begin(&field, &coin);
+    for (int k = 0; k < count; k++) {
+        sbi_surface_coin_load(node, k, &other);
+        sbi_surface_coin_add(&coin, &other);
+    }
+    sbi_surface_coin_store(&coin, s->tree + parent, lane);
 }
 
 /* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how

@@ -40,7 +40,7 @@ typedef struct sb_surface_hit {
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
  * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
- * memory from `allocator` (NULL: malloc) for everything (about 260 bytes per triangle), plus scratch that goes back.
+ * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
  * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take sb_mesh_boundary), _MESH (empty, or too many
  * triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,

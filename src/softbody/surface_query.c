@@ -186,16 +186,36 @@ SBI_FORCE_INLINE sbi_four sbi_surface_box_squares(const sbi_surface_node *node, 
     return square;
 }
 
+SBI_FORCE_INLINE sbi_four sbi_four_dot(const sbi_four a[3], const sbi_four b[3])
+{
+    return sbi_four_madd(sbi_four_madd(sbi_four_mul(a[0], b[0]), a[1], b[1]), a[2], b[2]);
+}
+
+/* Squares of the distances to the four coins of a node. The square of the way aside is a difference: its rounding is
+ * taken off. */
+SBI_FORCE_INLINE sbi_four sbi_surface_coin_squares(const sbi_surface_node *node, const float p[3])
+{
+    sbi_four d[3], normal[3], all, height, aside;
+    const sbi_four zero = sbi_four_of(0.0f);
+    for (int axis = 0; axis < 3; axis++) {
+        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), sbi_four_load(node->coin[SBI_COIN_CENTRE + axis]));
+        normal[axis] = sbi_four_load(node->coin[SBI_COIN_NORMAL + axis]);
+    }
+    all = sbi_four_dot(d, d);
+    height = sbi_four_dot(d, normal);
+    aside = sbi_four_sub(sbi_four_mul(all, sbi_four_of(1.0f - 1.0e-6f)), sbi_four_mul(height, height));
+    aside = sbi_four_sub(sbi_four_sqrt(sbi_four_max(aside, zero)), sbi_four_load(node->coin[SBI_COIN_RADIUS]));
+    height = sbi_four_sub(sbi_four_max(height, sbi_four_sub(zero, height)), sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
+    aside = sbi_four_max(aside, zero);
+    height = sbi_four_max(height, zero);
+    return sbi_four_madd(sbi_four_mul(aside, aside), height, height);
+}
+
 /* Three rows of a leaf from row i on. */
 SBI_FORCE_INLINE void sbi_surface_leaf_vector(const sbi_surface_leaf *leaf, int i, sbi_four v[3])
 {
     for (int axis = 0; axis < 3; axis++)
         v[axis] = sbi_four_load(leaf->f[i + axis]);
-}
-
-SBI_FORCE_INLINE sbi_four sbi_four_dot(const sbi_four a[3], const sbi_four b[3])
-{
-    return sbi_four_madd(sbi_four_madd(sbi_four_mul(a[0], b[0]), a[1], b[1]), a[2], b[2]);
 }
 
 /* a b - c d */
@@ -317,7 +337,8 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
 {
     float square[SBI_SURFACE_WIDTH];
     uint64_t visit[SBI_SURFACE_WIDTH];
-    sbi_four_store(square, sbi_surface_box_squares(node, q->p));
+    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p),
+                                        sbi_surface_coin_squares(node, q->p)));
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
         visit[k] = sbi_surface_visit(square[k], node->child[k]);
     sbi_surface_order(visit, visit + 1);

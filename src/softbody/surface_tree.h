@@ -56,6 +56,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
 SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
 SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
 #if defined(__SSE__)
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a) { return __builtin_ia32_sqrtps(a); }
 SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
 SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
 #else
@@ -65,6 +66,12 @@ SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_fo
 }
 SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
 SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a[k] = (float)sqrt((double)a[k]);
+    return a;
+}
 #endif
 #else
 typedef struct sbi_four {
@@ -114,16 +121,32 @@ SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
         a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
     return a;
 }
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = (float)sqrt((double)a.v[k]);
+    return a;
+}
 #endif
 
 /* ---- the tree ---------------------------------------------------------------------------------------------------- */
 
+/* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
+ * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+enum {
+    SBI_COIN_CENTRE = 0,
+    SBI_COIN_NORMAL = 3,
+    SBI_COIN_RADIUS = 6,
+    SBI_COIN_THICKNESS = 7, /* half of it */
+    SBI_COIN_SIZE = 8
+};
 /* Children that are not there lie nowhere, so no query gets to them. */
 typedef struct sbi_surface_node {
     float low[3][SBI_SURFACE_WIDTH], high[3][SBI_SURFACE_WIDTH];
+    float coin[SBI_COIN_SIZE][SBI_SURFACE_WIDTH];
     int child[SBI_SURFACE_WIDTH]; /* node, or ~leaf */
     int slot;                     /* of this node in its parent: 4 parent + child */
-    int unused[3];                /* two cache lines in all */
+    int unused[3];                /* four cache lines in all */
 } sbi_surface_node;
 
 /* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB and to C's side. */
