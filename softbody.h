@@ -2627,25 +2627,25 @@ typedef enum sb_surface_feature {
     SB_SURFACE_VERTEX = 2 /* corner i */
 } sb_surface_feature;
 
-/* What a query found. Without a find (result 0) triangle and element are -1, the distance is infinite and the rest 0. */
+/* What a query found. For a query that finds nothing, triangle and element are -1, distance is infinite, the rest 0. */
 typedef struct sb_surface_hit {
     int triangle;               /* in [0, sb_surface_triangle_count) */
     int element;                /* of the mesh: the triangle's, or the face that was cut into triangles */
     sb_surface_feature feature; /* which kind of place on the triangle, and with `index` which of them */
     int index;                  /* edge or corner, 0 for a face */
     sb_vec3 point;              /* m, on the surface */
-    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding, sum 1: point = sum weight_i corner_i */
+    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding; point = sum weight_i corner_i */
     sb_real distance;           /* m; rays: from the origin along the ray. Signed distance queries: with its sign */
 } sb_surface_hit;
 
-/* ---- life ------------------------------------------------------------------------------------------------------ */
+/* ---- life ---------------------------------------------------------------------------------------------------- */
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
  * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
  * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
- * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take sb_mesh_boundary), _MESH (empty, or too many
- * triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
+ * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
+ * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
                                    sb_error *error);
 SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
@@ -2656,7 +2656,7 @@ SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
  * surface, to the bit. Allocates nothing. SB_ERROR_ARGUMENT or _NOT_FINITE (error->node): nothing has changed. */
 SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, const sb_jobs *jobs, sb_error *error);
 
-/* ---- what it is made of (0 or {0} for NULL) -------------------------------------------------------------------- */
+/* ---- what it is made of (0 or {0} for NULL) ------------------------------------------------------------------ */
 
 SB_API int sb_surface_node_count(const sb_surface *surface); /* nodes of the mesh, also those of no triangle */
 SB_API int sb_surface_triangle_count(const sb_surface *surface);
@@ -2765,7 +2765,7 @@ typedef struct sb_surface_place {
 
 typedef struct sb_surface_report {
     int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
-    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last counts the parts beyond the first */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
     int parts;                                     /* parts that share no node */
     sb_real volume;                                /* m^3 enclosed; meaningful when closed */
     sb_real area;                                  /* m^2 */
@@ -2784,7 +2784,7 @@ SB_API const char *sb_surface_check_string(int finding);
 SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_allocator *allocator,
                                     sb_surface_report *report, sb_error *error);
 
-/* ---- repairs, on request only ----------------------------------------------------------------------------------- */
+/* ---- repairs, on request only -------------------------------------------------------------------------------- */
 
 /* The mesh of flat triangles between the nodes of a surface's faces; regions and nodes are kept. Fails as
  * sb_surface_create; the output is overwritten, not freed. */
@@ -4887,7 +4887,7 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 
 /* ==== src/softbody/surface.h, internal ==== */
-/* ---- internal: surface.c lends the cutting of faces to the checks --------------------------------------------------- */
+/* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
 
 /* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
  * sbi_surface_cut_free; it borrows the nodes. */
@@ -13092,14 +13092,14 @@ enum {
     SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
 };
 
-#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge: below it, float cannot tell well inside from outside */
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
 #define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
 #define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
-/* ---- four floats at a time ---------------------------------------------------------------------------------------- */
+/* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
 #if defined(__GNUC__)
 typedef float sbi_four __attribute__((vector_size(16)));
@@ -13193,7 +13193,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 }
 #endif
 
-/* ---- the tree ---------------------------------------------------------------------------------------------------- */
+/* ---- the tree ------------------------------------------------------------------------------------------------ */
 
 /* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
  * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
@@ -13268,7 +13268,7 @@ struct sb_surface {
     sb_real scale, inverse;
 };
 
-/* ---- triangles -------------------------------------------------------------------------------------------------- */
+/* ---- triangles ----------------------------------------------------------------------------------------------- */
 
 SB_INLINE void sbi_surface_corners(const sb_surface *s, int triangle, sb_vec3 x[3])
 {
@@ -13395,15 +13395,15 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
 /* ==== src/softbody/surface.c ==== */
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
- * Nodes of the tree have four children; a leaf holds up to four triangles. Boxes and leaves are kept as float, four side
- * by side, so that compilers turn the loops over them into vector code. They only ever say "too far": they work in
- * local coordinates (centred, scaled by a power of two so that half the surface's size is in [1, 2)), and a slack covers
- * their rounding. What is left, a few triangles per query, is computed in sb_real from the nodes. So the answer is the
- * smallest of all triangles' own distances whatever the tree looks like, and its bits depend on nothing else.
+ * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
+ * for vector instructions, and only ever say "too far": they work in local coordinates (centred, scaled by a power of
+ * two so that half the surface's size is in [1, 2)), and a slack covers their rounding. What is left, a few triangles
+ * per query, is computed in sb_real from the corners. So the answer is the smallest of all triangles' own distances
+ * whatever the tree looks like, and its bits depend on nothing else.
  *
  * sb_real positions are scaled by the same power of two (which is exact): no square under- or overflows at any size. */
 
-/* ---- refitting --------------------------------------------------------------------------------------------------- */
+/* ---- refitting ----------------------------------------------------------------------------------------------- */
 
 static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
 {
@@ -13676,7 +13676,8 @@ static void sbi_surface_refit_normal(sb_surface *s, int node)
         int triangle = s->fan[i] / 3, corner = s->fan[i] % 3;
         const int *nodes = s->corners[triangle];
         sb_vec3 x = s->nodes[node], n;
-        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x), b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
+        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x);
+        sb_vec3 b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
         sb_real area, angle;
         n = sb_v3_cross(a, b);
         area = sb_v3_norm(n);
@@ -13780,7 +13781,7 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
     return result;
 }
 
-/* ---- the shape of the tree ------------------------------------------------------------------------------------- */
+/* ---- the shape of the tree ----------------------------------------------------------------------------------- */
 
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
@@ -13825,7 +13826,8 @@ static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, 
 }
 
 /* Widens a box of four-wide corners by another. */
-SBI_FORCE_INLINE void sbi_surface_box_join(float low[4], float high[4], const float other_low[4], const float other_high[4])
+SBI_FORCE_INLINE void sbi_surface_box_join(float low[4], float high[4], const float other_low[4],
+                                           const float other_high[4])
 {
     sbi_four_store(low, sbi_four_min(sbi_four_load(low), sbi_four_load(other_low)));
     sbi_four_store(high, sbi_four_max(sbi_four_load(high), sbi_four_load(other_high)));
@@ -14048,7 +14050,7 @@ static void sbi_surface_build_boxes(const sb_mesh *triangles, sbi_surface_build 
     }
 }
 
-/* ---- creation ---------------------------------------------------------------------------------------------------- */
+/* ---- creation ------------------------------------------------------------------------------------------------ */
 
 /* Sizes and, with arena->base, places of all arrays; leaves and tree counts are known. */
 static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
@@ -14176,7 +14178,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            s->pinched[v] =
+                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -14330,7 +14333,7 @@ SB_API void sb_surface_destroy(sb_surface *surface)
     sbi_free(&allocator, surface->block);
 }
 
-/* ---- what it is made of ----------------------------------------------------------------------------------------- */
+/* ---- what it is made of -------------------------------------------------------------------------------------- */
 
 SB_API int sb_surface_node_count(const sb_surface *surface) { return surface ? surface->node_count : 0; }
 SB_API int sb_surface_triangle_count(const sb_surface *surface) { return surface ? surface->triangle_count : 0; }
@@ -14357,7 +14360,7 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
 /* ==== src/softbody/surface_query.c ==== */
 /* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
 
-/* ---- the closest point of a triangle ----------------------------------------------------------------------------- */
+/* ---- the closest point of a triangle ------------------------------------------------------------------------- */
 
 /* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
 typedef struct sbi_surface_spot {
@@ -14470,7 +14473,7 @@ static sbi_surface_spot sbi_surface_spot_on(const sb_vec3 x[3], int shape, sb_ve
     return spot;
 }
 
-/* ---- closest point ----------------------------------------------------------------------------------------------- */
+/* ---- closest point ------------------------------------------------------------------------------------------- */
 
 /* A triangle that may be the closest, its place (4 leaf + number in it), and the square of its distance from there. */
 typedef struct sbi_surface_candidate {
@@ -14561,7 +14564,8 @@ SBI_FORCE_INLINE sbi_four sbi_surface_coin_squares(const sbi_surface_node *node,
     height = sbi_four_dot(d, normal);
     aside = sbi_four_sub(sbi_four_mul(all, sbi_four_of(1.0f - 1.0e-6f)), sbi_four_mul(height, height));
     aside = sbi_four_sub(sbi_four_sqrt(sbi_four_max(aside, zero)), sbi_four_load(node->coin[SBI_COIN_RADIUS]));
-    height = sbi_four_sub(sbi_four_max(height, sbi_four_sub(zero, height)), sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
+    height = sbi_four_max(height, sbi_four_sub(zero, height));
+    height = sbi_four_sub(height, sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
     aside = sbi_four_max(aside, zero);
     height = sbi_four_max(height, zero);
     return sbi_four_madd(sbi_four_mul(aside, aside), height, height);
@@ -14580,7 +14584,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_det(sbi_four a, sbi_four b, sbi_four c, sbi_f
     return sbi_four_sub(sbi_four_mul(a, b), sbi_four_mul(c, d));
 }
 
-/* Square of the distance in the plane of (x, y) to the segment from the origin to (ex, ey); inverse: 1 / its length^2. */
+/* Square of the distance of (x, y) to the segment from the origin to (ex, ey); inverse: 1 / its length^2. */
 SBI_FORCE_INLINE sbi_four sbi_surface_segment_square(sbi_four x, sbi_four y, sbi_four ex, sbi_four ey, sbi_four inverse)
 {
     sbi_four t = sbi_four_mul(sbi_four_madd(sbi_four_mul(x, ex), y, ey), inverse);
@@ -14818,7 +14822,7 @@ SB_API int sb_surface_closest(const sb_surface *surface, sb_vec3 point, sb_real 
     return sb_surface_closest_from(surface, point, max_distance, -1, hit);
 }
 
-/* ---- normals and signs --------------------------------------------------------------------------------------------- */
+/* ---- normals and signs --------------------------------------------------------------------------------------- */
 
 /* Pseudonormal at a place; its length says how much the faces there agree, 0 that it means nothing. */
 static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int feature, int index)
@@ -14926,7 +14930,7 @@ SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_
     return sbi_surface_distance(surface, point, 1, &triangle, hit);
 }
 
-/* ---- winding number ------------------------------------------------------------------------------------------------ */
+/* ---- winding number ------------------------------------------------------------------------------------------ */
 
 static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
 {
@@ -14969,8 +14973,8 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
 
 /* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
  * 9); near[k] > 0 where the child is closer than twice its radius. */
-static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3], float number[SBI_SURFACE_WIDTH],
-                                   float near[SBI_SURFACE_WIDTH])
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
+                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
 {
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -15048,7 +15052,7 @@ SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
     return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
 }
 
-/* ---- rays ---------------------------------------------------------------------------------------------------------- */
+/* ---- rays ---------------------------------------------------------------------------------------------------- */
 
 /* A ray in scaled coordinates. The tree is entered at `start` along the ray, near the surface, where float coordinates
  * are good. */
@@ -15290,7 +15294,7 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     return beam.count;
 }
 
-/* ---- batches ------------------------------------------------------------------------------------------------------- */
+/* ---- batches ------------------------------------------------------------------------------------------------- */
 
 typedef struct sbi_surface_batch {
     const sb_surface *surface;
@@ -15408,7 +15412,7 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
 /* ==== src/softbody/surface_check.c ==== */
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 
-/* ---- triangles that cross --------------------------------------------------------------------------------------- */
+/* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
 /* A triangle against the plane of another: signed distances of its corners times the plane's normal's length, 0 where
  * they are rounding or the corner is one of the other's. */
@@ -15570,7 +15574,7 @@ static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
     }
 }
 
-/* ---- the report --------------------------------------------------------------------------------------------------- */
+/* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
     SBI_FOUND_OPEN = 0,
@@ -15871,7 +15875,7 @@ SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_
     return SB_OK;
 }
 
-/* ---- repairs ------------------------------------------------------------------------------------------------------ */
+/* ---- repairs ------------------------------------------------------------------------------------------------- */
 
 SB_API sb_result sb_surface_triangulate(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *triangles,
                                         sb_error *error)

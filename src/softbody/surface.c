@@ -1,15 +1,15 @@
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
- * Nodes of the tree have four children; a leaf holds up to four triangles. Boxes and leaves are kept as float, four side
- * by side, so that compilers turn the loops over them into vector code. They only ever say "too far": they work in
- * local coordinates (centred, scaled by a power of two so that half the surface's size is in [1, 2)), and a slack covers
- * their rounding. What is left, a few triangles per query, is computed in sb_real from the nodes. So the answer is the
- * smallest of all triangles' own distances whatever the tree looks like, and its bits depend on nothing else.
+ * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
+ * for vector instructions, and only ever say "too far": they work in local coordinates (centred, scaled by a power of
+ * two so that half the surface's size is in [1, 2)), and a slack covers their rounding. What is left, a few triangles
+ * per query, is computed in sb_real from the corners. So the answer is the smallest of all triangles' own distances
+ * whatever the tree looks like, and its bits depend on nothing else.
  *
  * sb_real positions are scaled by the same power of two (which is exact): no square under- or overflows at any size. */
 #include "surface_tree.h"
 
-/* ---- refitting --------------------------------------------------------------------------------------------------- */
+/* ---- refitting ----------------------------------------------------------------------------------------------- */
 
 static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
 {
@@ -282,7 +282,8 @@ static void sbi_surface_refit_normal(sb_surface *s, int node)
         int triangle = s->fan[i] / 3, corner = s->fan[i] % 3;
         const int *nodes = s->corners[triangle];
         sb_vec3 x = s->nodes[node], n;
-        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x), b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
+        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x);
+        sb_vec3 b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
         sb_real area, angle;
         n = sb_v3_cross(a, b);
         area = sb_v3_norm(n);
@@ -386,7 +387,7 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
     return result;
 }
 
-/* ---- the shape of the tree ------------------------------------------------------------------------------------- */
+/* ---- the shape of the tree ----------------------------------------------------------------------------------- */
 
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
@@ -431,7 +432,8 @@ static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, 
 }
 
 /* Widens a box of four-wide corners by another. */
-SBI_FORCE_INLINE void sbi_surface_box_join(float low[4], float high[4], const float other_low[4], const float other_high[4])
+SBI_FORCE_INLINE void sbi_surface_box_join(float low[4], float high[4], const float other_low[4],
+                                           const float other_high[4])
 {
     sbi_four_store(low, sbi_four_min(sbi_four_load(low), sbi_four_load(other_low)));
     sbi_four_store(high, sbi_four_max(sbi_four_load(high), sbi_four_load(other_high)));
@@ -654,7 +656,7 @@ static void sbi_surface_build_boxes(const sb_mesh *triangles, sbi_surface_build 
     }
 }
 
-/* ---- creation ---------------------------------------------------------------------------------------------------- */
+/* ---- creation ------------------------------------------------------------------------------------------------ */
 
 /* Sizes and, with arena->base, places of all arrays; leaves and tree counts are known. */
 static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
@@ -782,7 +784,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            s->pinched[v] =
+                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -936,7 +939,7 @@ SB_API void sb_surface_destroy(sb_surface *surface)
     sbi_free(&allocator, surface->block);
 }
 
-/* ---- what it is made of ----------------------------------------------------------------------------------------- */
+/* ---- what it is made of -------------------------------------------------------------------------------------- */
 
 SB_API int sb_surface_node_count(const sb_surface *surface) { return surface ? surface->node_count : 0; }
 SB_API int sb_surface_triangle_count(const sb_surface *surface) { return surface ? surface->triangle_count : 0; }

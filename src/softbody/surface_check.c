@@ -1,7 +1,7 @@
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 #include "surface_tree.h"
 
-/* ---- triangles that cross --------------------------------------------------------------------------------------- */
+/* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
 /* A triangle against the plane of another: signed distances of its corners times the plane's normal's length, 0 where
  * they are rounding or the corner is one of the other's. */
@@ -163,7 +163,7 @@ static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
     }
 }
 
-/* ---- the report --------------------------------------------------------------------------------------------------- */
+/* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
     SBI_FOUND_OPEN = 0,
@@ -464,7 +464,7 @@ SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_
     return SB_OK;
 }
 
-/* ---- repairs ------------------------------------------------------------------------------------------------------ */
+/* ---- repairs ------------------------------------------------------------------------------------------------- */
 
 SB_API sb_result sb_surface_triangulate(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *triangles,
                                         sb_error *error)

@@ -1,7 +1,7 @@
 /* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
 #include "surface_tree.h"
 
-/* ---- the closest point of a triangle ----------------------------------------------------------------------------- */
+/* ---- the closest point of a triangle ------------------------------------------------------------------------- */
 
 /* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
 typedef struct sbi_surface_spot {
@@ -114,7 +114,7 @@ static sbi_surface_spot sbi_surface_spot_on(const sb_vec3 x[3], int shape, sb_ve
     return spot;
 }
 
-/* ---- closest point ----------------------------------------------------------------------------------------------- */
+/* ---- closest point ------------------------------------------------------------------------------------------- */
 
 /* A triangle that may be the closest, its place (4 leaf + number in it), and the square of its distance from there. */
 typedef struct sbi_surface_candidate {
@@ -205,7 +205,8 @@ SBI_FORCE_INLINE sbi_four sbi_surface_coin_squares(const sbi_surface_node *node,
     height = sbi_four_dot(d, normal);
     aside = sbi_four_sub(sbi_four_mul(all, sbi_four_of(1.0f - 1.0e-6f)), sbi_four_mul(height, height));
     aside = sbi_four_sub(sbi_four_sqrt(sbi_four_max(aside, zero)), sbi_four_load(node->coin[SBI_COIN_RADIUS]));
-    height = sbi_four_sub(sbi_four_max(height, sbi_four_sub(zero, height)), sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
+    height = sbi_four_max(height, sbi_four_sub(zero, height));
+    height = sbi_four_sub(height, sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
     aside = sbi_four_max(aside, zero);
     height = sbi_four_max(height, zero);
     return sbi_four_madd(sbi_four_mul(aside, aside), height, height);
@@ -224,7 +225,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_det(sbi_four a, sbi_four b, sbi_four c, sbi_f
     return sbi_four_sub(sbi_four_mul(a, b), sbi_four_mul(c, d));
 }
 
-/* Square of the distance in the plane of (x, y) to the segment from the origin to (ex, ey); inverse: 1 / its length^2. */
+/* Square of the distance of (x, y) to the segment from the origin to (ex, ey); inverse: 1 / its length^2. */
 SBI_FORCE_INLINE sbi_four sbi_surface_segment_square(sbi_four x, sbi_four y, sbi_four ex, sbi_four ey, sbi_four inverse)
 {
     sbi_four t = sbi_four_mul(sbi_four_madd(sbi_four_mul(x, ex), y, ey), inverse);
@@ -462,7 +463,7 @@ SB_API int sb_surface_closest(const sb_surface *surface, sb_vec3 point, sb_real 
     return sb_surface_closest_from(surface, point, max_distance, -1, hit);
 }
 
-/* ---- normals and signs --------------------------------------------------------------------------------------------- */
+/* ---- normals and signs --------------------------------------------------------------------------------------- */
 
 /* Pseudonormal at a place; its length says how much the faces there agree, 0 that it means nothing. */
 static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int feature, int index)
@@ -570,7 +571,7 @@ SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_
     return sbi_surface_distance(surface, point, 1, &triangle, hit);
 }
 
-/* ---- winding number ------------------------------------------------------------------------------------------------ */
+/* ---- winding number ------------------------------------------------------------------------------------------ */
 
 static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
 {
@@ -613,8 +614,8 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
 
 /* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
  * 9); near[k] > 0 where the child is closer than twice its radius. */
-static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3], float number[SBI_SURFACE_WIDTH],
-                                   float near[SBI_SURFACE_WIDTH])
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
+                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
 {
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -692,7 +693,7 @@ SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
     return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
 }
 
-/* ---- rays ---------------------------------------------------------------------------------------------------------- */
+/* ---- rays ---------------------------------------------------------------------------------------------------- */
 
 /* A ray in scaled coordinates. The tree is entered at `start` along the ray, near the surface, where float coordinates
  * are good. */
@@ -934,7 +935,7 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     return beam.count;
 }
 
-/* ---- batches ------------------------------------------------------------------------------------------------------- */
+/* ---- batches ------------------------------------------------------------------------------------------------- */
 
 typedef struct sbi_surface_batch {
     const sb_surface *surface;

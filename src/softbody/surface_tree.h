@@ -28,14 +28,14 @@ enum {
     SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
 };
 
-#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge: below it, float cannot tell well inside from outside */
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
 #define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
 #define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
-/* ---- four floats at a time ---------------------------------------------------------------------------------------- */
+/* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
 #if defined(__GNUC__)
 typedef float sbi_four __attribute__((vector_size(16)));
@@ -129,7 +129,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 }
 #endif
 
-/* ---- the tree ---------------------------------------------------------------------------------------------------- */
+/* ---- the tree ------------------------------------------------------------------------------------------------ */
 
 /* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
  * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
@@ -204,7 +204,7 @@ struct sb_surface {
     sb_real scale, inverse;
 };
 
-/* ---- triangles -------------------------------------------------------------------------------------------------- */
+/* ---- triangles ----------------------------------------------------------------------------------------------- */
 
 SB_INLINE void sbi_surface_corners(const sb_surface *s, int triangle, sb_vec3 x[3])
 {

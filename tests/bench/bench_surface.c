@@ -64,7 +64,8 @@ static void points_of(const char *kind, const sb_mesh *mesh, sb_vec3 *points)
         for (int k = 0; k < 3; k++)
             u[k] = uniform(&state);
         if (kind[0] == 'g')
-            u[0] = (i / GRID / GRID + 0.5) / GRID, u[1] = (i / GRID % GRID + 0.5) / GRID, u[2] = (i % GRID + 0.5) / GRID;
+            for (int k = 2, rest = i; k >= 0; k--, rest /= GRID)
+                u[k] = (rest % GRID + 0.5) / GRID;
         if (kind[0] == 'n') {
             x = mesh->nodes[(int)(uniform(&state) * mesh->node_count)];
             for (int k = 0; k < 3; k++)
@@ -80,10 +81,14 @@ static const char *ask(int which, const sb_surface *surface, const sb_vec3 *poin
                        sb_surface_hit *hits, double *sum)
 {
     static const char *names[] = {"closest", "signed_distance", "winding_number", "ray", "signed_distance_batch"};
-    sb_jobs jobs = sb_jobs_openmp();
+#if defined(SB_USE_OPENMP)
+    sb_jobs jobs = sb_jobs_openmp(), *use = &jobs;
+#else
+    sb_jobs *use = NULL;
+#endif
     *sum = 0;
     if (which == 4)
-        sb_surface_signed_distance_batch(surface, points, COUNT, numbers, hits, &jobs);
+        sb_surface_signed_distance_batch(surface, points, COUNT, numbers, hits, use);
     for (int i = 0; i < COUNT; i++) {
         if (which == 0)
             numbers[i] = sb_surface_closest(surface, points[i], SB_REAL_MAX, hits + i) ? hits[i].distance : 0;
