@@ -249,7 +249,8 @@ static void test_closest_is_the_least(void)
         sb_surface_hit hit, own;
         sb_real best = SB_REAL_MAX;
         if (i % 2) /* on a lattice that has ties galore */
-            p = sb_v3((sb_real)((int)(p.x * 6) / 6.0), (sb_real)((int)(p.y * 6) / 6.0), (sb_real)((int)(p.z * 6) / 6.0));
+            p = sb_v3((sb_real)((int)(p.x * 6) / 6.0), (sb_real)((int)(p.y * 6) / 6.0),
+                      (sb_real)((int)(p.z * 6) / 6.0));
         for (int t = 0; t < mesh.element_count; t++) {
             sb_surface_closest(single[t], p, SB_REAL_MAX, &own);
             best = sb_min(best, own.distance);
@@ -455,8 +456,10 @@ static void test_degenerate_triangles(void)
         sb_vec3 p = surface_point(&mesh, 0.5, &seed);
         double dx[3], out = 0, in = -1, distance = (double)sb_surface_signed_distance(surface, p, NULL);
         if (i % 4 == 0) /* straight over the diagonal */
-            p = sb_v3_madd(nodes[8], REAL(check_random_in(&seed, -0.4, 0.4)), sb_v3_sub(nodes[8], sb_v3(REAL(0.5), REAL(0.5), REAL(0.5))));
-        dx[0] = fabs((double)p.x - 0.5) - 0.5, dx[1] = fabs((double)p.y - 0.5) - 0.5, dx[2] = fabs((double)p.z - 0.5) - 0.5;
+            p = sb_v3_madd(nodes[8], REAL(check_random_in(&seed, -0.4, 0.4)),
+                           sb_v3_sub(nodes[8], sb_v3(REAL(0.5), REAL(0.5), REAL(0.5))));
+        dx[0] = fabs((double)p.x - 0.5) - 0.5, dx[1] = fabs((double)p.y - 0.5) - 0.5,
+        dx[2] = fabs((double)p.z - 0.5) - 0.5;
         for (int k = 0; k < 3; k++) {
             out += dx[k] > 0 ? dx[k] * dx[k] : 0;
             in = dx[k] > in ? dx[k] : in;
@@ -522,7 +525,8 @@ static void test_winding_number_of_overlap(void)
         other.nodes[v].x += REAL(0.5);
     CHECK_OK(sb_mesh_append(&mesh, &other, NULL));
     surface = surface_make(&mesh);
-    CHECK_NEAR(sb_surface_winding_number_exact(surface, sb_v3(REAL(0.75), REAL(0.4), REAL(0.6))), 2, 1e3 * (double)SB_EPSILON);
+    CHECK_NEAR(sb_surface_winding_number_exact(surface, sb_v3(REAL(0.75), REAL(0.4), REAL(0.6))), 2,
+               1e3 * (double)SB_EPSILON);
     CHECK_NEAR(sb_surface_winding_number(surface, sb_v3(REAL(0.75), REAL(0.4), REAL(0.6))), 2, 0.05);
     CHECK_NEAR(sb_surface_winding_number(surface, sb_v3(REAL(1.25), REAL(0.4), REAL(0.6))), 1, 0.05);
     CHECK_NEAR(sb_surface_winding_number(surface, sb_v3(50, 20, 30)), 0, 1e-4);
@@ -577,7 +581,8 @@ static void test_rays_brute_force(void)
         wrong += found != (best >= 0);
         if (found) {
             wrong += fabs((double)first.distance - best) > tolerance;
-            wrong += (double)sb_v3_norm(sb_v3_sub(first.point, sb_v3_madd(p, first.distance / REAL(length), d))) > tolerance;
+            wrong += (double)sb_v3_norm(sb_v3_sub(first.point, sb_v3_madd(p, first.distance / REAL(length), d))) >
+                     tolerance;
             wrong += sb_surface_ray(surface, p, d, first.distance * REAL(0.99), NULL);
         }
         wrong += sb_surface_ray_all(surface, p, d, SB_REAL_MAX, all, 64) != count;
@@ -601,7 +606,8 @@ static void test_rays_are_watertight(void)
         for (int i = 0; i < 3; i++) {
             sb_vec3 a = mesh.nodes[mesh.elements[3 * t + i]], b = mesh.nodes[mesh.elements[3 * t + (i + 1) % 3]];
             for (int k = 0; k < 4; k++)
-                missed += !sb_surface_ray(surface, sb_v3(0, 0, 0), sb_v3_madd(a, REAL(k) / 3, sb_v3_sub(b, a)), 10, NULL);
+                missed +=
+                    !sb_surface_ray(surface, sb_v3(0, 0, 0), sb_v3_madd(a, REAL(k) / 3, sb_v3_sub(b, a)), 10, NULL);
         }
     }
     for (int i = 0; i <= 16; i++) /* along axes, through nodes, edges and diagonals; the rim is edge-on to the sides */
@@ -724,7 +730,8 @@ static void test_batches(void)
             missed += !sb_surface_closest(surface, points[i], reach, single + i);
             different += memcmp(single + i, hits + i, sizeof *hits) != 0;
             d = sb_surface_signed_distance(surface, points[i], single + i);
-            different += memcmp(&d, distance + i, sizeof d) != 0 || memcmp(single + i, signed_hits + i, sizeof *hits) != 0;
+            different +=
+                memcmp(&d, distance + i, sizeof d) != 0 || memcmp(single + i, signed_hits + i, sizeof *hits) != 0;
             d = sb_surface_signed_distance_winding(surface, points[i], NULL);
             different += memcmp(&d, by_winding + i, sizeof d) != 0;
             d = sb_surface_winding_number(surface, points[i]);
@@ -762,7 +769,8 @@ static void test_points_beyond_reason(void)
     CHECK_INT(sb_surface_closest(surface, sb_v3(0, 0, 0), 0, &hit), 1);
     CHECK_INT(sb_surface_closest(NULL, sb_v3(0, 0, 0), 1, &hit), 0);
     CHECK_INT(hit.triangle, -1);
-    CHECK(sb_surface_winding_number(surface, nan_point) == 0 && sb_surface_winding_number_exact(surface, infinite) == 0);
+    CHECK(sb_surface_winding_number(surface, nan_point) == 0 &&
+          sb_surface_winding_number_exact(surface, infinite) == 0);
     CHECK_INT(sb_surface_inside(surface, nan_point), 0);
     CHECK_NEAR(sb_surface_signed_distance(surface, far, NULL), 99999, 1);
     far = sb_v3(SB_REAL_MAX / 4, 0, 0);
@@ -845,7 +853,8 @@ static void test_deep_tree(void)
     sb_surface *surface;
     for (int t = 0; t < COUNT; t++) {
         double x = pow(0.7, t % 60) * (1 + 1e-3 * (t / 60)), h = 0.1 * x;
-        nodes[3 * t] = sb_v3(REAL(x), 0, 0), nodes[3 * t + 1] = sb_v3(REAL(x + h), 0, 0), nodes[3 * t + 2] = sb_v3(REAL(x), REAL(h), 0);
+        nodes[3 * t] = sb_v3(REAL(x), 0, 0), nodes[3 * t + 1] = sb_v3(REAL(x + h), 0, 0),
+                  nodes[3 * t + 2] = sb_v3(REAL(x), REAL(h), 0);
         for (int i = 0; i < 3; i++)
             elements[3 * t + i] = 3 * t + i;
     }
@@ -874,7 +883,8 @@ static void test_other_faces(void)
         CHECK_INT(sb_surface_triangle_count(surface), mesh.element_count * per[k]);
         CHECK_INT(sb_surface_is_closed(surface), 1);
         CHECK_INT(sb_surface_triangle(surface, per[k] * 3 + 1, nodes), 3);
-        CHECK_NEAR(sb_surface_signed_distance(surface, sb_v3(REAL(0.3), REAL(0.4), REAL(0.9)), NULL), -0.1, 8 * (double)SB_EPSILON);
+        CHECK_NEAR(sb_surface_signed_distance(surface, sb_v3(REAL(0.3), REAL(0.4), REAL(0.9)), NULL), -0.1,
+                   8 * (double)SB_EPSILON);
         CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
         CHECK_INT(report.findings, 0);
         CHECK_NEAR(report.volume, 1, 100 * (double)SB_EPSILON);
@@ -1000,7 +1010,8 @@ static void test_check_crossings(void)
         sb_mesh mesh = surface_box(SB_TET4, 2, 1), other = surface_box(SB_TET4, 2, 1);
         sb_surface_report report;
         for (int v = 0; v < other.node_count; v++)
-            other.nodes[v] = sb_v3_add(other.nodes[v], sb_v3(REAL(cases[k].shift[0]), REAL(cases[k].shift[1]), REAL(cases[k].shift[2])));
+            other.nodes[v] = sb_v3_add(
+                other.nodes[v], sb_v3(REAL(cases[k].shift[0]), REAL(cases[k].shift[1]), REAL(cases[k].shift[2])));
         CHECK_OK(sb_mesh_append(&mesh, &other, NULL));
         CHECK_INT((surface_findings(&mesh, &report) & SB_SURFACE_SELF_CROSSING) != 0, cases[k].crosses);
         sb_mesh_free(&mesh);
@@ -1011,7 +1022,13 @@ static void test_check_crossings(void)
 /* Triangles that share a corner or an edge: crossing through each other, folded flat, and as neighbours should be. */
 static void test_check_crossing_neighbours(void)
 {
-    sb_vec3 nodes[7] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {1, REAL(0.2), -1}, {REAL(0.3), REAL(0.5), 2}, {REAL(0.2), REAL(0.2), 0}};
+    sb_vec3 nodes[7] = {{0, 0, 0},
+                        {1, 0, 0},
+                        {0, 1, 0},
+                        {1, 1, 0},
+                        {1, REAL(0.2), -1},
+                        {REAL(0.3), REAL(0.5), 2},
+                        {REAL(0.2), REAL(0.2), 0}};
     static const struct {
         int elements[6];
         int count;
@@ -1186,7 +1203,8 @@ static void test_repair_refuses(void)
 
 static void test_repair_bad_files(void)
 {
-    static const char *names[] = {"inside_out.obj", "mixed_orientation.obj", "degenerate_triangle.obj", "open_surface.obj"};
+    static const char *names[] = {"inside_out.obj", "mixed_orientation.obj", "degenerate_triangle.obj",
+                                  "open_surface.obj"};
     for (int k = 0; k < 4; k++) {
         sb_mesh mesh;
         sb_surface_report report;
@@ -1247,9 +1265,9 @@ static void test_memory_runs_out(void)
 }
 
 CHECK_SUITE(surface, {"closest point by brute force", test_closest_brute_force},
-            {"closest point at any scale", test_closest_scales}, {"closest point is the least", test_closest_is_the_least},
-            {"features", test_features}, {"cube", test_cube}, {"signs", test_signs},
-            {"signs of shared surfaces", test_signs_of_shared_surfaces},
+            {"closest point at any scale", test_closest_scales},
+            {"closest point is the least", test_closest_is_the_least}, {"features", test_features},
+            {"cube", test_cube}, {"signs", test_signs}, {"signs of shared surfaces", test_signs_of_shared_surfaces},
             {"degenerate triangles", test_degenerate_triangles}, {"slivers", test_slivers},
             {"winding number of an open box", test_winding_number_of_open_box},
             {"winding number of an overlap", test_winding_number_of_overlap},

@@ -1,15 +1,15 @@
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
- * Nodes of the tree have four children; a leaf holds up to four triangles. Boxes and leaves are kept as float, four side
- * by side, so that compilers turn the loops over them into vector code. They only ever say "too far": they work in
- * local coordinates (centred, scaled by a power of two so that half the surface's size is in [1, 2)), and a slack covers
- * their rounding. What is left, a few triangles per query, is computed in sb_real from the nodes. So the answer is the
- * smallest of all triangles' own distances whatever the tree looks like, and its bits depend on nothing else.
+ * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
+ * for vector instructions, and only ever say "too far": they work in local coordinates (centred, scaled by a power of
+ * two so that half the surface's size is in [1, 2)), and a slack covers their rounding. What is left, a few triangles
+ * per query, is computed in sb_real from the corners. So the answer is the smallest of all triangles' own distances
+ * whatever the tree looks like, and its bits depend on nothing else.
  *
  * sb_real positions are scaled by the same power of two (which is exact): no square under- or overflows at any size. */
 #include "surface_tree.h"
 
-/* ---- refitting --------------------------------------------------------------------------------------------------- */
+/* ---- refitting ----------------------------------------------------------------------------------------------- */
 
 static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
 {
@@ -18,13 +18,10 @@ static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
     f[2][lane] = (float)v.z;
 }
 
-/* Direction and length of the edge (x, y) in a triangle's plane. */
-static void sbi_surface_put_edge(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_real x, sb_real y)
+static float sbi_surface_inverse_square(sb_real x, sb_real y)
 {
-    sb_real length = sb_sqrt(x * x + y * y);
-    f[0][lane] = length > 0 ? (float)(x / length) : 1.0f;
-    f[1][lane] = length > 0 ? (float)(y / length) : 0.0f;
-    f[2][lane] = (float)length;
+    float square = (float)(x * x + y * y);
+    return square > 1.0e-35f ? 1.0f / square : 0.0f;
 }
 
 /* Writes a triangle (scaled corners) into a leaf. The frame is orthonormal also for flat triangles, whose height is
@@ -48,10 +45,11 @@ static void sbi_surface_leaf_set(const sb_surface *s, sbi_surface_leaf *leaf, in
     sbi_surface_put(leaf->f + SBI_LEAF_ORIGIN, lane, sb_v3_sub(a, s->centre));
     sbi_surface_put(leaf->f + SBI_LEAF_ALONG, lane, ex);
     sbi_surface_put(leaf->f + SBI_LEAF_ACROSS, lane, ey);
-    sbi_surface_put(leaf->f + SBI_LEAF_NORMAL, lane, sb_v3_cross(ex, ey));
     leaf->f[SBI_LEAF_AB][lane] = (float)length;
-    sbi_surface_put_edge(leaf->f + SBI_LEAF_AC, lane, along, height);
-    sbi_surface_put_edge(leaf->f + SBI_LEAF_BC, lane, along - length, height);
+    leaf->f[SBI_LEAF_C][lane] = (float)along;
+    leaf->f[SBI_LEAF_C + 1][lane] = (float)height;
+    leaf->f[SBI_LEAF_AC][lane] = sbi_surface_inverse_square(along, height);
+    leaf->f[SBI_LEAF_BC][lane] = sbi_surface_inverse_square(along - length, height);
 }
 
 static void sbi_surface_box_add(float low[3], float high[3], const float other_low[3], const float other_high[3])
@@ -136,6 +134,57 @@ static void sbi_surface_field_load(const sbi_surface_cluster *cluster, int lane,
         field->moment[k] = (sb_real)f[SBI_CLUSTER_MOMENT + k][lane];
 }
 
+/* A coin in the making, in local coordinates. */
+typedef struct sbi_surface_coin {
+    sb_vec3 centre, normal;
+    sb_real radius, thickness;
+} sbi_surface_coin;
+
+static sb_vec3 sbi_surface_rounded(sb_vec3 v)
+{
+    return sb_v3((sb_real)(float)v.x, (sb_real)(float)v.y, (sb_real)(float)v.z);
+}
+
+/* An empty coin in the middle of a far field, as float holds it. */
+static void sbi_surface_coin_begin(const sbi_surface_field *field, sbi_surface_coin *coin)
+{
+    sb_real length = sb_v3_norm(field->dipole);
+    coin->centre = sbi_surface_rounded(field->centre);
+    coin->normal = length > SB_EPSILON * field->area && length > 0 ? sb_v3_scale((sb_real)1 / length, field->dipole)
+                                                                   : sb_v3(0, 0, 1);
+    coin->normal = sbi_surface_rounded(coin->normal);
+    coin->radius = coin->thickness = 0;
+}
+
+/* Widens the coin by another; one without radius and thickness is a point. */
+static void sbi_surface_coin_add(sbi_surface_coin *coin, const sbi_surface_coin *other)
+{
+    sb_vec3 d = sb_v3_sub(other->centre, coin->centre);
+    sb_real height = sb_v3_dot(d, coin->normal), tilt = sb_abs(sb_v3_dot(coin->normal, other->normal));
+    sb_real sine = sb_v3_norm(sb_v3_cross(coin->normal, other->normal));
+    sb_real aside = sb_v3_norm(sb_v3_madd(d, -height, coin->normal));
+    height = sb_abs(height) + tilt * other->thickness + sine * other->radius;
+    coin->radius = sb_max(coin->radius, aside + other->radius + sine * other->thickness);
+    coin->thickness = sb_max(coin->thickness, height);
+}
+
+static void sbi_surface_coin_store(const sbi_surface_coin *coin, sbi_surface_node *node, int lane)
+{
+    sbi_surface_put(node->coin + SBI_COIN_CENTRE, lane, coin->centre);
+    sbi_surface_put(node->coin + SBI_COIN_NORMAL, lane, coin->normal);
+    node->coin[SBI_COIN_RADIUS][lane] = (float)coin->radius + SBI_SURFACE_PAD;
+    node->coin[SBI_COIN_THICKNESS][lane] = (float)coin->thickness + SBI_SURFACE_PAD;
+}
+
+static void sbi_surface_coin_load(const sbi_surface_node *node, int lane, sbi_surface_coin *coin)
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = node->coin;
+    coin->centre = sb_v3((sb_real)f[0][lane], (sb_real)f[1][lane], (sb_real)f[2][lane]);
+    coin->normal = sb_v3((sb_real)f[3][lane], (sb_real)f[4][lane], (sb_real)f[5][lane]);
+    coin->radius = (sb_real)f[SBI_COIN_RADIUS][lane];
+    coin->thickness = (sb_real)f[SBI_COIN_THICKNESS][lane];
+}
+
 static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const float low[3], const float high[3])
 {
     for (int axis = 0; axis < 3; axis++) {
@@ -144,11 +193,27 @@ static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const fl
     }
 }
 
-/* Recomputes a leaf from the nodes, and its box and far field in its parent. */
+/* The coin around the triangles of a leaf. */
+static void sbi_surface_coin_of_leaf(const sb_surface *s, int index, const sbi_surface_field *field,
+                                     sbi_surface_coin *coin)
+{
+    sbi_surface_coin point;
+    sbi_surface_coin_begin(field, coin);
+    point = *coin;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) { /* places without a triangle hold copies */
+        for (int i = 0; i < 3; i++) {
+            point.centre = sb_v3_sub(s->exact[SBI_SURFACE_WIDTH * index + k][i], s->centre);
+            sbi_surface_coin_add(coin, &point);
+        }
+    }
+}
+
+/* Recomputes a leaf from the nodes, and its box, coin and far field in its parent. */
 static void sbi_surface_refit_leaf(sb_surface *s, int index)
 {
     sbi_surface_leaf *leaf = s->leaf + index;
     sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    sbi_surface_coin coin;
     float low[3], high[3], box_low[3], box_high[3];
     int parent = s->leaf_slot[index] / SBI_SURFACE_WIDTH, lane = s->leaf_slot[index] % SBI_SURFACE_WIDTH, count = 0;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -157,6 +222,7 @@ static void sbi_surface_refit_leaf(sb_surface *s, int index)
         sb_real slimness;
         sbi_surface_corners(s, triangle, x);
         sbi_surface_leaf_set(s, leaf, k, x);
+        memcpy(s->exact[SBI_SURFACE_WIDTH * index + k], x, sizeof x);
         if (leaf->triangle[k] == SBI_SURFACE_NO_TRIANGLE)
             continue;
         slimness = sbi_surface_slimness(x);
@@ -171,13 +237,16 @@ static void sbi_surface_refit_leaf(sb_surface *s, int index)
     sbi_surface_set_child_box(s->tree + parent, lane, box_low, box_high);
     sbi_surface_field_join(part, count, &field);
     sbi_surface_field_store(&field, s->cluster + parent, lane);
+    sbi_surface_coin_of_leaf(s, index, &field, &coin);
+    sbi_surface_coin_store(&coin, s->tree + parent, lane);
 }
 
-/* Passes the boxes and far fields of a node's children on to its own parent. */
+/* Passes the boxes, coins and far fields of a node's children on to its own parent. */
 static void sbi_surface_refit_node(sb_surface *s, int index)
 {
     const sbi_surface_node *node = s->tree + index;
     sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    sbi_surface_coin coin, other;
     float low[3], high[3];
     int parent = node->slot / SBI_SURFACE_WIDTH, lane = node->slot % SBI_SURFACE_WIDTH;
     int count = sbi_surface_child_count(node);
@@ -194,6 +263,12 @@ static void sbi_surface_refit_node(sb_surface *s, int index)
     sbi_surface_set_child_box(s->tree + parent, lane, low, high);
     sbi_surface_field_join(part, count, &field);
     sbi_surface_field_store(&field, s->cluster + parent, lane);
+    sbi_surface_coin_begin(&field, &coin);
+    for (int k = 0; k < count; k++) {
+        sbi_surface_coin_load(node, k, &other);
+        sbi_surface_coin_add(&coin, &other);
+    }
+    sbi_surface_coin_store(&coin, s->tree + parent, lane);
 }
 
 /* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how
@@ -207,7 +282,8 @@ static void sbi_surface_refit_normal(sb_surface *s, int node)
         int triangle = s->fan[i] / 3, corner = s->fan[i] % 3;
         const int *nodes = s->corners[triangle];
         sb_vec3 x = s->nodes[node], n;
-        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x), b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
+        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x);
+        sb_vec3 b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
         sb_real area, angle;
         n = sb_v3_cross(a, b);
         area = sb_v3_norm(n);
@@ -311,12 +387,12 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
     return result;
 }
 
-/* ---- the shape of the tree ------------------------------------------------------------------------------------- */
+/* ---- the shape of the tree ----------------------------------------------------------------------------------- */
 
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
     int count;
-    float (*box)[6];  /* [count] low and high, in any units */
+    float (*box)[8];  /* [count] low and high, four each for the width of a load, in any units */
     int *order;       /* [count] */
     int (*child)[SBI_SURFACE_WIDTH]; /* [count] nodes: child node, ~leaf or INT_MAX: none */
     int *slot;        /* [count] of each node in its parent */
@@ -325,7 +401,7 @@ typedef struct sbi_surface_build {
 } sbi_surface_build;
 
 typedef struct sbi_surface_bins {
-    float low[SBI_SURFACE_BINS][3], high[SBI_SURFACE_BINS][3];
+    float low[SBI_SURFACE_BINS][4], high[SBI_SURFACE_BINS][4];
     int count[SBI_SURFACE_BINS];
 } sbi_surface_bins;
 
@@ -338,21 +414,29 @@ static float sbi_surface_half_area(const float low[3], const float high[3])
 /* Twice the centre of a triangle's box along an axis. */
 static float sbi_surface_middle(const sbi_surface_build *b, int triangle, int axis)
 {
-    return b->box[triangle][axis] + b->box[triangle][axis + 3];
+    return b->box[triangle][axis] + b->box[triangle][axis + 4];
 }
 
 /* Box of the middles of a range. */
-static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, float low[3], float high[3])
+static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, float low[4], float high[4])
 {
+    sbi_four least = sbi_four_of(SBI_SURFACE_NOWHERE), most = sbi_four_of(-SBI_SURFACE_NOWHERE);
     for (int i = begin; i < end; i++) {
-        for (int axis = 0; axis < 3; axis++) {
-            float m = sbi_surface_middle(b, b->order[i], axis);
-            if (i == begin || m < low[axis])
-                low[axis] = m;
-            if (i == begin || m > high[axis])
-                high[axis] = m;
-        }
+        const float *box = b->box[b->order[i]];
+        sbi_four middle = sbi_four_sub(sbi_four_load(box), sbi_four_sub(sbi_four_of(0.0f), sbi_four_load(box + 4)));
+        least = sbi_four_min(least, middle);
+        most = sbi_four_max(most, middle);
     }
+    sbi_four_store(low, least);
+    sbi_four_store(high, most);
+}
+
+/* Widens a box of four-wide corners by another. */
+SBI_FORCE_INLINE void sbi_surface_box_join(float low[4], float high[4], const float other_low[4],
+                                           const float other_high[4])
+{
+    sbi_four_store(low, sbi_four_min(sbi_four_load(low), sbi_four_load(other_low)));
+    sbi_four_store(high, sbi_four_max(sbi_four_load(high), sbi_four_load(other_high)));
 }
 
 static int sbi_surface_bin(float middle, float low, float per_unit)
@@ -365,16 +449,16 @@ static void sbi_surface_fill_bins(const sbi_surface_build *b, int begin, int end
 {
     for (int k = 0; k < SBI_SURFACE_BINS; k++) {
         bins->count[k] = 0;
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < 4; i++) {
             bins->low[k][i] = SBI_SURFACE_NOWHERE;
             bins->high[k][i] = -SBI_SURFACE_NOWHERE;
         }
     }
     for (int i = begin; i < end; i++) {
         const float *box = b->box[b->order[i]];
-        int k = sbi_surface_bin(box[axis] + box[axis + 3], low, per_unit);
+        int k = sbi_surface_bin(box[axis] + box[axis + 4], low, per_unit);
         bins->count[k]++;
-        sbi_surface_box_add(bins->low[k], bins->high[k], box, box + 3);
+        sbi_surface_box_join(bins->low[k], bins->high[k], box, box + 4);
     }
 }
 
@@ -385,12 +469,12 @@ static float sbi_surface_leaves(int count) { return (float)((count + SBI_SURFACE
  * number when the bins cannot be cut. */
 static float sbi_surface_best_cut(const sbi_surface_bins *bins, int count, int *cut)
 {
-    float right[SBI_SURFACE_BINS], low[3], high[3], best = -1.0f;
+    float right[SBI_SURFACE_BINS], low[4], high[4], best = -1.0f;
     int left = 0;
     memcpy(low, bins->low[SBI_SURFACE_BINS - 1], sizeof low);
     memcpy(high, bins->high[SBI_SURFACE_BINS - 1], sizeof high);
     for (int k = SBI_SURFACE_BINS - 1; k > 0; k--) {
-        sbi_surface_box_add(low, high, bins->low[k], bins->high[k]);
+        sbi_surface_box_join(low, high, bins->low[k], bins->high[k]);
         right[k] = sbi_surface_half_area(low, high);
     }
     memcpy(low, bins->low[0], sizeof low);
@@ -398,7 +482,7 @@ static float sbi_surface_best_cut(const sbi_surface_bins *bins, int count, int *
     for (int k = 0; k + 1 < SBI_SURFACE_BINS; k++) {
         float cost;
         left += bins->count[k];
-        sbi_surface_box_add(low, high, bins->low[k], bins->high[k]);
+        sbi_surface_box_join(low, high, bins->low[k], bins->high[k]);
         if (left == 0 || left == count)
             continue;
         cost = sbi_surface_half_area(low, high) * sbi_surface_leaves(left) +
@@ -428,17 +512,21 @@ static int sbi_surface_partition(sbi_surface_build *b, int begin, int end, int a
 /* Cuts a range of two triangles or more in two; returns where the second begins. */
 static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth)
 {
-    float low[3], high[3], best = -1.0f, best_per_unit = 0.0f;
+    float low[4], high[4], best = -1.0f, best_per_unit = 0.0f, longest = 0.0f;
     int best_axis = 0, best_cut = 0;
     sbi_surface_bins bins;
     if (depth > SBI_SURFACE_DEEP)
         return begin + (end - begin) / 2;
     sbi_surface_middles(b, begin, end, low, high);
+    for (int axis = 0; axis < 3; axis++)
+        longest = high[axis] - low[axis] > longest ? high[axis] - low[axis] : longest;
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
         per_unit = (float)SBI_SURFACE_BINS / size;
         if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
+            continue;
+        if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
         cost = sbi_surface_best_cut(&bins, end - begin, &cut);
@@ -521,7 +609,7 @@ static int sbi_surface_build_allocate(const sb_allocator *allocator, int count, 
     size_t n = (size_t)count;
     memset(b, 0, sizeof *b);
     b->count = count;
-    b->box = (float(*)[6])sbi_alloc(allocator, n, sizeof *b->box);
+    b->box = (float(*)[8])sbi_alloc(allocator, n, sizeof *b->box);
     b->order = (int *)sbi_alloc(allocator, n, sizeof(int));
     b->child = (int(*)[SBI_SURFACE_WIDTH])sbi_alloc(allocator, n, sizeof *b->child);
     b->slot = (int *)sbi_alloc(allocator, n, sizeof(int));
@@ -554,20 +642,21 @@ static void sbi_surface_build_boxes(const sb_mesh *triangles, sbi_surface_build 
     for (int t = 0; t < b->count; t++) {
         const int *nodes = triangles->elements + 3 * (size_t)t;
         float *box = b->box[t];
+        box[3] = box[7] = 0.0f;
         for (int i = 0; i < 3; i++) {
             sb_vec3 x = sb_v3_scale(scale, sb_v3_sub(triangles->nodes[nodes[i]], low));
             float p[3];
             p[0] = (float)x.x, p[1] = (float)x.y, p[2] = (float)x.z;
             for (int axis = 0; axis < 3; axis++) {
                 box[axis] = i == 0 || p[axis] < box[axis] ? p[axis] : box[axis];
-                box[axis + 3] = i == 0 || p[axis] > box[axis + 3] ? p[axis] : box[axis + 3];
+                box[axis + 4] = i == 0 || p[axis] > box[axis + 4] ? p[axis] : box[axis + 4];
             }
         }
         b->order[t] = t;
     }
 }
 
-/* ---- creation ---------------------------------------------------------------------------------------------------- */
+/* ---- creation ------------------------------------------------------------------------------------------------ */
 
 /* Sizes and, with arena->base, places of all arrays; leaves and tree counts are known. */
 static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
@@ -578,6 +667,7 @@ static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
     made.tree = (sbi_surface_node *)sbi_arena_take(arena, tree, sizeof *made.tree);
     made.cluster = (sbi_surface_cluster *)sbi_arena_take(arena, tree, sizeof *made.cluster);
     made.leaf = (sbi_surface_leaf *)sbi_arena_take(arena, leaves, sizeof *made.leaf);
+    made.exact = (sb_vec3(*)[3])sbi_arena_take(arena, SBI_SURFACE_WIDTH * leaves, sizeof *made.exact);
     made.leaf_slot = (int *)sbi_arena_take(arena, leaves, sizeof(int));
     made.nodes = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     made.normal = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
@@ -694,7 +784,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            s->pinched[v] =
+                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -741,11 +832,12 @@ static sb_surface *sbi_surface_make(const sbi_surface_cut *cut, const sbi_surfac
     size.leaf_count = b->leaf_count;
     memset(&arena, 0, sizeof arena);
     sbi_surface_layout(&size, &arena);
-    size.bytes = arena.used;
-    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
-    arena.used = 0;
-    if (!arena.base)
+    size.bytes = arena.used + SBI_SURFACE_LINE;
+    size.block = arena.overflow ? NULL : sbi_alloc(allocator, size.bytes, 1);
+    if (!size.block)
         return NULL;
+    arena.base = (unsigned char *)size.block + (SBI_SURFACE_LINE - (uintptr_t)size.block % SBI_SURFACE_LINE);
+    arena.used = 0;
     s = sbi_surface_layout(&size, &arena);
     memcpy(s->corners, cut->corners, sizeof *s->corners * (size_t)s->triangle_count);
     memcpy(s->element, cut->element, sizeof(int) * (size_t)s->triangle_count);
@@ -844,10 +936,10 @@ SB_API void sb_surface_destroy(sb_surface *surface)
     if (!surface)
         return;
     allocator = surface->allocator;
-    sbi_free(&allocator, surface);
+    sbi_free(&allocator, surface->block);
 }
 
-/* ---- what it is made of ----------------------------------------------------------------------------------------- */
+/* ---- what it is made of -------------------------------------------------------------------------------------- */
 
 SB_API int sb_surface_node_count(const sb_surface *surface) { return surface ? surface->node_count : 0; }
 SB_API int sb_surface_triangle_count(const sb_surface *surface) { return surface ? surface->triangle_count : 0; }

@@ -24,25 +24,25 @@ typedef enum sb_surface_feature {
     SB_SURFACE_VERTEX = 2 /* corner i */
 } sb_surface_feature;
 
-/* What a query found. Without a find (result 0) triangle and element are -1, the distance is infinite and the rest 0. */
+/* What a query found. For a query that finds nothing, triangle and element are -1, distance is infinite, the rest 0. */
 typedef struct sb_surface_hit {
     int triangle;               /* in [0, sb_surface_triangle_count) */
     int element;                /* of the mesh: the triangle's, or the face that was cut into triangles */
     sb_surface_feature feature; /* which kind of place on the triangle, and with `index` which of them */
     int index;                  /* edge or corner, 0 for a face */
     sb_vec3 point;              /* m, on the surface */
-    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding, sum 1: point = sum weight_i corner_i */
+    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding; point = sum weight_i corner_i */
     sb_real distance;           /* m; rays: from the origin along the ray. Signed distance queries: with its sign */
 } sb_surface_hit;
 
-/* ---- life ------------------------------------------------------------------------------------------------------ */
+/* ---- life ---------------------------------------------------------------------------------------------------- */
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
  * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
- * memory from `allocator` (NULL: malloc) for everything, plus scratch that goes back; about 60 ms for 100,000
- * triangles. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take sb_mesh_boundary), _MESH (empty, or too many
- * triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
+ * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
+ * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
+ * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
                                    sb_error *error);
 SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
@@ -53,7 +53,7 @@ SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
  * surface, to the bit. Allocates nothing. SB_ERROR_ARGUMENT or _NOT_FINITE (error->node): nothing has changed. */
 SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, const sb_jobs *jobs, sb_error *error);
 
-/* ---- what it is made of (0 or {0} for NULL) -------------------------------------------------------------------- */
+/* ---- what it is made of (0 or {0} for NULL) ------------------------------------------------------------------ */
 
 SB_API int sb_surface_node_count(const sb_surface *surface); /* nodes of the mesh, also those of no triangle */
 SB_API int sb_surface_triangle_count(const sb_surface *surface);
@@ -130,7 +130,7 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
                                     const sb_jobs *jobs);
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* ---- internal: surface.c lends the cutting of faces to the checks --------------------------------------------------- */
+/* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
 
 /* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
  * sbi_surface_cut_free; it borrows the nodes. */
@@ -176,7 +176,7 @@ typedef struct sb_surface_place {
 
 typedef struct sb_surface_report {
     int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
-    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last counts the parts beyond the first */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
     int parts;                                     /* parts that share no node */
     sb_real volume;                                /* m^3 enclosed; meaningful when closed */
     sb_real area;                                  /* m^2 */
@@ -195,7 +195,7 @@ SB_API const char *sb_surface_check_string(int finding);
 SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_allocator *allocator,
                                     sb_surface_report *report, sb_error *error);
 
-/* ---- repairs, on request only ----------------------------------------------------------------------------------- */
+/* ---- repairs, on request only -------------------------------------------------------------------------------- */
 
 /* The mesh of flat triangles between the nodes of a surface's faces; regions and nodes are kept. Fails as
  * sb_surface_create; the output is overwritten, not freed. */

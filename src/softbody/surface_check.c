@@ -1,7 +1,7 @@
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 #include "surface_tree.h"
 
-/* ---- triangles that cross --------------------------------------------------------------------------------------- */
+/* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
 /* A triangle against the plane of another: signed distances of its corners times the plane's normal's length, 0 where
  * they are rounding or the corner is one of the other's. */
@@ -163,7 +163,7 @@ static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
     }
 }
 
-/* ---- the report --------------------------------------------------------------------------------------------------- */
+/* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
     SBI_FOUND_OPEN = 0,
@@ -329,9 +329,12 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
 static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
 {
     sbi_surface_angle angle = sbi_surface_angle_zero();
-    for (int t = 0; t < s->triangle_count; t++)
-        if (part[s->element[t]] != own)
-            sbi_surface_angle_of(s, t, eye, &angle);
+    for (int t = 0; t < s->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(s, t, x);
+        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
     return (sb_real)sbi_surface_angle_turns(&angle);
 }
 
@@ -461,7 +464,7 @@ SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_
     return SB_OK;
 }
 
-/* ---- repairs ------------------------------------------------------------------------------------------------------ */
+/* ---- repairs ------------------------------------------------------------------------------------------------- */
 
 SB_API sb_result sb_surface_triangulate(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *triangles,
                                         sb_error *error)

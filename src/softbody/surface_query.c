@@ -1,88 +1,7 @@
 /* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
 #include "surface_tree.h"
 
-/* ---- four floats at a time ---------------------------------------------------------------------------------------- */
-
-#if defined(__GNUC__)
-typedef float sbi_four __attribute__((vector_size(16)));
-typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
-SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
-{
-    sbi_four r = {x, x, x, x};
-    return r;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
-{
-    sbi_four r;
-    memcpy(&r, x, sizeof r);
-    return r;
-}
-SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
-SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
-SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
-SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
-#if defined(__SSE__)
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
-#else
-SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_four b)
-{
-    return (sbi_four)((mask & (sbi_four_mask)a) | (~mask & (sbi_four_mask)b));
-}
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
-#endif
-#else
-typedef struct sbi_four {
-    float v[4];
-} sbi_four;
-SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
-{
-    sbi_four r;
-    for (int k = 0; k < 4; k++)
-        r.v[k] = x;
-    return r;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
-{
-    sbi_four r;
-    memcpy(&r, x, sizeof r);
-    return r;
-}
-SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
-SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] -= b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] *= b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] += s.v[k] * b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = a.v[k] > b.v[k] ? a.v[k] : b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
-    return a;
-}
-#endif
-
-/* ---- the closest point of a triangle ----------------------------------------------------------------------------- */
+/* ---- the closest point of a triangle ------------------------------------------------------------------------- */
 
 /* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
 typedef struct sbi_surface_spot {
@@ -182,14 +101,12 @@ static sbi_surface_spot sbi_surface_spot_thin(sb_vec3 p, sb_vec3 ab, sb_vec3 ac,
     return best;
 }
 
-static sbi_surface_spot sbi_surface_spot_on(const sb_surface *s, int triangle, sb_vec3 point)
+static sbi_surface_spot sbi_surface_spot_on(const sb_vec3 x[3], int shape, sb_vec3 point)
 {
-    const int *nodes = s->corners[triangle];
-    sb_vec3 a = s->nodes[nodes[0]], ab = sb_v3_sub(s->nodes[nodes[1]], a), ac = sb_v3_sub(s->nodes[nodes[2]], a);
-    sb_vec3 p = sb_v3_sub(point, a);
+    sb_vec3 ab = sb_v3_sub(x[1], x[0]), ac = sb_v3_sub(x[2], x[0]), p = sb_v3_sub(point, x[0]);
     sbi_surface_spot spot;
-    if (s->shape[triangle] != SBI_SURFACE_SOUND)
-        return sbi_surface_spot_thin(p, ab, ac, s->shape[triangle] == SBI_SURFACE_FLAT);
+    if (shape != SBI_SURFACE_SOUND)
+        return sbi_surface_spot_thin(p, ab, ac, shape == SBI_SURFACE_FLAT);
     spot = sbi_surface_spot_sound(p, ab, ac);
     if (spot.feature == SB_SURFACE_FACE && sbi_surface_spot_is_outside(&spot))
         return sbi_surface_spot_thin(p, ab, ac, 0);
@@ -197,12 +114,12 @@ static sbi_surface_spot sbi_surface_spot_on(const sb_surface *s, int triangle, s
     return spot;
 }
 
-/* ---- closest point ----------------------------------------------------------------------------------------------- */
+/* ---- closest point ------------------------------------------------------------------------------------------- */
 
-/* A triangle that may be the closest, with the square of its distance as a leaf has it. */
+/* A triangle that may be the closest, its place (4 leaf + number in it), and the square of its distance from there. */
 typedef struct sbi_surface_candidate {
     float square;
-    int triangle;
+    int triangle, place;
 } sbi_surface_candidate;
 
 /* The state of a search: everything scaled. Distances from leaves are good to `slack`, so they narrow the search down,
@@ -228,9 +145,9 @@ static void sbi_surface_narrow(sbi_surface_search *q, sb_real distance)
 }
 
 /* Computes the triangle and keeps it when it is nearer, or as near with a lower number. */
-static void sbi_surface_try(const sb_surface *s, sbi_surface_search *q, int triangle)
+static void sbi_surface_try(sbi_surface_search *q, int triangle, const sb_vec3 x[3], int shape)
 {
-    sbi_surface_spot spot = sbi_surface_spot_on(s, triangle, q->point);
+    sbi_surface_spot spot = sbi_surface_spot_on(x, shape, q->point);
     if (spot.square > q->best.square || !(spot.square >= 0) ||
         (spot.square == q->best.square && q->triangle >= 0 && q->triangle <= triangle))
         return;
@@ -239,12 +156,19 @@ static void sbi_surface_try(const sb_surface *s, sbi_surface_search *q, int tria
     sbi_surface_narrow(q, sb_sqrt(spot.square));
 }
 
-/* Computes the candidates that may still win. */
+static void sbi_surface_try_number(const sb_surface *s, sbi_surface_search *q, int triangle)
+{
+    sb_vec3 x[3];
+    sbi_surface_corners(s, triangle, x);
+    sbi_surface_try(q, triangle, x, s->shape[triangle]);
+}
+
+/* Computes the candidates that may still win; they are no slivers, so they are sound. */
 static void sbi_surface_try_kept(const sb_surface *s, sbi_surface_search *q)
 {
     for (int i = 0; i < q->kept; i++)
         if (q->candidate[i].square <= q->limit)
-            sbi_surface_try(s, q, q->candidate[i].triangle);
+            sbi_surface_try(q, q->candidate[i].triangle, s->exact[q->candidate[i].place], SBI_SURFACE_SOUND);
     q->kept = 0;
 }
 
@@ -262,49 +186,85 @@ SBI_FORCE_INLINE sbi_four sbi_surface_box_squares(const sbi_surface_node *node, 
     return square;
 }
 
-/* Dot product of a vector with the one in rows i, i + 1 and i + 2 of the leaf. */
-SBI_FORCE_INLINE sbi_four sbi_surface_leaf_dot(const sbi_surface_leaf *leaf, int i, const sbi_four d[3])
+SBI_FORCE_INLINE sbi_four sbi_four_dot(const sbi_four a[3], const sbi_four b[3])
 {
-    sbi_four sum = sbi_four_mul(d[0], sbi_four_load(leaf->f[i]));
-    sum = sbi_four_madd(sum, d[1], sbi_four_load(leaf->f[i + 1]));
-    return sbi_four_madd(sum, d[2], sbi_four_load(leaf->f[i + 2]));
+    return sbi_four_madd(sbi_four_madd(sbi_four_mul(a[0], b[0]), a[1], b[1]), a[2], b[2]);
 }
 
-/* Square of the distance to a segment, for a point `along` and `across` it. */
-SBI_FORCE_INLINE sbi_four sbi_surface_segment_square(sbi_four along, sbi_four across, sbi_four length)
+/* Squares of the distances to the four coins of a node. The square of the way aside is a difference: its rounding is
+ * taken off. */
+SBI_FORCE_INLINE sbi_four sbi_surface_coin_squares(const sbi_surface_node *node, const float p[3])
 {
-    sbi_four off = sbi_four_sub(along, sbi_four_max(sbi_four_min(along, length), sbi_four_of(0.0f)));
-    return sbi_four_madd(sbi_four_mul(across, across), off, off);
+    sbi_four d[3], normal[3], all, height, aside;
+    const sbi_four zero = sbi_four_of(0.0f);
+    for (int axis = 0; axis < 3; axis++) {
+        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), sbi_four_load(node->coin[SBI_COIN_CENTRE + axis]));
+        normal[axis] = sbi_four_load(node->coin[SBI_COIN_NORMAL + axis]);
+    }
+    all = sbi_four_dot(d, d);
+    height = sbi_four_dot(d, normal);
+    aside = sbi_four_sub(sbi_four_mul(all, sbi_four_of(1.0f - 1.0e-6f)), sbi_four_mul(height, height));
+    aside = sbi_four_sub(sbi_four_sqrt(sbi_four_max(aside, zero)), sbi_four_load(node->coin[SBI_COIN_RADIUS]));
+    height = sbi_four_max(height, sbi_four_sub(zero, height));
+    height = sbi_four_sub(height, sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
+    aside = sbi_four_max(aside, zero);
+    height = sbi_four_max(height, zero);
+    return sbi_four_madd(sbi_four_mul(aside, aside), height, height);
+}
+
+/* Three rows of a leaf from row i on. */
+SBI_FORCE_INLINE void sbi_surface_leaf_vector(const sbi_surface_leaf *leaf, int i, sbi_four v[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        v[axis] = sbi_four_load(leaf->f[i + axis]);
+}
+
+/* a b - c d */
+SBI_FORCE_INLINE sbi_four sbi_four_det(sbi_four a, sbi_four b, sbi_four c, sbi_four d)
+{
+    return sbi_four_sub(sbi_four_mul(a, b), sbi_four_mul(c, d));
+}
+
+/* Square of the distance of (x, y) to the segment from the origin to (ex, ey); inverse: 1 / its length^2. */
+SBI_FORCE_INLINE sbi_four sbi_surface_segment_square(sbi_four x, sbi_four y, sbi_four ex, sbi_four ey, sbi_four inverse)
+{
+    sbi_four t = sbi_four_mul(sbi_four_madd(sbi_four_mul(x, ex), y, ey), inverse);
+    t = sbi_four_max(sbi_four_min(t, sbi_four_of(1.0f)), sbi_four_of(0.0f));
+    x = sbi_four_sub(x, sbi_four_mul(t, ex));
+    y = sbi_four_sub(y, sbi_four_mul(t, ey));
+    return sbi_four_madd(sbi_four_mul(x, x), y, y);
 }
 
 /* Squares of the distances to the four triangles of a leaf: in each one's plane the point is inside, where only the
  * height counts, or nearest to one of the edges. */
 SBI_FORCE_INLINE sbi_four sbi_surface_leaf_squares(const sbi_surface_leaf *leaf, const float p[3])
 {
-    sbi_four d[3], x, y, z, u, length, ac[2], bc[2], across, plane, outside;
-    for (int axis = 0; axis < 3; axis++)
-        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), sbi_four_load(leaf->f[axis]));
-    x = sbi_surface_leaf_dot(leaf, SBI_LEAF_ALONG, d);
-    y = sbi_surface_leaf_dot(leaf, SBI_LEAF_ACROSS, d);
-    z = sbi_surface_leaf_dot(leaf, SBI_LEAF_NORMAL, d);
-    length = sbi_four_load(leaf->f[SBI_LEAF_AB]);
-    u = sbi_four_sub(x, length);
-    for (int i = 0; i < 2; i++) {
-        ac[i] = sbi_four_load(leaf->f[SBI_LEAF_AC + i]);
-        bc[i] = sbi_four_load(leaf->f[SBI_LEAF_BC + i]);
+    sbi_four d[3], along[3], across[3], normal[3], x, y, z, u, v, length, c, height, plane, outside;
+    const sbi_four zero = sbi_four_of(0.0f);
+    sbi_surface_leaf_vector(leaf, SBI_LEAF_ORIGIN, d);
+    sbi_surface_leaf_vector(leaf, SBI_LEAF_ALONG, along);
+    sbi_surface_leaf_vector(leaf, SBI_LEAF_ACROSS, across);
+    for (int axis = 0; axis < 3; axis++) {
+        int next = (axis + 1) % 3, last = (axis + 2) % 3;
+        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), d[axis]);
+        normal[axis] = sbi_four_det(along[next], across[last], along[last], across[next]);
     }
-    plane = sbi_surface_segment_square(x, y, length);
-    outside = sbi_four_sub(sbi_four_of(0.0f), y);
-    across = sbi_four_sub(sbi_four_mul(ac[0], y), sbi_four_mul(ac[1], x));
-    outside = sbi_four_max(outside, across);
-    x = sbi_four_madd(sbi_four_mul(ac[0], x), ac[1], y);
-    plane = sbi_four_min(plane, sbi_surface_segment_square(x, across, sbi_four_load(leaf->f[SBI_LEAF_AC + 2])));
-    across = sbi_four_sub(sbi_four_mul(bc[1], u), sbi_four_mul(bc[0], y));
-    outside = sbi_four_max(outside, across);
-    x = sbi_four_madd(sbi_four_mul(bc[0], u), bc[1], y);
-    plane = sbi_four_min(plane, sbi_surface_segment_square(x, across, sbi_four_load(leaf->f[SBI_LEAF_BC + 2])));
+    x = sbi_four_dot(d, along);
+    y = sbi_four_dot(d, across);
+    z = sbi_four_dot(d, normal);
+    length = sbi_four_load(leaf->f[SBI_LEAF_AB]);
+    c = sbi_four_load(leaf->f[SBI_LEAF_C]);
+    height = sbi_four_load(leaf->f[SBI_LEAF_C + 1]);
+    u = sbi_four_sub(x, sbi_four_max(sbi_four_min(x, length), zero));
+    plane = sbi_four_madd(sbi_four_mul(u, u), y, y);
+    plane = sbi_four_min(plane, sbi_surface_segment_square(x, y, c, height, sbi_four_load(leaf->f[SBI_LEAF_AC])));
+    outside = sbi_four_max(sbi_four_sub(zero, y), sbi_four_det(c, y, height, x));
+    u = sbi_four_sub(x, length);
+    v = sbi_four_sub(c, length);
+    plane = sbi_four_min(plane, sbi_surface_segment_square(u, y, v, height, sbi_four_load(leaf->f[SBI_LEAF_BC])));
+    outside = sbi_four_max(outside, sbi_four_det(height, u, v, y));
     /* 0 inside; just outside, where the factor is too small, a bound that is too low does no harm */
-    outside = sbi_four_mul(sbi_four_max(outside, sbi_four_of(0.0f)), sbi_four_of(1.0e20f));
+    outside = sbi_four_mul(sbi_four_max(outside, zero), sbi_four_of(1.0e20f));
     return sbi_four_madd(sbi_four_min(plane, outside), z, z);
 }
 
@@ -316,7 +276,7 @@ static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf 
         if (square[k] > q->limit || leaf->triangle[k] == SBI_SURFACE_NO_TRIANGLE)
             continue;
         if (leaf->triangle[k] < 0) {
-            sbi_surface_try(s, q, ~leaf->triangle[k]);
+            sbi_surface_try_number(s, q, ~leaf->triangle[k]);
             continue;
         }
         if (square[k] < q->nearest) {
@@ -326,6 +286,7 @@ static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf 
         if (q->kept == SBI_SURFACE_KEPT)
             sbi_surface_try_kept(s, q);
         q->candidate[q->kept].square = square[k];
+        q->candidate[q->kept].place = (int)(leaf - s->leaf) * SBI_SURFACE_WIDTH + k;
         q->candidate[q->kept++].triangle = leaf->triangle[k];
     }
 }
@@ -359,13 +320,12 @@ SBI_FORCE_INLINE void sbi_surface_order(uint64_t *far, uint64_t *near)
     *near = a > b ? b : a;
 }
 
-/* Asks for the memory of a child that will be looked at soon. */
+/* Asks for the memory of a child that will be looked at soon: for as much as a leaf takes, to spare a branch. */
 SBI_FORCE_INLINE void sbi_surface_prefetch(const sb_surface *s, int child)
 {
 #if defined(__GNUC__)
     const char *at = child < 0 ? (const char *)(s->leaf + ~child) : (const char *)(s->tree + child);
-    int size = child < 0 ? (int)sizeof *s->leaf : (int)sizeof *s->tree;
-    for (int i = 0; i < size; i += 64)
+    for (size_t i = 0; i < sizeof *s->leaf; i += SBI_SURFACE_LINE)
         __builtin_prefetch(at + i);
 #else
     (void)s, (void)child;
@@ -378,7 +338,8 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
 {
     float square[SBI_SURFACE_WIDTH];
     uint64_t visit[SBI_SURFACE_WIDTH];
-    sbi_four_store(square, sbi_surface_box_squares(node, q->p));
+    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p),
+                                        sbi_surface_coin_squares(node, q->p)));
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
         visit[k] = sbi_surface_visit(square[k], node->child[k]);
     sbi_surface_order(visit, visit + 1);
@@ -388,11 +349,10 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
     sbi_surface_order(visit + 1, visit + 2);
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         stack[top] = visit[k];
-        if (sbi_surface_visit_square(visit[k]) <= q->limit) {
-            sbi_surface_prefetch(s, sbi_surface_visit_child(visit[k]));
-            top++;
-        }
+        top += sbi_surface_visit_square(visit[k]) <= q->limit;
     }
+    sbi_surface_prefetch(s, sbi_surface_visit_child(visit[3]));
+    sbi_surface_prefetch(s, sbi_surface_visit_child(visit[2]));
     return top;
 }
 
@@ -439,10 +399,10 @@ static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_s
     q->kept = 0;
     sbi_surface_narrow(q, sb_sqrt(q->best.square));
     if (hint >= 0 && hint < s->triangle_count)
-        sbi_surface_try(s, q, hint);
+        sbi_surface_try_number(s, q, hint);
     if (far > (sb_real)SBI_SURFACE_FAR) {
         for (int t = 0; t < s->triangle_count; t++)
-            sbi_surface_try(s, q, t);
+            sbi_surface_try_number(s, q, t);
         return;
     }
     sbi_surface_to_local(s, q->point, q->p);
@@ -503,7 +463,7 @@ SB_API int sb_surface_closest(const sb_surface *surface, sb_vec3 point, sb_real 
     return sb_surface_closest_from(surface, point, max_distance, -1, hit);
 }
 
-/* ---- normals and signs --------------------------------------------------------------------------------------------- */
+/* ---- normals and signs --------------------------------------------------------------------------------------- */
 
 /* Pseudonormal at a place; its length says how much the faces there agree, 0 that it means nothing. */
 static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int feature, int index)
@@ -611,7 +571,7 @@ SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_
     return sbi_surface_distance(surface, point, 1, &triangle, hit);
 }
 
-/* ---- winding number ------------------------------------------------------------------------------------------------ */
+/* ---- winding number ------------------------------------------------------------------------------------------ */
 
 static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
 {
@@ -635,13 +595,10 @@ static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
 }
 
 /* Van Oosterom, Strackee 1983: its tangent from the corners relative to the eye. */
-SBI_API void sbi_surface_angle_of(const sb_surface *s, int triangle, sb_vec3 eye, sbi_surface_angle *sum)
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum)
 {
-    sb_vec3 x[3], a, b, c;
+    sb_vec3 a, b, c;
     double la, lb, lc;
-    if (s->shape[triangle] == SBI_SURFACE_FLAT)
-        return;
-    sbi_surface_corners(s, triangle, x);
     a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
     la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
     sbi_surface_angle_add(sum,
@@ -657,8 +614,8 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
 
 /* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
  * 9); near[k] > 0 where the child is closer than twice its radius. */
-static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3], float number[SBI_SURFACE_WIDTH],
-                                   float near[SBI_SURFACE_WIDTH])
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
+                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
 {
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -685,7 +642,8 @@ static double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
         if (child < 0) {
             const sbi_surface_leaf *leaf = s->leaf + ~child;
             for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-                sbi_surface_angle_of(s, sbi_surface_leaf_triangle(leaf, k), eye, &angle);
+                if (leaf->triangle[k] >= 0 || s->shape[~leaf->triangle[k]] != SBI_SURFACE_FLAT)
+                    sbi_surface_angle_of(s->exact[SBI_SURFACE_WIDTH * ~child + k], eye, &angle);
             continue;
         }
         sbi_surface_far_fields(s->cluster + child, p, number, near);
@@ -721,8 +679,12 @@ SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec
     sb_vec3 eye;
     if (!sbi_surface_eye(surface, point, &eye))
         return 0;
-    for (int t = 0; t < surface->triangle_count; t++)
-        sbi_surface_angle_of(surface, t, eye, &angle);
+    for (int t = 0; t < surface->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(surface, t, x);
+        if (surface->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
     return (sb_real)sbi_surface_angle_turns(&angle);
 }
 
@@ -731,7 +693,7 @@ SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
     return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
 }
 
-/* ---- rays ---------------------------------------------------------------------------------------------------------- */
+/* ---- rays ---------------------------------------------------------------------------------------------------- */
 
 /* A ray in scaled coordinates. The tree is entered at `start` along the ray, near the surface, where float coordinates
  * are good. */
@@ -844,12 +806,9 @@ static void sbi_surface_beam_corner(const sbi_surface_beam *beam, sb_vec3 corner
 }
 
 /* 1 when the ray meets the triangle in front of its origin: *t and weights of corners 1 and 2. */
-static int sbi_surface_beam_meets(const sb_surface *s, const sbi_surface_beam *beam, int triangle, sb_real *t,
-                                  sb_real weight[2])
+static int sbi_surface_beam_meets(const sbi_surface_beam *beam, const sb_vec3 x[3], sb_real *t, sb_real weight[2])
 {
-    sb_vec3 x[3];
     sb_real a[3], b[3], c[3], u, v, w, det;
-    sbi_surface_corners(s, triangle, x);
     sbi_surface_beam_corner(beam, x[0], a);
     sbi_surface_beam_corner(beam, x[1], b);
     sbi_surface_beam_corner(beam, x[2], c);
@@ -890,10 +849,10 @@ static void sbi_surface_beam_insert(sbi_surface_beam *beam, const sb_surface_hit
         beam->hits[i] = *hit;
 }
 
-static void sbi_surface_beam_try(const sb_surface *s, sbi_surface_beam *beam, int triangle)
+static void sbi_surface_beam_try(const sb_surface *s, sbi_surface_beam *beam, int triangle, const sb_vec3 x[3])
 {
     sb_real t, weight[2];
-    if (!sbi_surface_beam_meets(s, beam, triangle, &t, weight) || t > beam->best)
+    if (!sbi_surface_beam_meets(beam, x, &t, weight) || t > beam->best)
         return;
     if (beam->all) {
         sb_surface_hit hit;
@@ -942,7 +901,8 @@ static void sbi_surface_beam_run(const sb_surface *s, sbi_surface_beam *beam)
             continue;
         }
         for (int k = 0; k < SBI_SURFACE_WIDTH && s->leaf[~child].triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-            sbi_surface_beam_try(s, beam, sbi_surface_leaf_triangle(s->leaf + ~child, k));
+            sbi_surface_beam_try(s, beam, sbi_surface_leaf_triangle(s->leaf + ~child, k),
+                                 s->exact[SBI_SURFACE_WIDTH * ~child + k]);
     }
 }
 
@@ -975,7 +935,7 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     return beam.count;
 }
 
-/* ---- batches ------------------------------------------------------------------------------------------------------- */
+/* ---- batches ------------------------------------------------------------------------------------------------- */
 
 typedef struct sbi_surface_batch {
     const sb_surface *surface;

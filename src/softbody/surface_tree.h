@@ -10,6 +10,8 @@
 enum {
     SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
     SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
+    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
     SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
     SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
     SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
@@ -26,35 +28,142 @@ enum {
     SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
 };
 
-#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge: below it, float cannot tell well inside from outside */
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
 #define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
 #define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
+/* ---- four floats at a time ----------------------------------------------------------------------------------- */
+
+#if defined(__GNUC__)
+typedef float sbi_four __attribute__((vector_size(16)));
+typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
+SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
+{
+    sbi_four r = {x, x, x, x};
+    return r;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
+{
+    sbi_four r;
+    memcpy(&r, x, sizeof r);
+    return r;
+}
+SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
+SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
+SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
+#if defined(__SSE__)
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a) { return __builtin_ia32_sqrtps(a); }
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
+#else
+SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_four b)
+{
+    return (sbi_four)((mask & (sbi_four_mask)a) | (~mask & (sbi_four_mask)b));
+}
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a[k] = (float)sqrt((double)a[k]);
+    return a;
+}
+#endif
+#else
+typedef struct sbi_four {
+    float v[4];
+} sbi_four;
+SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
+{
+    sbi_four r;
+    for (int k = 0; k < 4; k++)
+        r.v[k] = x;
+    return r;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
+{
+    sbi_four r;
+    memcpy(&r, x, sizeof r);
+    return r;
+}
+SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] -= b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] *= b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] += s.v[k] * b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = a.v[k] > b.v[k] ? a.v[k] : b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = (float)sqrt((double)a.v[k]);
+    return a;
+}
+#endif
+
+/* ---- the tree ------------------------------------------------------------------------------------------------ */
+
+/* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
+ * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+enum {
+    SBI_COIN_CENTRE = 0,
+    SBI_COIN_NORMAL = 3,
+    SBI_COIN_RADIUS = 6,
+    SBI_COIN_THICKNESS = 7, /* half of it */
+    SBI_COIN_SIZE = 8
+};
 /* Children that are not there lie nowhere, so no query gets to them. */
 typedef struct sbi_surface_node {
     float low[3][SBI_SURFACE_WIDTH], high[3][SBI_SURFACE_WIDTH];
+    float coin[SBI_COIN_SIZE][SBI_SURFACE_WIDTH];
     int child[SBI_SURFACE_WIDTH]; /* node, or ~leaf */
     int slot;                     /* of this node in its parent: 4 parent + child */
-    int unused[3];                /* two cache lines in all */
+    int unused[3];                /* four cache lines in all */
 } sbi_surface_node;
 
-/* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB, to C's side, along the normal. */
+/* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB and to C's side. */
 enum {
     SBI_LEAF_ORIGIN = 0,
     SBI_LEAF_ALONG = 3,
     SBI_LEAF_ACROSS = 6,
-    SBI_LEAF_NORMAL = 9,
-    SBI_LEAF_AB = 12, /* length */
-    SBI_LEAF_AC = 13, /* direction in the plane, length */
-    SBI_LEAF_BC = 16, /* direction in the plane, length */
-    SBI_LEAF_SIZE = 19
+    SBI_LEAF_AB = 9,          /* length */
+    SBI_LEAF_C = 10,          /* coordinates of C */
+    SBI_LEAF_AC = 12,         /* 1 / length^2, 0 for no length */
+    SBI_LEAF_BC = 13,
+    SBI_LEAF_SIZE = 14
 };
 typedef struct sbi_surface_leaf {
     float f[SBI_LEAF_SIZE][SBI_SURFACE_WIDTH];
     int triangle[SBI_SURFACE_WIDTH]; /* number; ~number of a sliver; NO_TRIANGLE: a copy of the first */
+    int unused[SBI_SURFACE_WIDTH];   /* four cache lines in all */
 } sbi_surface_leaf;
 
 /* The far field of a node's children: area vectors and their first moments around the centres of area. */
@@ -73,6 +182,7 @@ typedef struct sbi_surface_cluster {
 struct sb_surface {
     sb_allocator allocator;
     size_t bytes;
+    void *block; /* what the allocator gave; the surface begins at its first cache line */
     int node_count, triangle_count, tree_count, leaf_count;
     int unbalanced; /* edges not run through as often one way as the other */
     sb_vec3 *nodes;        /* [node_count] scaled */
@@ -88,12 +198,13 @@ struct sb_surface {
     sbi_surface_cluster *cluster; /* [tree_count] */
     sbi_surface_leaf *leaf;
     int *leaf_slot;        /* [leaf_count] 4 parent + child */
+    sb_vec3 (*exact)[3];   /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
     sb_vec3 low, high;     /* m */
     sb_vec3 centre;        /* scaled */
     sb_real scale, inverse;
 };
 
-/* ---- triangles -------------------------------------------------------------------------------------------------- */
+/* ---- triangles ----------------------------------------------------------------------------------------------- */
 
 SB_INLINE void sbi_surface_corners(const sb_surface *s, int triangle, sb_vec3 x[3])
 {
@@ -209,8 +320,8 @@ SB_INLINE sbi_surface_angle sbi_surface_angle_zero(void)
 }
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Adds half the solid angle under which the eye (scaled) sees a triangle. */
-SBI_API void sbi_surface_angle_of(const sb_surface *s, int triangle, sb_vec3 eye, sbi_surface_angle *sum);
+/* Adds half the solid angle under which the eye sees a triangle (both scaled). */
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
 #endif
