@@ -2754,7 +2754,8 @@ typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
 
 /* One of the shapes that a mesh is made of: a surface, or a function. */
 typedef struct sb_stuff_shape {
-    const sb_surface *surface; /* closed; or NULL, then `distance` is called. Borrowed for the call */
+    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL, then
+                                * `distance` is called. Borrowed for the call */
     sb_distance distance;
     void *user;                /* handed to `distance` */
     sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
@@ -2800,14 +2801,19 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
 
 /* Makes the mesh: positively oriented tets with regions, all nodes used, ready for sb_body_create.
  *
- * Every dihedral angle lies in 10.7 to 164.8 degrees, in 9 to 165.6 with several shapes, with levels or without: what
- * is cut or moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
- * Boundary nodes lie on the surface. Features thinner than a cell may be lost.
+ * Every dihedral angle lies in 10.7 to 164.8 degrees, for one shape or several, with levels or without: what is cut or
+ * moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
+ *
+ * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
+ * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
+ * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles. What is thinner than a cell may be
+ * missing, in part or as a whole, or join across a gap; parts that come loose stay (sb_mesh_components finds them).
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
  * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
- * not), SB_ERROR_MESH (no lattice point lies inside: the cell is too large, or the surface is inside out),
+ * not), SB_ERROR_MESH (nothing to mesh: the cell is too large, or the surface is inside out),
  * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
  * cell of the box, the rest O(mesh). */
 SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
