@@ -2712,25 +2712,25 @@ typedef enum sb_surface_feature {
     SB_SURFACE_VERTEX = 2 /* corner i */
 } sb_surface_feature;
 
-/* What a query found. Without a find (result 0) triangle and element are -1, the distance is infinite and the rest 0. */
+/* What a query found. For a query that finds nothing, triangle and element are -1, distance is infinite, the rest 0. */
 typedef struct sb_surface_hit {
     int triangle;               /* in [0, sb_surface_triangle_count) */
     int element;                /* of the mesh: the triangle's, or the face that was cut into triangles */
     sb_surface_feature feature; /* which kind of place on the triangle, and with `index` which of them */
     int index;                  /* edge or corner, 0 for a face */
     sb_vec3 point;              /* m, on the surface */
-    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding, sum 1: point = sum weight_i corner_i */
+    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding; point = sum weight_i corner_i */
     sb_real distance;           /* m; rays: from the origin along the ray. Signed distance queries: with its sign */
 } sb_surface_hit;
 
-/* ---- life ------------------------------------------------------------------------------------------------------ */
+/* ---- life ---------------------------------------------------------------------------------------------------- */
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
  * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
- * memory from `allocator` (NULL: malloc) for everything, plus scratch that goes back; about 60 ms for 100,000
- * triangles. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take sb_mesh_boundary), _MESH (empty, or too many
- * triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
+ * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
+ * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
+ * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
                                    sb_error *error);
 SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
@@ -2741,7 +2741,7 @@ SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
  * surface, to the bit. Allocates nothing. SB_ERROR_ARGUMENT or _NOT_FINITE (error->node): nothing has changed. */
 SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, const sb_jobs *jobs, sb_error *error);
 
-/* ---- what it is made of (0 or {0} for NULL) -------------------------------------------------------------------- */
+/* ---- what it is made of (0 or {0} for NULL) ------------------------------------------------------------------ */
 
 SB_API int sb_surface_node_count(const sb_surface *surface); /* nodes of the mesh, also those of no triangle */
 SB_API int sb_surface_triangle_count(const sb_surface *surface);
@@ -2850,7 +2850,7 @@ typedef struct sb_surface_place {
 
 typedef struct sb_surface_report {
     int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
-    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last counts the parts beyond the first */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
     int parts;                                     /* parts that share no node */
     sb_real volume;                                /* m^3 enclosed; meaningful when closed */
     sb_real area;                                  /* m^2 */
@@ -2869,7 +2869,7 @@ SB_API const char *sb_surface_check_string(int finding);
 SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_allocator *allocator,
                                     sb_surface_report *report, sb_error *error);
 
-/* ---- repairs, on request only ----------------------------------------------------------------------------------- */
+/* ---- repairs, on request only -------------------------------------------------------------------------------- */
 
 /* The mesh of flat triangles between the nodes of a surface's faces; regions and nodes are kept. Fails as
  * sb_surface_create; the output is overwritten, not freed. */
@@ -2942,7 +2942,8 @@ typedef struct sb_shape {
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_shape *shapes; /* [shape_count] borrowed */
+    const sb_shape *shapes;       /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
+                                   * where the winding number says so) */
     int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
     sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
                                    * surface, which brings its own */
@@ -2973,14 +2974,19 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
 
 /* Makes the mesh: positively oriented tets with regions, all nodes used, ready for sb_body_create.
  *
- * Every dihedral angle lies in 10.7 to 164.8 degrees, in 9 to 165.6 with several shapes, with levels or without: what
- * is cut or moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
- * Boundary nodes lie on the surface. Features thinner than a cell may be lost.
+ * Every dihedral angle lies in 10.7 to 164.8 degrees, for one shape or several, with levels or without: what is cut or
+ * moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
+ *
+ * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
+ * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
+ * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles. What is thinner than a cell may be
+ * missing, in part or as a whole, or join across a gap; parts that come loose stay (sb_mesh_components finds them).
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
  * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
- * not), SB_ERROR_MESH (no lattice point lies inside: the cell is too large, or the surface is inside out),
+ * not), SB_ERROR_MESH (nothing to mesh: the cell is too large, or the surface is inside out),
  * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
  * cell of the box, the rest O(mesh). */
 SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
@@ -5325,7 +5331,7 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 
 /* ==== src/softbody/surface.h, internal ==== */
-/* ---- internal: surface.c lends the cutting of faces to the checks --------------------------------------------------- */
+/* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
 
 /* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
  * sbi_surface_cut_free; it borrows the nodes. */
@@ -13565,6 +13571,8 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
 enum {
     SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
     SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
+    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
     SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
     SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
     SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
@@ -13581,35 +13589,142 @@ enum {
     SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
 };
 
-#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge: below it, float cannot tell well inside from outside */
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
 #define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
 #define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
+/* ---- four floats at a time ----------------------------------------------------------------------------------- */
+
+#if defined(__GNUC__)
+typedef float sbi_four __attribute__((vector_size(16)));
+typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
+SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
+{
+    sbi_four r = {x, x, x, x};
+    return r;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
+{
+    sbi_four r;
+    memcpy(&r, x, sizeof r);
+    return r;
+}
+SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
+SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
+SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
+#if defined(__SSE__)
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a) { return __builtin_ia32_sqrtps(a); }
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
+#else
+SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_four b)
+{
+    return (sbi_four)((mask & (sbi_four_mask)a) | (~mask & (sbi_four_mask)b));
+}
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a[k] = (float)sqrt((double)a[k]);
+    return a;
+}
+#endif
+#else
+typedef struct sbi_four {
+    float v[4];
+} sbi_four;
+SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
+{
+    sbi_four r;
+    for (int k = 0; k < 4; k++)
+        r.v[k] = x;
+    return r;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
+{
+    sbi_four r;
+    memcpy(&r, x, sizeof r);
+    return r;
+}
+SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] -= b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] *= b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] += s.v[k] * b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = a.v[k] > b.v[k] ? a.v[k] : b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = (float)sqrt((double)a.v[k]);
+    return a;
+}
+#endif
+
+/* ---- the tree ------------------------------------------------------------------------------------------------ */
+
+/* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
+ * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+enum {
+    SBI_COIN_CENTRE = 0,
+    SBI_COIN_NORMAL = 3,
+    SBI_COIN_RADIUS = 6,
+    SBI_COIN_THICKNESS = 7, /* half of it */
+    SBI_COIN_SIZE = 8
+};
 /* Children that are not there lie nowhere, so no query gets to them. */
 typedef struct sbi_surface_node {
     float low[3][SBI_SURFACE_WIDTH], high[3][SBI_SURFACE_WIDTH];
+    float coin[SBI_COIN_SIZE][SBI_SURFACE_WIDTH];
     int child[SBI_SURFACE_WIDTH]; /* node, or ~leaf */
     int slot;                     /* of this node in its parent: 4 parent + child */
-    int unused[3];                /* two cache lines in all */
+    int unused[3];                /* four cache lines in all */
 } sbi_surface_node;
 
-/* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB, to C's side, along the normal. */
+/* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB and to C's side. */
 enum {
     SBI_LEAF_ORIGIN = 0,
     SBI_LEAF_ALONG = 3,
     SBI_LEAF_ACROSS = 6,
-    SBI_LEAF_NORMAL = 9,
-    SBI_LEAF_AB = 12, /* length */
-    SBI_LEAF_AC = 13, /* direction in the plane, length */
-    SBI_LEAF_BC = 16, /* direction in the plane, length */
-    SBI_LEAF_SIZE = 19
+    SBI_LEAF_AB = 9,          /* length */
+    SBI_LEAF_C = 10,          /* coordinates of C */
+    SBI_LEAF_AC = 12,         /* 1 / length^2, 0 for no length */
+    SBI_LEAF_BC = 13,
+    SBI_LEAF_SIZE = 14
 };
 typedef struct sbi_surface_leaf {
     float f[SBI_LEAF_SIZE][SBI_SURFACE_WIDTH];
     int triangle[SBI_SURFACE_WIDTH]; /* number; ~number of a sliver; NO_TRIANGLE: a copy of the first */
+    int unused[SBI_SURFACE_WIDTH];   /* four cache lines in all */
 } sbi_surface_leaf;
 
 /* The far field of a node's children: area vectors and their first moments around the centres of area. */
@@ -13628,6 +13743,7 @@ typedef struct sbi_surface_cluster {
 struct sb_surface {
     sb_allocator allocator;
     size_t bytes;
+    void *block; /* what the allocator gave; the surface begins at its first cache line */
     int node_count, triangle_count, tree_count, leaf_count;
     int unbalanced; /* edges not run through as often one way as the other */
     sb_vec3 *nodes;        /* [node_count] scaled */
@@ -13643,12 +13759,13 @@ struct sb_surface {
     sbi_surface_cluster *cluster; /* [tree_count] */
     sbi_surface_leaf *leaf;
     int *leaf_slot;        /* [leaf_count] 4 parent + child */
+    sb_vec3 (*exact)[3];   /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
     sb_vec3 low, high;     /* m */
     sb_vec3 centre;        /* scaled */
     sb_real scale, inverse;
 };
 
-/* ---- triangles -------------------------------------------------------------------------------------------------- */
+/* ---- triangles ----------------------------------------------------------------------------------------------- */
 
 SB_INLINE void sbi_surface_corners(const sb_surface *s, int triangle, sb_vec3 x[3])
 {
@@ -13764,8 +13881,8 @@ SB_INLINE sbi_surface_angle sbi_surface_angle_zero(void)
 }
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Adds half the solid angle under which the eye (scaled) sees a triangle. */
-SBI_API void sbi_surface_angle_of(const sb_surface *s, int triangle, sb_vec3 eye, sbi_surface_angle *sum);
+/* Adds half the solid angle under which the eye sees a triangle (both scaled). */
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
 #endif
@@ -13775,15 +13892,15 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
 /* ==== src/softbody/surface.c ==== */
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
- * Nodes of the tree have four children; a leaf holds up to four triangles. Boxes and leaves are kept as float, four side
- * by side, so that compilers turn the loops over them into vector code. They only ever say "too far": they work in
- * local coordinates (centred, scaled by a power of two so that half the surface's size is in [1, 2)), and a slack covers
- * their rounding. What is left, a few triangles per query, is computed in sb_real from the nodes. So the answer is the
- * smallest of all triangles' own distances whatever the tree looks like, and its bits depend on nothing else.
+ * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
+ * for vector instructions, and only ever say "too far": they work in local coordinates (centred, scaled by a power of
+ * two so that half the surface's size is in [1, 2)), and a slack covers their rounding. What is left, a few triangles
+ * per query, is computed in sb_real from the corners. So the answer is the smallest of all triangles' own distances
+ * whatever the tree looks like, and its bits depend on nothing else.
  *
  * sb_real positions are scaled by the same power of two (which is exact): no square under- or overflows at any size. */
 
-/* ---- refitting --------------------------------------------------------------------------------------------------- */
+/* ---- refitting ----------------------------------------------------------------------------------------------- */
 
 static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
 {
@@ -13792,13 +13909,10 @@ static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
     f[2][lane] = (float)v.z;
 }
 
-/* Direction and length of the edge (x, y) in a triangle's plane. */
-static void sbi_surface_put_edge(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_real x, sb_real y)
+static float sbi_surface_inverse_square(sb_real x, sb_real y)
 {
-    sb_real length = sb_sqrt(x * x + y * y);
-    f[0][lane] = length > 0 ? (float)(x / length) : 1.0f;
-    f[1][lane] = length > 0 ? (float)(y / length) : 0.0f;
-    f[2][lane] = (float)length;
+    float square = (float)(x * x + y * y);
+    return square > 1.0e-35f ? 1.0f / square : 0.0f;
 }
 
 /* Writes a triangle (scaled corners) into a leaf. The frame is orthonormal also for flat triangles, whose height is
@@ -13822,10 +13936,11 @@ static void sbi_surface_leaf_set(const sb_surface *s, sbi_surface_leaf *leaf, in
     sbi_surface_put(leaf->f + SBI_LEAF_ORIGIN, lane, sb_v3_sub(a, s->centre));
     sbi_surface_put(leaf->f + SBI_LEAF_ALONG, lane, ex);
     sbi_surface_put(leaf->f + SBI_LEAF_ACROSS, lane, ey);
-    sbi_surface_put(leaf->f + SBI_LEAF_NORMAL, lane, sb_v3_cross(ex, ey));
     leaf->f[SBI_LEAF_AB][lane] = (float)length;
-    sbi_surface_put_edge(leaf->f + SBI_LEAF_AC, lane, along, height);
-    sbi_surface_put_edge(leaf->f + SBI_LEAF_BC, lane, along - length, height);
+    leaf->f[SBI_LEAF_C][lane] = (float)along;
+    leaf->f[SBI_LEAF_C + 1][lane] = (float)height;
+    leaf->f[SBI_LEAF_AC][lane] = sbi_surface_inverse_square(along, height);
+    leaf->f[SBI_LEAF_BC][lane] = sbi_surface_inverse_square(along - length, height);
 }
 
 static void sbi_surface_box_add(float low[3], float high[3], const float other_low[3], const float other_high[3])
@@ -13910,6 +14025,57 @@ static void sbi_surface_field_load(const sbi_surface_cluster *cluster, int lane,
         field->moment[k] = (sb_real)f[SBI_CLUSTER_MOMENT + k][lane];
 }
 
+/* A coin in the making, in local coordinates. */
+typedef struct sbi_surface_coin {
+    sb_vec3 centre, normal;
+    sb_real radius, thickness;
+} sbi_surface_coin;
+
+static sb_vec3 sbi_surface_rounded(sb_vec3 v)
+{
+    return sb_v3((sb_real)(float)v.x, (sb_real)(float)v.y, (sb_real)(float)v.z);
+}
+
+/* An empty coin in the middle of a far field, as float holds it. */
+static void sbi_surface_coin_begin(const sbi_surface_field *field, sbi_surface_coin *coin)
+{
+    sb_real length = sb_v3_norm(field->dipole);
+    coin->centre = sbi_surface_rounded(field->centre);
+    coin->normal = length > SB_EPSILON * field->area && length > 0 ? sb_v3_scale((sb_real)1 / length, field->dipole)
+                                                                   : sb_v3(0, 0, 1);
+    coin->normal = sbi_surface_rounded(coin->normal);
+    coin->radius = coin->thickness = 0;
+}
+
+/* Widens the coin by another; one without radius and thickness is a point. */
+static void sbi_surface_coin_add(sbi_surface_coin *coin, const sbi_surface_coin *other)
+{
+    sb_vec3 d = sb_v3_sub(other->centre, coin->centre);
+    sb_real height = sb_v3_dot(d, coin->normal), tilt = sb_abs(sb_v3_dot(coin->normal, other->normal));
+    sb_real sine = sb_v3_norm(sb_v3_cross(coin->normal, other->normal));
+    sb_real aside = sb_v3_norm(sb_v3_madd(d, -height, coin->normal));
+    height = sb_abs(height) + tilt * other->thickness + sine * other->radius;
+    coin->radius = sb_max(coin->radius, aside + other->radius + sine * other->thickness);
+    coin->thickness = sb_max(coin->thickness, height);
+}
+
+static void sbi_surface_coin_store(const sbi_surface_coin *coin, sbi_surface_node *node, int lane)
+{
+    sbi_surface_put(node->coin + SBI_COIN_CENTRE, lane, coin->centre);
+    sbi_surface_put(node->coin + SBI_COIN_NORMAL, lane, coin->normal);
+    node->coin[SBI_COIN_RADIUS][lane] = (float)coin->radius + SBI_SURFACE_PAD;
+    node->coin[SBI_COIN_THICKNESS][lane] = (float)coin->thickness + SBI_SURFACE_PAD;
+}
+
+static void sbi_surface_coin_load(const sbi_surface_node *node, int lane, sbi_surface_coin *coin)
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = node->coin;
+    coin->centre = sb_v3((sb_real)f[0][lane], (sb_real)f[1][lane], (sb_real)f[2][lane]);
+    coin->normal = sb_v3((sb_real)f[3][lane], (sb_real)f[4][lane], (sb_real)f[5][lane]);
+    coin->radius = (sb_real)f[SBI_COIN_RADIUS][lane];
+    coin->thickness = (sb_real)f[SBI_COIN_THICKNESS][lane];
+}
+
 static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const float low[3], const float high[3])
 {
     for (int axis = 0; axis < 3; axis++) {
@@ -13918,11 +14084,27 @@ static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const fl
     }
 }
 
-/* Recomputes a leaf from the nodes, and its box and far field in its parent. */
+/* The coin around the triangles of a leaf. */
+static void sbi_surface_coin_of_leaf(const sb_surface *s, int index, const sbi_surface_field *field,
+                                     sbi_surface_coin *coin)
+{
+    sbi_surface_coin point;
+    sbi_surface_coin_begin(field, coin);
+    point = *coin;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) { /* places without a triangle hold copies */
+        for (int i = 0; i < 3; i++) {
+            point.centre = sb_v3_sub(s->exact[SBI_SURFACE_WIDTH * index + k][i], s->centre);
+            sbi_surface_coin_add(coin, &point);
+        }
+    }
+}
+
+/* Recomputes a leaf from the nodes, and its box, coin and far field in its parent. */
 static void sbi_surface_refit_leaf(sb_surface *s, int index)
 {
     sbi_surface_leaf *leaf = s->leaf + index;
     sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    sbi_surface_coin coin;
     float low[3], high[3], box_low[3], box_high[3];
     int parent = s->leaf_slot[index] / SBI_SURFACE_WIDTH, lane = s->leaf_slot[index] % SBI_SURFACE_WIDTH, count = 0;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -13931,6 +14113,7 @@ static void sbi_surface_refit_leaf(sb_surface *s, int index)
         sb_real slimness;
         sbi_surface_corners(s, triangle, x);
         sbi_surface_leaf_set(s, leaf, k, x);
+        memcpy(s->exact[SBI_SURFACE_WIDTH * index + k], x, sizeof x);
         if (leaf->triangle[k] == SBI_SURFACE_NO_TRIANGLE)
             continue;
         slimness = sbi_surface_slimness(x);
@@ -13945,13 +14128,16 @@ static void sbi_surface_refit_leaf(sb_surface *s, int index)
     sbi_surface_set_child_box(s->tree + parent, lane, box_low, box_high);
     sbi_surface_field_join(part, count, &field);
     sbi_surface_field_store(&field, s->cluster + parent, lane);
+    sbi_surface_coin_of_leaf(s, index, &field, &coin);
+    sbi_surface_coin_store(&coin, s->tree + parent, lane);
 }
 
-/* Passes the boxes and far fields of a node's children on to its own parent. */
+/* Passes the boxes, coins and far fields of a node's children on to its own parent. */
 static void sbi_surface_refit_node(sb_surface *s, int index)
 {
     const sbi_surface_node *node = s->tree + index;
     sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    sbi_surface_coin coin, other;
     float low[3], high[3];
     int parent = node->slot / SBI_SURFACE_WIDTH, lane = node->slot % SBI_SURFACE_WIDTH;
     int count = sbi_surface_child_count(node);
@@ -13968,6 +14154,12 @@ static void sbi_surface_refit_node(sb_surface *s, int index)
     sbi_surface_set_child_box(s->tree + parent, lane, low, high);
     sbi_surface_field_join(part, count, &field);
     sbi_surface_field_store(&field, s->cluster + parent, lane);
+    sbi_surface_coin_begin(&field, &coin);
+    for (int k = 0; k < count; k++) {
+        sbi_surface_coin_load(node, k, &other);
+        sbi_surface_coin_add(&coin, &other);
+    }
+    sbi_surface_coin_store(&coin, s->tree + parent, lane);
 }
 
 /* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how
@@ -13981,7 +14173,8 @@ static void sbi_surface_refit_normal(sb_surface *s, int node)
         int triangle = s->fan[i] / 3, corner = s->fan[i] % 3;
         const int *nodes = s->corners[triangle];
         sb_vec3 x = s->nodes[node], n;
-        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x), b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
+        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x);
+        sb_vec3 b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
         sb_real area, angle;
         n = sb_v3_cross(a, b);
         area = sb_v3_norm(n);
@@ -14085,12 +14278,12 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
     return result;
 }
 
-/* ---- the shape of the tree ------------------------------------------------------------------------------------- */
+/* ---- the shape of the tree ----------------------------------------------------------------------------------- */
 
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
     int count;
-    float (*box)[6];  /* [count] low and high, in any units */
+    float (*box)[8];  /* [count] low and high, four each for the width of a load, in any units */
     int *order;       /* [count] */
     int (*child)[SBI_SURFACE_WIDTH]; /* [count] nodes: child node, ~leaf or INT_MAX: none */
     int *slot;        /* [count] of each node in its parent */
@@ -14099,7 +14292,7 @@ typedef struct sbi_surface_build {
 } sbi_surface_build;
 
 typedef struct sbi_surface_bins {
-    float low[SBI_SURFACE_BINS][3], high[SBI_SURFACE_BINS][3];
+    float low[SBI_SURFACE_BINS][4], high[SBI_SURFACE_BINS][4];
     int count[SBI_SURFACE_BINS];
 } sbi_surface_bins;
 
@@ -14112,21 +14305,29 @@ static float sbi_surface_half_area(const float low[3], const float high[3])
 /* Twice the centre of a triangle's box along an axis. */
 static float sbi_surface_middle(const sbi_surface_build *b, int triangle, int axis)
 {
-    return b->box[triangle][axis] + b->box[triangle][axis + 3];
+    return b->box[triangle][axis] + b->box[triangle][axis + 4];
 }
 
 /* Box of the middles of a range. */
-static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, float low[3], float high[3])
+static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, float low[4], float high[4])
 {
+    sbi_four least = sbi_four_of(SBI_SURFACE_NOWHERE), most = sbi_four_of(-SBI_SURFACE_NOWHERE);
     for (int i = begin; i < end; i++) {
-        for (int axis = 0; axis < 3; axis++) {
-            float m = sbi_surface_middle(b, b->order[i], axis);
-            if (i == begin || m < low[axis])
-                low[axis] = m;
-            if (i == begin || m > high[axis])
-                high[axis] = m;
-        }
+        const float *box = b->box[b->order[i]];
+        sbi_four middle = sbi_four_sub(sbi_four_load(box), sbi_four_sub(sbi_four_of(0.0f), sbi_four_load(box + 4)));
+        least = sbi_four_min(least, middle);
+        most = sbi_four_max(most, middle);
     }
+    sbi_four_store(low, least);
+    sbi_four_store(high, most);
+}
+
+/* Widens a box of four-wide corners by another. */
+SBI_FORCE_INLINE void sbi_surface_box_join(float low[4], float high[4], const float other_low[4],
+                                           const float other_high[4])
+{
+    sbi_four_store(low, sbi_four_min(sbi_four_load(low), sbi_four_load(other_low)));
+    sbi_four_store(high, sbi_four_max(sbi_four_load(high), sbi_four_load(other_high)));
 }
 
 static int sbi_surface_bin(float middle, float low, float per_unit)
@@ -14139,16 +14340,16 @@ static void sbi_surface_fill_bins(const sbi_surface_build *b, int begin, int end
 {
     for (int k = 0; k < SBI_SURFACE_BINS; k++) {
         bins->count[k] = 0;
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < 4; i++) {
             bins->low[k][i] = SBI_SURFACE_NOWHERE;
             bins->high[k][i] = -SBI_SURFACE_NOWHERE;
         }
     }
     for (int i = begin; i < end; i++) {
         const float *box = b->box[b->order[i]];
-        int k = sbi_surface_bin(box[axis] + box[axis + 3], low, per_unit);
+        int k = sbi_surface_bin(box[axis] + box[axis + 4], low, per_unit);
         bins->count[k]++;
-        sbi_surface_box_add(bins->low[k], bins->high[k], box, box + 3);
+        sbi_surface_box_join(bins->low[k], bins->high[k], box, box + 4);
     }
 }
 
@@ -14159,12 +14360,12 @@ static float sbi_surface_leaves(int count) { return (float)((count + SBI_SURFACE
  * number when the bins cannot be cut. */
 static float sbi_surface_best_cut(const sbi_surface_bins *bins, int count, int *cut)
 {
-    float right[SBI_SURFACE_BINS], low[3], high[3], best = -1.0f;
+    float right[SBI_SURFACE_BINS], low[4], high[4], best = -1.0f;
     int left = 0;
     memcpy(low, bins->low[SBI_SURFACE_BINS - 1], sizeof low);
     memcpy(high, bins->high[SBI_SURFACE_BINS - 1], sizeof high);
     for (int k = SBI_SURFACE_BINS - 1; k > 0; k--) {
-        sbi_surface_box_add(low, high, bins->low[k], bins->high[k]);
+        sbi_surface_box_join(low, high, bins->low[k], bins->high[k]);
         right[k] = sbi_surface_half_area(low, high);
     }
     memcpy(low, bins->low[0], sizeof low);
@@ -14172,7 +14373,7 @@ static float sbi_surface_best_cut(const sbi_surface_bins *bins, int count, int *
     for (int k = 0; k + 1 < SBI_SURFACE_BINS; k++) {
         float cost;
         left += bins->count[k];
-        sbi_surface_box_add(low, high, bins->low[k], bins->high[k]);
+        sbi_surface_box_join(low, high, bins->low[k], bins->high[k]);
         if (left == 0 || left == count)
             continue;
         cost = sbi_surface_half_area(low, high) * sbi_surface_leaves(left) +
@@ -14202,17 +14403,21 @@ static int sbi_surface_partition(sbi_surface_build *b, int begin, int end, int a
 /* Cuts a range of two triangles or more in two; returns where the second begins. */
 static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth)
 {
-    float low[3], high[3], best = -1.0f, best_per_unit = 0.0f;
+    float low[4], high[4], best = -1.0f, best_per_unit = 0.0f, longest = 0.0f;
     int best_axis = 0, best_cut = 0;
     sbi_surface_bins bins;
     if (depth > SBI_SURFACE_DEEP)
         return begin + (end - begin) / 2;
     sbi_surface_middles(b, begin, end, low, high);
+    for (int axis = 0; axis < 3; axis++)
+        longest = high[axis] - low[axis] > longest ? high[axis] - low[axis] : longest;
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
         per_unit = (float)SBI_SURFACE_BINS / size;
         if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
+            continue;
+        if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
         cost = sbi_surface_best_cut(&bins, end - begin, &cut);
@@ -14295,7 +14500,7 @@ static int sbi_surface_build_allocate(const sb_allocator *allocator, int count, 
     size_t n = (size_t)count;
     memset(b, 0, sizeof *b);
     b->count = count;
-    b->box = (float(*)[6])sbi_alloc(allocator, n, sizeof *b->box);
+    b->box = (float(*)[8])sbi_alloc(allocator, n, sizeof *b->box);
     b->order = (int *)sbi_alloc(allocator, n, sizeof(int));
     b->child = (int(*)[SBI_SURFACE_WIDTH])sbi_alloc(allocator, n, sizeof *b->child);
     b->slot = (int *)sbi_alloc(allocator, n, sizeof(int));
@@ -14328,20 +14533,21 @@ static void sbi_surface_build_boxes(const sb_mesh *triangles, sbi_surface_build 
     for (int t = 0; t < b->count; t++) {
         const int *nodes = triangles->elements + 3 * (size_t)t;
         float *box = b->box[t];
+        box[3] = box[7] = 0.0f;
         for (int i = 0; i < 3; i++) {
             sb_vec3 x = sb_v3_scale(scale, sb_v3_sub(triangles->nodes[nodes[i]], low));
             float p[3];
             p[0] = (float)x.x, p[1] = (float)x.y, p[2] = (float)x.z;
             for (int axis = 0; axis < 3; axis++) {
                 box[axis] = i == 0 || p[axis] < box[axis] ? p[axis] : box[axis];
-                box[axis + 3] = i == 0 || p[axis] > box[axis + 3] ? p[axis] : box[axis + 3];
+                box[axis + 4] = i == 0 || p[axis] > box[axis + 4] ? p[axis] : box[axis + 4];
             }
         }
         b->order[t] = t;
     }
 }
 
-/* ---- creation ---------------------------------------------------------------------------------------------------- */
+/* ---- creation ------------------------------------------------------------------------------------------------ */
 
 /* Sizes and, with arena->base, places of all arrays; leaves and tree counts are known. */
 static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
@@ -14352,6 +14558,7 @@ static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
     made.tree = (sbi_surface_node *)sbi_arena_take(arena, tree, sizeof *made.tree);
     made.cluster = (sbi_surface_cluster *)sbi_arena_take(arena, tree, sizeof *made.cluster);
     made.leaf = (sbi_surface_leaf *)sbi_arena_take(arena, leaves, sizeof *made.leaf);
+    made.exact = (sb_vec3(*)[3])sbi_arena_take(arena, SBI_SURFACE_WIDTH * leaves, sizeof *made.exact);
     made.leaf_slot = (int *)sbi_arena_take(arena, leaves, sizeof(int));
     made.nodes = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     made.normal = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
@@ -14468,7 +14675,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            s->pinched[v] =
+                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -14515,11 +14723,12 @@ static sb_surface *sbi_surface_make(const sbi_surface_cut *cut, const sbi_surfac
     size.leaf_count = b->leaf_count;
     memset(&arena, 0, sizeof arena);
     sbi_surface_layout(&size, &arena);
-    size.bytes = arena.used;
-    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
-    arena.used = 0;
-    if (!arena.base)
+    size.bytes = arena.used + SBI_SURFACE_LINE;
+    size.block = arena.overflow ? NULL : sbi_alloc(allocator, size.bytes, 1);
+    if (!size.block)
         return NULL;
+    arena.base = (unsigned char *)size.block + (SBI_SURFACE_LINE - (uintptr_t)size.block % SBI_SURFACE_LINE);
+    arena.used = 0;
     s = sbi_surface_layout(&size, &arena);
     memcpy(s->corners, cut->corners, sizeof *s->corners * (size_t)s->triangle_count);
     memcpy(s->element, cut->element, sizeof(int) * (size_t)s->triangle_count);
@@ -14618,10 +14827,10 @@ SB_API void sb_surface_destroy(sb_surface *surface)
     if (!surface)
         return;
     allocator = surface->allocator;
-    sbi_free(&allocator, surface);
+    sbi_free(&allocator, surface->block);
 }
 
-/* ---- what it is made of ----------------------------------------------------------------------------------------- */
+/* ---- what it is made of -------------------------------------------------------------------------------------- */
 
 SB_API int sb_surface_node_count(const sb_surface *surface) { return surface ? surface->node_count : 0; }
 SB_API int sb_surface_triangle_count(const sb_surface *surface) { return surface ? surface->triangle_count : 0; }
@@ -14648,88 +14857,7 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
 /* ==== src/softbody/surface_query.c ==== */
 /* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
 
-/* ---- four floats at a time ---------------------------------------------------------------------------------------- */
-
-#if defined(__GNUC__)
-typedef float sbi_four __attribute__((vector_size(16)));
-typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
-SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
-{
-    sbi_four r = {x, x, x, x};
-    return r;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
-{
-    sbi_four r;
-    memcpy(&r, x, sizeof r);
-    return r;
-}
-SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
-SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
-SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
-SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
-#if defined(__SSE__)
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
-#else
-SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_four b)
-{
-    return (sbi_four)((mask & (sbi_four_mask)a) | (~mask & (sbi_four_mask)b));
-}
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
-#endif
-#else
-typedef struct sbi_four {
-    float v[4];
-} sbi_four;
-SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
-{
-    sbi_four r;
-    for (int k = 0; k < 4; k++)
-        r.v[k] = x;
-    return r;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
-{
-    sbi_four r;
-    memcpy(&r, x, sizeof r);
-    return r;
-}
-SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
-SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] -= b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] *= b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] += s.v[k] * b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = a.v[k] > b.v[k] ? a.v[k] : b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
-    return a;
-}
-#endif
-
-/* ---- the closest point of a triangle ----------------------------------------------------------------------------- */
+/* ---- the closest point of a triangle ------------------------------------------------------------------------- */
 
 /* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
 typedef struct sbi_surface_spot {
@@ -14829,14 +14957,12 @@ static sbi_surface_spot sbi_surface_spot_thin(sb_vec3 p, sb_vec3 ab, sb_vec3 ac,
     return best;
 }
 
-static sbi_surface_spot sbi_surface_spot_on(const sb_surface *s, int triangle, sb_vec3 point)
+static sbi_surface_spot sbi_surface_spot_on(const sb_vec3 x[3], int shape, sb_vec3 point)
 {
-    const int *nodes = s->corners[triangle];
-    sb_vec3 a = s->nodes[nodes[0]], ab = sb_v3_sub(s->nodes[nodes[1]], a), ac = sb_v3_sub(s->nodes[nodes[2]], a);
-    sb_vec3 p = sb_v3_sub(point, a);
+    sb_vec3 ab = sb_v3_sub(x[1], x[0]), ac = sb_v3_sub(x[2], x[0]), p = sb_v3_sub(point, x[0]);
     sbi_surface_spot spot;
-    if (s->shape[triangle] != SBI_SURFACE_SOUND)
-        return sbi_surface_spot_thin(p, ab, ac, s->shape[triangle] == SBI_SURFACE_FLAT);
+    if (shape != SBI_SURFACE_SOUND)
+        return sbi_surface_spot_thin(p, ab, ac, shape == SBI_SURFACE_FLAT);
     spot = sbi_surface_spot_sound(p, ab, ac);
     if (spot.feature == SB_SURFACE_FACE && sbi_surface_spot_is_outside(&spot))
         return sbi_surface_spot_thin(p, ab, ac, 0);
@@ -14844,12 +14970,12 @@ static sbi_surface_spot sbi_surface_spot_on(const sb_surface *s, int triangle, s
     return spot;
 }
 
-/* ---- closest point ----------------------------------------------------------------------------------------------- */
+/* ---- closest point ------------------------------------------------------------------------------------------- */
 
-/* A triangle that may be the closest, with the square of its distance as a leaf has it. */
+/* A triangle that may be the closest, its place (4 leaf + number in it), and the square of its distance from there. */
 typedef struct sbi_surface_candidate {
     float square;
-    int triangle;
+    int triangle, place;
 } sbi_surface_candidate;
 
 /* The state of a search: everything scaled. Distances from leaves are good to `slack`, so they narrow the search down,
@@ -14875,9 +15001,9 @@ static void sbi_surface_narrow(sbi_surface_search *q, sb_real distance)
 }
 
 /* Computes the triangle and keeps it when it is nearer, or as near with a lower number. */
-static void sbi_surface_try(const sb_surface *s, sbi_surface_search *q, int triangle)
+static void sbi_surface_try(sbi_surface_search *q, int triangle, const sb_vec3 x[3], int shape)
 {
-    sbi_surface_spot spot = sbi_surface_spot_on(s, triangle, q->point);
+    sbi_surface_spot spot = sbi_surface_spot_on(x, shape, q->point);
     if (spot.square > q->best.square || !(spot.square >= 0) ||
         (spot.square == q->best.square && q->triangle >= 0 && q->triangle <= triangle))
         return;
@@ -14886,12 +15012,19 @@ static void sbi_surface_try(const sb_surface *s, sbi_surface_search *q, int tria
     sbi_surface_narrow(q, sb_sqrt(spot.square));
 }
 
-/* Computes the candidates that may still win. */
+static void sbi_surface_try_number(const sb_surface *s, sbi_surface_search *q, int triangle)
+{
+    sb_vec3 x[3];
+    sbi_surface_corners(s, triangle, x);
+    sbi_surface_try(q, triangle, x, s->shape[triangle]);
+}
+
+/* Computes the candidates that may still win; they are no slivers, so they are sound. */
 static void sbi_surface_try_kept(const sb_surface *s, sbi_surface_search *q)
 {
     for (int i = 0; i < q->kept; i++)
         if (q->candidate[i].square <= q->limit)
-            sbi_surface_try(s, q, q->candidate[i].triangle);
+            sbi_surface_try(q, q->candidate[i].triangle, s->exact[q->candidate[i].place], SBI_SURFACE_SOUND);
     q->kept = 0;
 }
 
@@ -14909,49 +15042,85 @@ SBI_FORCE_INLINE sbi_four sbi_surface_box_squares(const sbi_surface_node *node, 
     return square;
 }
 
-/* Dot product of a vector with the one in rows i, i + 1 and i + 2 of the leaf. */
-SBI_FORCE_INLINE sbi_four sbi_surface_leaf_dot(const sbi_surface_leaf *leaf, int i, const sbi_four d[3])
+SBI_FORCE_INLINE sbi_four sbi_four_dot(const sbi_four a[3], const sbi_four b[3])
 {
-    sbi_four sum = sbi_four_mul(d[0], sbi_four_load(leaf->f[i]));
-    sum = sbi_four_madd(sum, d[1], sbi_four_load(leaf->f[i + 1]));
-    return sbi_four_madd(sum, d[2], sbi_four_load(leaf->f[i + 2]));
+    return sbi_four_madd(sbi_four_madd(sbi_four_mul(a[0], b[0]), a[1], b[1]), a[2], b[2]);
 }
 
-/* Square of the distance to a segment, for a point `along` and `across` it. */
-SBI_FORCE_INLINE sbi_four sbi_surface_segment_square(sbi_four along, sbi_four across, sbi_four length)
+/* Squares of the distances to the four coins of a node. The square of the way aside is a difference: its rounding is
+ * taken off. */
+SBI_FORCE_INLINE sbi_four sbi_surface_coin_squares(const sbi_surface_node *node, const float p[3])
 {
-    sbi_four off = sbi_four_sub(along, sbi_four_max(sbi_four_min(along, length), sbi_four_of(0.0f)));
-    return sbi_four_madd(sbi_four_mul(across, across), off, off);
+    sbi_four d[3], normal[3], all, height, aside;
+    const sbi_four zero = sbi_four_of(0.0f);
+    for (int axis = 0; axis < 3; axis++) {
+        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), sbi_four_load(node->coin[SBI_COIN_CENTRE + axis]));
+        normal[axis] = sbi_four_load(node->coin[SBI_COIN_NORMAL + axis]);
+    }
+    all = sbi_four_dot(d, d);
+    height = sbi_four_dot(d, normal);
+    aside = sbi_four_sub(sbi_four_mul(all, sbi_four_of(1.0f - 1.0e-6f)), sbi_four_mul(height, height));
+    aside = sbi_four_sub(sbi_four_sqrt(sbi_four_max(aside, zero)), sbi_four_load(node->coin[SBI_COIN_RADIUS]));
+    height = sbi_four_max(height, sbi_four_sub(zero, height));
+    height = sbi_four_sub(height, sbi_four_load(node->coin[SBI_COIN_THICKNESS]));
+    aside = sbi_four_max(aside, zero);
+    height = sbi_four_max(height, zero);
+    return sbi_four_madd(sbi_four_mul(aside, aside), height, height);
+}
+
+/* Three rows of a leaf from row i on. */
+SBI_FORCE_INLINE void sbi_surface_leaf_vector(const sbi_surface_leaf *leaf, int i, sbi_four v[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        v[axis] = sbi_four_load(leaf->f[i + axis]);
+}
+
+/* a b - c d */
+SBI_FORCE_INLINE sbi_four sbi_four_det(sbi_four a, sbi_four b, sbi_four c, sbi_four d)
+{
+    return sbi_four_sub(sbi_four_mul(a, b), sbi_four_mul(c, d));
+}
+
+/* Square of the distance of (x, y) to the segment from the origin to (ex, ey); inverse: 1 / its length^2. */
+SBI_FORCE_INLINE sbi_four sbi_surface_segment_square(sbi_four x, sbi_four y, sbi_four ex, sbi_four ey, sbi_four inverse)
+{
+    sbi_four t = sbi_four_mul(sbi_four_madd(sbi_four_mul(x, ex), y, ey), inverse);
+    t = sbi_four_max(sbi_four_min(t, sbi_four_of(1.0f)), sbi_four_of(0.0f));
+    x = sbi_four_sub(x, sbi_four_mul(t, ex));
+    y = sbi_four_sub(y, sbi_four_mul(t, ey));
+    return sbi_four_madd(sbi_four_mul(x, x), y, y);
 }
 
 /* Squares of the distances to the four triangles of a leaf: in each one's plane the point is inside, where only the
  * height counts, or nearest to one of the edges. */
 SBI_FORCE_INLINE sbi_four sbi_surface_leaf_squares(const sbi_surface_leaf *leaf, const float p[3])
 {
-    sbi_four d[3], x, y, z, u, length, ac[2], bc[2], across, plane, outside;
-    for (int axis = 0; axis < 3; axis++)
-        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), sbi_four_load(leaf->f[axis]));
-    x = sbi_surface_leaf_dot(leaf, SBI_LEAF_ALONG, d);
-    y = sbi_surface_leaf_dot(leaf, SBI_LEAF_ACROSS, d);
-    z = sbi_surface_leaf_dot(leaf, SBI_LEAF_NORMAL, d);
-    length = sbi_four_load(leaf->f[SBI_LEAF_AB]);
-    u = sbi_four_sub(x, length);
-    for (int i = 0; i < 2; i++) {
-        ac[i] = sbi_four_load(leaf->f[SBI_LEAF_AC + i]);
-        bc[i] = sbi_four_load(leaf->f[SBI_LEAF_BC + i]);
+    sbi_four d[3], along[3], across[3], normal[3], x, y, z, u, v, length, c, height, plane, outside;
+    const sbi_four zero = sbi_four_of(0.0f);
+    sbi_surface_leaf_vector(leaf, SBI_LEAF_ORIGIN, d);
+    sbi_surface_leaf_vector(leaf, SBI_LEAF_ALONG, along);
+    sbi_surface_leaf_vector(leaf, SBI_LEAF_ACROSS, across);
+    for (int axis = 0; axis < 3; axis++) {
+        int next = (axis + 1) % 3, last = (axis + 2) % 3;
+        d[axis] = sbi_four_sub(sbi_four_of(p[axis]), d[axis]);
+        normal[axis] = sbi_four_det(along[next], across[last], along[last], across[next]);
     }
-    plane = sbi_surface_segment_square(x, y, length);
-    outside = sbi_four_sub(sbi_four_of(0.0f), y);
-    across = sbi_four_sub(sbi_four_mul(ac[0], y), sbi_four_mul(ac[1], x));
-    outside = sbi_four_max(outside, across);
-    x = sbi_four_madd(sbi_four_mul(ac[0], x), ac[1], y);
-    plane = sbi_four_min(plane, sbi_surface_segment_square(x, across, sbi_four_load(leaf->f[SBI_LEAF_AC + 2])));
-    across = sbi_four_sub(sbi_four_mul(bc[1], u), sbi_four_mul(bc[0], y));
-    outside = sbi_four_max(outside, across);
-    x = sbi_four_madd(sbi_four_mul(bc[0], u), bc[1], y);
-    plane = sbi_four_min(plane, sbi_surface_segment_square(x, across, sbi_four_load(leaf->f[SBI_LEAF_BC + 2])));
+    x = sbi_four_dot(d, along);
+    y = sbi_four_dot(d, across);
+    z = sbi_four_dot(d, normal);
+    length = sbi_four_load(leaf->f[SBI_LEAF_AB]);
+    c = sbi_four_load(leaf->f[SBI_LEAF_C]);
+    height = sbi_four_load(leaf->f[SBI_LEAF_C + 1]);
+    u = sbi_four_sub(x, sbi_four_max(sbi_four_min(x, length), zero));
+    plane = sbi_four_madd(sbi_four_mul(u, u), y, y);
+    plane = sbi_four_min(plane, sbi_surface_segment_square(x, y, c, height, sbi_four_load(leaf->f[SBI_LEAF_AC])));
+    outside = sbi_four_max(sbi_four_sub(zero, y), sbi_four_det(c, y, height, x));
+    u = sbi_four_sub(x, length);
+    v = sbi_four_sub(c, length);
+    plane = sbi_four_min(plane, sbi_surface_segment_square(u, y, v, height, sbi_four_load(leaf->f[SBI_LEAF_BC])));
+    outside = sbi_four_max(outside, sbi_four_det(height, u, v, y));
     /* 0 inside; just outside, where the factor is too small, a bound that is too low does no harm */
-    outside = sbi_four_mul(sbi_four_max(outside, sbi_four_of(0.0f)), sbi_four_of(1.0e20f));
+    outside = sbi_four_mul(sbi_four_max(outside, zero), sbi_four_of(1.0e20f));
     return sbi_four_madd(sbi_four_min(plane, outside), z, z);
 }
 
@@ -14963,7 +15132,7 @@ static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf 
         if (square[k] > q->limit || leaf->triangle[k] == SBI_SURFACE_NO_TRIANGLE)
             continue;
         if (leaf->triangle[k] < 0) {
-            sbi_surface_try(s, q, ~leaf->triangle[k]);
+            sbi_surface_try_number(s, q, ~leaf->triangle[k]);
             continue;
         }
         if (square[k] < q->nearest) {
@@ -14973,6 +15142,7 @@ static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf 
         if (q->kept == SBI_SURFACE_KEPT)
             sbi_surface_try_kept(s, q);
         q->candidate[q->kept].square = square[k];
+        q->candidate[q->kept].place = (int)(leaf - s->leaf) * SBI_SURFACE_WIDTH + k;
         q->candidate[q->kept++].triangle = leaf->triangle[k];
     }
 }
@@ -15006,13 +15176,12 @@ SBI_FORCE_INLINE void sbi_surface_order(uint64_t *far, uint64_t *near)
     *near = a > b ? b : a;
 }
 
-/* Asks for the memory of a child that will be looked at soon. */
+/* Asks for the memory of a child that will be looked at soon: for as much as a leaf takes, to spare a branch. */
 SBI_FORCE_INLINE void sbi_surface_prefetch(const sb_surface *s, int child)
 {
 #if defined(__GNUC__)
     const char *at = child < 0 ? (const char *)(s->leaf + ~child) : (const char *)(s->tree + child);
-    int size = child < 0 ? (int)sizeof *s->leaf : (int)sizeof *s->tree;
-    for (int i = 0; i < size; i += 64)
+    for (size_t i = 0; i < sizeof *s->leaf; i += SBI_SURFACE_LINE)
         __builtin_prefetch(at + i);
 #else
     (void)s, (void)child;
@@ -15025,7 +15194,8 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
 {
     float square[SBI_SURFACE_WIDTH];
     uint64_t visit[SBI_SURFACE_WIDTH];
-    sbi_four_store(square, sbi_surface_box_squares(node, q->p));
+    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p),
+                                        sbi_surface_coin_squares(node, q->p)));
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
         visit[k] = sbi_surface_visit(square[k], node->child[k]);
     sbi_surface_order(visit, visit + 1);
@@ -15035,11 +15205,10 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
     sbi_surface_order(visit + 1, visit + 2);
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         stack[top] = visit[k];
-        if (sbi_surface_visit_square(visit[k]) <= q->limit) {
-            sbi_surface_prefetch(s, sbi_surface_visit_child(visit[k]));
-            top++;
-        }
+        top += sbi_surface_visit_square(visit[k]) <= q->limit;
     }
+    sbi_surface_prefetch(s, sbi_surface_visit_child(visit[3]));
+    sbi_surface_prefetch(s, sbi_surface_visit_child(visit[2]));
     return top;
 }
 
@@ -15086,10 +15255,10 @@ static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_s
     q->kept = 0;
     sbi_surface_narrow(q, sb_sqrt(q->best.square));
     if (hint >= 0 && hint < s->triangle_count)
-        sbi_surface_try(s, q, hint);
+        sbi_surface_try_number(s, q, hint);
     if (far > (sb_real)SBI_SURFACE_FAR) {
         for (int t = 0; t < s->triangle_count; t++)
-            sbi_surface_try(s, q, t);
+            sbi_surface_try_number(s, q, t);
         return;
     }
     sbi_surface_to_local(s, q->point, q->p);
@@ -15150,7 +15319,7 @@ SB_API int sb_surface_closest(const sb_surface *surface, sb_vec3 point, sb_real 
     return sb_surface_closest_from(surface, point, max_distance, -1, hit);
 }
 
-/* ---- normals and signs --------------------------------------------------------------------------------------------- */
+/* ---- normals and signs --------------------------------------------------------------------------------------- */
 
 /* Pseudonormal at a place; its length says how much the faces there agree, 0 that it means nothing. */
 static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int feature, int index)
@@ -15258,7 +15427,7 @@ SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_
     return sbi_surface_distance(surface, point, 1, &triangle, hit);
 }
 
-/* ---- winding number ------------------------------------------------------------------------------------------------ */
+/* ---- winding number ------------------------------------------------------------------------------------------ */
 
 static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
 {
@@ -15282,13 +15451,10 @@ static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
 }
 
 /* Van Oosterom, Strackee 1983: its tangent from the corners relative to the eye. */
-SBI_API void sbi_surface_angle_of(const sb_surface *s, int triangle, sb_vec3 eye, sbi_surface_angle *sum)
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum)
 {
-    sb_vec3 x[3], a, b, c;
+    sb_vec3 a, b, c;
     double la, lb, lc;
-    if (s->shape[triangle] == SBI_SURFACE_FLAT)
-        return;
-    sbi_surface_corners(s, triangle, x);
     a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
     la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
     sbi_surface_angle_add(sum,
@@ -15304,8 +15470,8 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
 
 /* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
  * 9); near[k] > 0 where the child is closer than twice its radius. */
-static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3], float number[SBI_SURFACE_WIDTH],
-                                   float near[SBI_SURFACE_WIDTH])
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
+                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
 {
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
@@ -15332,7 +15498,8 @@ static double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
         if (child < 0) {
             const sbi_surface_leaf *leaf = s->leaf + ~child;
             for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-                sbi_surface_angle_of(s, sbi_surface_leaf_triangle(leaf, k), eye, &angle);
+                if (leaf->triangle[k] >= 0 || s->shape[~leaf->triangle[k]] != SBI_SURFACE_FLAT)
+                    sbi_surface_angle_of(s->exact[SBI_SURFACE_WIDTH * ~child + k], eye, &angle);
             continue;
         }
         sbi_surface_far_fields(s->cluster + child, p, number, near);
@@ -15368,8 +15535,12 @@ SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec
     sb_vec3 eye;
     if (!sbi_surface_eye(surface, point, &eye))
         return 0;
-    for (int t = 0; t < surface->triangle_count; t++)
-        sbi_surface_angle_of(surface, t, eye, &angle);
+    for (int t = 0; t < surface->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(surface, t, x);
+        if (surface->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
     return (sb_real)sbi_surface_angle_turns(&angle);
 }
 
@@ -15378,7 +15549,7 @@ SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
     return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
 }
 
-/* ---- rays ---------------------------------------------------------------------------------------------------------- */
+/* ---- rays ---------------------------------------------------------------------------------------------------- */
 
 /* A ray in scaled coordinates. The tree is entered at `start` along the ray, near the surface, where float coordinates
  * are good. */
@@ -15491,12 +15662,9 @@ static void sbi_surface_beam_corner(const sbi_surface_beam *beam, sb_vec3 corner
 }
 
 /* 1 when the ray meets the triangle in front of its origin: *t and weights of corners 1 and 2. */
-static int sbi_surface_beam_meets(const sb_surface *s, const sbi_surface_beam *beam, int triangle, sb_real *t,
-                                  sb_real weight[2])
+static int sbi_surface_beam_meets(const sbi_surface_beam *beam, const sb_vec3 x[3], sb_real *t, sb_real weight[2])
 {
-    sb_vec3 x[3];
     sb_real a[3], b[3], c[3], u, v, w, det;
-    sbi_surface_corners(s, triangle, x);
     sbi_surface_beam_corner(beam, x[0], a);
     sbi_surface_beam_corner(beam, x[1], b);
     sbi_surface_beam_corner(beam, x[2], c);
@@ -15537,10 +15705,10 @@ static void sbi_surface_beam_insert(sbi_surface_beam *beam, const sb_surface_hit
         beam->hits[i] = *hit;
 }
 
-static void sbi_surface_beam_try(const sb_surface *s, sbi_surface_beam *beam, int triangle)
+static void sbi_surface_beam_try(const sb_surface *s, sbi_surface_beam *beam, int triangle, const sb_vec3 x[3])
 {
     sb_real t, weight[2];
-    if (!sbi_surface_beam_meets(s, beam, triangle, &t, weight) || t > beam->best)
+    if (!sbi_surface_beam_meets(beam, x, &t, weight) || t > beam->best)
         return;
     if (beam->all) {
         sb_surface_hit hit;
@@ -15589,7 +15757,8 @@ static void sbi_surface_beam_run(const sb_surface *s, sbi_surface_beam *beam)
             continue;
         }
         for (int k = 0; k < SBI_SURFACE_WIDTH && s->leaf[~child].triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-            sbi_surface_beam_try(s, beam, sbi_surface_leaf_triangle(s->leaf + ~child, k));
+            sbi_surface_beam_try(s, beam, sbi_surface_leaf_triangle(s->leaf + ~child, k),
+                                 s->exact[SBI_SURFACE_WIDTH * ~child + k]);
     }
 }
 
@@ -15622,7 +15791,7 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     return beam.count;
 }
 
-/* ---- batches ------------------------------------------------------------------------------------------------------- */
+/* ---- batches ------------------------------------------------------------------------------------------------- */
 
 typedef struct sbi_surface_batch {
     const sb_surface *surface;
@@ -15740,7 +15909,7 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
 /* ==== src/softbody/surface_check.c ==== */
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 
-/* ---- triangles that cross --------------------------------------------------------------------------------------- */
+/* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
 /* A triangle against the plane of another: signed distances of its corners times the plane's normal's length, 0 where
  * they are rounding or the corner is one of the other's. */
@@ -15902,7 +16071,7 @@ static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
     }
 }
 
-/* ---- the report --------------------------------------------------------------------------------------------------- */
+/* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
     SBI_FOUND_OPEN = 0,
@@ -16068,9 +16237,12 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
 static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
 {
     sbi_surface_angle angle = sbi_surface_angle_zero();
-    for (int t = 0; t < s->triangle_count; t++)
-        if (part[s->element[t]] != own)
-            sbi_surface_angle_of(s, t, eye, &angle);
+    for (int t = 0; t < s->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(s, t, x);
+        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
     return (sb_real)sbi_surface_angle_turns(&angle);
 }
 
@@ -16200,7 +16372,7 @@ SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_
     return SB_OK;
 }
 
-/* ---- repairs ------------------------------------------------------------------------------------------------------ */
+/* ---- repairs ------------------------------------------------------------------------------------------------- */
 
 SB_API sb_result sb_surface_triangulate(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *triangles,
                                         sb_error *error)

@@ -18,7 +18,8 @@
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_shape *shapes; /* [shape_count] borrowed */
+    const sb_shape *shapes;       /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
+                                   * where the winding number says so) */
     int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
     sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
                                    * surface, which brings its own */
@@ -49,14 +50,19 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
 
 /* Makes the mesh: positively oriented tets with regions, all nodes used, ready for sb_body_create.
  *
- * Every dihedral angle lies in 10.7 to 164.8 degrees, in 9 to 165.6 with several shapes, with levels or without: what
- * is cut or moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
- * Boundary nodes lie on the surface. Features thinner than a cell may be lost.
+ * Every dihedral angle lies in 10.7 to 164.8 degrees, for one shape or several, with levels or without: what is cut or
+ * moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
+ *
+ * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
+ * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
+ * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles. What is thinner than a cell may be
+ * missing, in part or as a whole, or join across a gap; parts that come loose stay (sb_mesh_components finds them).
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
  * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
- * not), SB_ERROR_MESH (no lattice point lies inside: the cell is too large, or the surface is inside out),
+ * not), SB_ERROR_MESH (nothing to mesh: the cell is too large, or the surface is inside out),
  * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
  * cell of the box, the rest O(mesh). */
 SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
