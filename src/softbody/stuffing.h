@@ -18,8 +18,8 @@ typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
 
 /* One of the shapes that a mesh is made of: a surface, or a function. */
 typedef struct sb_stuff_shape {
-    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL, then
-                                * `distance` is called. Borrowed for the call */
+    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL,
+                                * then `distance` is called. Borrowed for the call */
     sb_distance distance;
     void *user;                /* handed to `distance` */
     sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
