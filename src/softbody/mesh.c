@@ -750,10 +750,8 @@ static int sbi_mesh_grid_setup(const sb_mesh *mesh, sb_real tolerance, sbi_mesh_
     return 1;
 }
 
-/* representative[v]: the node that node v merges into (the first near it), v itself when it stays. Returns
- * the number of nodes that go, -1 when memory is short. */
-static int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, const sb_allocator *allocator,
-                                    int *representative)
+SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, const sb_allocator *allocator,
+                                     int *representative)
 {
     sbi_mesh_grid grid;
     size_t buckets = 1;

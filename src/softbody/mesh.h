@@ -255,6 +255,10 @@ SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const un
 SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys);
 /* End of the run of equal keys that begins at position `begin` of the order. */
 SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin);
+/* representative[v]: the node that node v merges into (the first near it), v itself when it stays. Returns
+ * the number of nodes that go, -1 when memory is short. */
+SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, const sb_allocator *allocator,
+                                     int *representative);
 /* How a face is cut into triangles with its nodes as corners; returns how many. */
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 #endif

@@ -24,25 +24,25 @@ typedef enum sb_surface_feature {
     SB_SURFACE_VERTEX = 2 /* corner i */
 } sb_surface_feature;
 
-/* What a query found. Without a find (result 0) triangle and element are -1, the distance is infinite and the rest 0. */
+/* What a query found. For a query that finds nothing, triangle and element are -1, distance is infinite, the rest 0. */
 typedef struct sb_surface_hit {
     int triangle;               /* in [0, sb_surface_triangle_count) */
     int element;                /* of the mesh: the triangle's, or the face that was cut into triangles */
     sb_surface_feature feature; /* which kind of place on the triangle, and with `index` which of them */
     int index;                  /* edge or corner, 0 for a face */
     sb_vec3 point;              /* m, on the surface */
-    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding, sum 1: point = sum weight_i corner_i */
+    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding; point = sum weight_i corner_i */
     sb_real distance;           /* m; rays: from the origin along the ray. Signed distance queries: with its sign */
 } sb_surface_hit;
 
-/* ---- life ------------------------------------------------------------------------------------------------------ */
+/* ---- life ---------------------------------------------------------------------------------------------------- */
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
  * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
- * memory from `allocator` (NULL: malloc) for everything, plus scratch that goes back; about 60 ms for 100,000
- * triangles. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take sb_mesh_boundary), _MESH (empty, or too many
- * triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
+ * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
+ * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
+ * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
                                    sb_error *error);
 SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
@@ -53,7 +53,7 @@ SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
  * surface, to the bit. Allocates nothing. SB_ERROR_ARGUMENT or _NOT_FINITE (error->node): nothing has changed. */
 SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, const sb_jobs *jobs, sb_error *error);
 
-/* ---- what it is made of (0 or {0} for NULL) -------------------------------------------------------------------- */
+/* ---- what it is made of (0 or {0} for NULL) ------------------------------------------------------------------ */
 
 SB_API int sb_surface_node_count(const sb_surface *surface); /* nodes of the mesh, also those of no triangle */
 SB_API int sb_surface_triangle_count(const sb_surface *surface);
@@ -128,5 +128,107 @@ SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_
                                             sb_real *numbers, const sb_jobs *jobs);
 SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
                                     const sb_jobs *jobs);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
+
+/* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
+ * sbi_surface_cut_free; it borrows the nodes. */
+typedef struct sbi_surface_cut {
+    sb_mesh triangles;
+    int *corners; /* [count][3] */
+    int *element; /* [count] */
+} sbi_surface_cut;
+SBI_API sb_result sbi_surface_cut_make(const sb_mesh *mesh, const sb_allocator *allocator, sbi_surface_cut *cut,
+                                       sb_error *error);
+SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut *cut);
+#endif
+
+/* ---- checks ---------------------------------------------------------------------------------------------------------
+ * A surface bounds a solid when every point is clearly inside or outside. What can stand against it: */
+typedef enum sb_surface_finding {
+    SB_SURFACE_OPEN_EDGES = 1,         /* edges of one face only: holes, or borders that were never welded */
+    SB_SURFACE_FLIPPED = 2,            /* edges whose two faces are oriented against each other */
+    SB_SURFACE_NONMANIFOLD_EDGES = 4,  /* edges of more than two faces */
+    SB_SURFACE_NONMANIFOLD_NODES = 8,  /* nodes where parts touch in a point */
+    SB_SURFACE_DEGENERATE = 16,        /* faces without area, or with a node twice */
+    SB_SURFACE_DUPLICATES = 32,        /* faces with the corners of one before them */
+    SB_SURFACE_UNWELDED = 64,          /* nodes within 1e-6 of the surface's size of another */
+    SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
+    SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
+    SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
+    SB_SURFACE_SEVERAL_PARTS = 1024    /* parts that share no node: nothing wrong in itself */
+} sb_surface_finding;
+
+enum {
+    SB_SURFACE_FINDING_COUNT = 11,
+    /* What leaves it open which points are inside. */
+    SB_SURFACE_NOT_SOLID = SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED | SB_SURFACE_NONMANIFOLD_EDGES |
+                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING
+};
+
+/* How often something was found, and the first place; -1 where that has no element or node. */
+typedef struct sb_surface_place {
+    int count;
+    int element, other_element; /* of the mesh; the other one of an edge or a crossing */
+    int node, other_node;       /* ends of an edge; a node and the one it coincides with */
+} sb_surface_place;
+
+typedef struct sb_surface_report {
+    int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
+    int parts;                                     /* parts that share no node */
+    sb_real volume;                                /* m^3 enclosed; meaningful when closed */
+    sb_real area;                                  /* m^2 */
+} sb_surface_report;
+
+/* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
+ * does, and then leaves *report alone. Faces count as the mesh has them; crossings are looked for between the triangles
+ * they are cut into. Triangles that only touch do not cross. O(faces log faces), about 0.4 s for 100,000 triangles. */
+SB_API sb_result sb_surface_check(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface_report *report,
+                                  sb_error *error);
+/* One sentence that names the finding, e.g. "edges of one face only"; "unknown finding" for no single one. Static. */
+SB_API const char *sb_surface_check_string(int finding);
+/* sb_surface_check that fails with SB_ERROR_MESH when it finds one of `findings` (a sum of them, as
+ * SB_SURFACE_NOT_SOLID): the message names the first, how many and where, error->element the first element, or
+ * error->node the node. report (or NULL) is written then too. */
+SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_allocator *allocator,
+                                    sb_surface_report *report, sb_error *error);
+
+/* ---- repairs, on request only -------------------------------------------------------------------------------- */
+
+/* The mesh of flat triangles between the nodes of a surface's faces; regions and nodes are kept. Fails as
+ * sb_surface_create; the output is overwritten, not freed. */
+SB_API sb_result sb_surface_triangulate(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *triangles,
+                                        sb_error *error);
+
+typedef struct sb_surface_repair_def {
+    int weld;               /* merge nodes that coincide; default 1 */
+    sb_real weld_tolerance; /* m; negative (default): 1e-6 of the surface's size */
+    int clean;              /* remove faces without area, duplicates and unused nodes; default 1 */
+    int orient;             /* turn faces so that neighbours agree and closed parts look outward; default 1. A surface
+                             * that is sound in this respect stays as it is, with its cavities */
+    int max_hole_edges;     /* close holes of up to so many edges with triangles of least area, no new nodes, in
+                             * [0, 256]; default 0: invent nothing. The border of an open sheet is a hole as well */
+} sb_surface_repair_def;
+
+/* What a repair did. */
+typedef struct sb_surface_repair_report {
+    int merged_nodes, removed_nodes;
+    int removed_degenerate; /* faces without area taken out */
+    int removed_duplicates;
+    int flipped_edges;      /* of pairs of triangles: how faces without area but with three nodes are got rid of */
+    int turned_faces;
+    int filled_holes, added_faces;
+    int left_holes;         /* holes too long, or with a border that touches itself; -1 when none were looked for */
+} sb_surface_repair_report;
+
+SB_API sb_surface_repair_def sb_default_surface_repair(void);
+/* Repairs a mesh of tri3 (others: sb_surface_triangulate first; SB_ERROR_UNSUPPORTED). def and report may be NULL
+ * (defaults; not wanted). What cannot be mended stays: check afterwards. New arrays come from mesh->allocator, the old
+ * ones go back to it. SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX, _MEMORY, _MESH (empty, nothing left, or one-sided like a
+ * Moebius strip): the mesh is as it was. */
+SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *def, sb_surface_repair_report *report,
+                                   sb_error *error);
 
 #endif /* SB_SURFACE_H */

@@ -1,0 +1,329 @@
+/* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
+#ifndef SBI_SURFACE_TREE_H
+#define SBI_SURFACE_TREE_H
+
+#include "surface.h"
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
+    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
+    SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
+    SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
+    SBI_SURFACE_KEPT = 48,   /* candidates of a search */
+    SBI_SURFACE_NO_TRIANGLE = INT_MIN,
+    SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
+    SBI_SURFACE_KNOT = -2   /* mate of an edge of several triangles, or of two that disagree on its direction */
+};
+
+/* What a triangle is good for. */
+enum {
+    SBI_SURFACE_SOUND = 0,
+    SBI_SURFACE_THIN = 1, /* so thin that the usual formulas lose half their digits */
+    SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
+};
+
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
+#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
+#define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
+
+/* ---- four floats at a time ----------------------------------------------------------------------------------- */
+
+#if defined(__GNUC__)
+typedef float sbi_four __attribute__((vector_size(16)));
+typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
+SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
+{
+    sbi_four r = {x, x, x, x};
+    return r;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
+{
+    sbi_four r;
+    memcpy(&r, x, sizeof r);
+    return r;
+}
+SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
+SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
+SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
+#if defined(__SSE__)
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a) { return __builtin_ia32_sqrtps(a); }
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
+#else
+SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_four b)
+{
+    return (sbi_four)((mask & (sbi_four_mask)a) | (~mask & (sbi_four_mask)b));
+}
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a[k] = (float)sqrt((double)a[k]);
+    return a;
+}
+#endif
+#else
+typedef struct sbi_four {
+    float v[4];
+} sbi_four;
+SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
+{
+    sbi_four r;
+    for (int k = 0; k < 4; k++)
+        r.v[k] = x;
+    return r;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
+{
+    sbi_four r;
+    memcpy(&r, x, sizeof r);
+    return r;
+}
+SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] -= b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] *= b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] += s.v[k] * b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = a.v[k] > b.v[k] ? a.v[k] : b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] = (float)sqrt((double)a.v[k]);
+    return a;
+}
+#endif
+
+/* ---- the tree ------------------------------------------------------------------------------------------------ */
+
+/* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
+ * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+enum {
+    SBI_COIN_CENTRE = 0,
+    SBI_COIN_NORMAL = 3,
+    SBI_COIN_RADIUS = 6,
+    SBI_COIN_THICKNESS = 7, /* half of it */
+    SBI_COIN_SIZE = 8
+};
+/* Children that are not there lie nowhere, so no query gets to them. */
+typedef struct sbi_surface_node {
+    float low[3][SBI_SURFACE_WIDTH], high[3][SBI_SURFACE_WIDTH];
+    float coin[SBI_COIN_SIZE][SBI_SURFACE_WIDTH];
+    int child[SBI_SURFACE_WIDTH]; /* node, or ~leaf */
+    int slot;                     /* of this node in its parent: 4 parent + child */
+    int unused[3];                /* four cache lines in all */
+} sbi_surface_node;
+
+/* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB and to C's side. */
+enum {
+    SBI_LEAF_ORIGIN = 0,
+    SBI_LEAF_ALONG = 3,
+    SBI_LEAF_ACROSS = 6,
+    SBI_LEAF_AB = 9,          /* length */
+    SBI_LEAF_C = 10,          /* coordinates of C */
+    SBI_LEAF_AC = 12,         /* 1 / length^2, 0 for no length */
+    SBI_LEAF_BC = 13,
+    SBI_LEAF_SIZE = 14
+};
+typedef struct sbi_surface_leaf {
+    float f[SBI_LEAF_SIZE][SBI_SURFACE_WIDTH];
+    int triangle[SBI_SURFACE_WIDTH]; /* number; ~number of a sliver; NO_TRIANGLE: a copy of the first */
+    int unused[SBI_SURFACE_WIDTH];   /* four cache lines in all */
+} sbi_surface_leaf;
+
+/* The far field of a node's children: area vectors and their first moments around the centres of area. */
+enum {
+    SBI_CLUSTER_CENTRE = 0,
+    SBI_CLUSTER_RADIUS = 3,
+    SBI_CLUSTER_AREA = 4,
+    SBI_CLUSTER_DIPOLE = 5,
+    SBI_CLUSTER_MOMENT = 8, /* symmetric part: xx yy zz yz xz xy */
+    SBI_CLUSTER_SIZE = 14
+};
+typedef struct sbi_surface_cluster {
+    float f[SBI_CLUSTER_SIZE][SBI_SURFACE_WIDTH];
+} sbi_surface_cluster;
+
+struct sb_surface {
+    sb_allocator allocator;
+    size_t bytes;
+    void *block; /* what the allocator gave; the surface begins at its first cache line */
+    int node_count, triangle_count, tree_count, leaf_count;
+    int unbalanced; /* edges not run through as often one way as the other */
+    sb_vec3 *nodes;        /* [node_count] scaled */
+    int (*corners)[3];     /* [triangle_count] */
+    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or KNOT */
+    int *element;          /* [triangle_count] */
+    unsigned char *shape;  /* [triangle_count] sound, thin or flat */
+    unsigned char *pinched;/* [node_count] 1: parts touch in this node */
+    int *fan_start;        /* [node_count + 1] */
+    int *fan;              /* [3 triangle_count] 3 triangle + corner, by node */
+    sb_vec3 *normal;       /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
+    sbi_surface_node *tree;
+    sbi_surface_cluster *cluster; /* [tree_count] */
+    sbi_surface_leaf *leaf;
+    int *leaf_slot;        /* [leaf_count] 4 parent + child */
+    sb_vec3 (*exact)[3];   /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
+    sb_vec3 low, high;     /* m */
+    sb_vec3 centre;        /* scaled */
+    sb_real scale, inverse;
+};
+
+/* ---- triangles ----------------------------------------------------------------------------------------------- */
+
+SB_INLINE void sbi_surface_corners(const sb_surface *s, int triangle, sb_vec3 x[3])
+{
+    for (int i = 0; i < 3; i++)
+        x[i] = s->nodes[s->corners[triangle][i]];
+}
+
+SB_INLINE int sbi_surface_leaf_triangle(const sbi_surface_leaf *leaf, int k)
+{
+    return leaf->triangle[k] < 0 ? ~leaf->triangle[k] : leaf->triangle[k];
+}
+
+SB_INLINE sb_vec3 sbi_surface_area_vector(const sb_vec3 x[3])
+{
+    return sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])); /* twice the area */
+}
+
+/* Unit normal; 0 for a flat triangle. */
+SB_INLINE sb_vec3 sbi_surface_unit_normal(const sb_surface *s, int triangle)
+{
+    sb_vec3 x[3], n;
+    if (s->shape[triangle] == SBI_SURFACE_FLAT)
+        return sb_v3(0, 0, 0);
+    sbi_surface_corners(s, triangle, x);
+    n = sbi_surface_area_vector(x);
+    return sb_v3_scale((sb_real)1 / sb_v3_norm(n), n);
+}
+
+SB_INLINE void sbi_surface_to_local(const sb_surface *s, sb_vec3 x, float p[3])
+{
+    p[0] = (float)(x.x - s->centre.x);
+    p[1] = (float)(x.y - s->centre.y);
+    p[2] = (float)(x.z - s->centre.z);
+}
+
+/* Box of the triangle in local coordinates, widened by PAD. */
+SB_INLINE void sbi_surface_box_of(const sb_surface *s, const sb_vec3 x[3], float low[3], float high[3])
+{
+    float p[3];
+    for (int i = 0; i < 3; i++) {
+        sbi_surface_to_local(s, x[i], p);
+        for (int axis = 0; axis < 3; axis++) {
+            if (i == 0 || p[axis] < low[axis])
+                low[axis] = p[axis];
+            if (i == 0 || p[axis] > high[axis])
+                high[axis] = p[axis];
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        low[axis] -= SBI_SURFACE_PAD;
+        high[axis] += SBI_SURFACE_PAD;
+    }
+}
+
+SB_INLINE int sbi_surface_child_count(const sbi_surface_node *node)
+{
+    int count = 0;
+    while (count < SBI_SURFACE_WIDTH && node->low[0][count] < SBI_SURFACE_FAR)
+        count++;
+    return count;
+}
+
+SB_INLINE int sbi_surface_blocks(int count) { return (count - 1) / SBI_SURFACE_BLOCK + 1; }
+
+/* Height over longest edge. */
+SB_INLINE sb_real sbi_surface_slimness(const sb_vec3 x[3])
+{
+    sb_real longest = 0, area = sb_v3_norm(sbi_surface_area_vector(x));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 edge = sb_v3_sub(x[(i + 1) % 3], x[i]);
+        longest = sb_max(longest, sb_v3_dot(edge, edge));
+    }
+    return longest > 0 ? area / longest : 0;
+}
+
+SB_INLINE unsigned char sbi_surface_shape_of(sb_real slimness)
+{
+    if (!(slimness > 8 * SB_EPSILON))
+        return SBI_SURFACE_FLAT;
+    return slimness * slimness < sb_sqrt(SB_EPSILON) ? SBI_SURFACE_THIN : SBI_SURFACE_SOUND;
+}
+
+SB_INLINE int sbi_surface_longest_edge(const sb_vec3 x[3])
+{
+    sb_real longest = -1;
+    int first = 0;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 edge = sb_v3_sub(x[(i + 1) % 3], x[i]);
+        sb_real square = sb_v3_dot(edge, edge);
+        if (square > longest)
+            longest = square, first = i;
+    }
+    return first;
+}
+
+SB_INLINE int sbi_surface_repeats(const int *nodes)
+{
+    return nodes[0] == nodes[1] || nodes[1] == nodes[2] || nodes[2] == nodes[0];
+}
+
+/* A sum of angles as the argument of a product of complex numbers, and whole turns: one arctangent in all. */
+typedef struct sbi_surface_angle {
+    double re, im;
+    int turns;
+} sbi_surface_angle;
+SB_INLINE sbi_surface_angle sbi_surface_angle_zero(void)
+{
+    sbi_surface_angle angle;
+    angle.re = 1;
+    angle.im = 0;
+    angle.turns = 0;
+    return angle;
+}
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Adds half the solid angle under which the eye sees a triangle (both scaled). */
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
+/* The sum over 4 pi. */
+SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
+#endif
+
+#endif /* SBI_SURFACE_TREE_H */
