@@ -2935,6 +2935,20 @@ typedef struct sb_shape {
 /* Shapes of one mesh, at most. */
 #define SB_STUFF_MAX_SHAPES 64
 
+<<<<<<< HEAD
+=======
+/* One of the shapes that a mesh is made of: a surface, or a function. */
+typedef struct sb_stuff_shape {
+    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL,
+                                * then `distance` is called. Borrowed for the call */
+    sb_distance distance;
+    void *user;                /* handed to `distance` */
+    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                                * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;                /* of the elements inside this shape and inside none that follows it */
+} sb_stuff_shape;
+
+>>>>>>> stuffing
 /* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
  *
  * The first shape is the body; what follows lies inside it, nested or side by side: skin, prostate, bone. Where shapes
@@ -16945,8 +16959,9 @@ static sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
 
 static size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
 {
-    return 2 * ((size_t)(half[0] >> 1) + s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1)) +
-           (size_t)(half[0] & 1);
+    size_t row = s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1);
+    size_t cell = (size_t)(half[0] >> 1) + row;
+    return 2 * cell + (size_t)(half[0] & 1);
 }
 
 /* Inverse of sbi_stuffing_index. */
@@ -17062,7 +17077,8 @@ static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh
     if (!(def->cell > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
     if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels, SBI_STUFF_MAX_LEVELS);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels,
+                        SBI_STUFF_MAX_LEVELS);
     if (def->type != SB_TET4 && def->type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
     if (def->max_elements < 1)
@@ -17963,9 +17979,9 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
 
 /* ---- 4a. a manifold boundary ----
  * Where the shape is about as thin as a cell, parts of it can come to touch at a zero or along an edge of zeros. A zero
- * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles that
- * have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero is
- * freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
+ * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles
+ * that have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero
+ * is freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
  * bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have manifold
  * boundaries: this ends. */
 
@@ -18004,7 +18020,7 @@ static void sbi_stuffing_make_link(sbi_stuffing_link *link)
                     link->beside[t][i] = u;
 }
 
-/* Sides of the 14 neighbours of a zero: +1 inside, -1 outside, 0 on the boundary; `points` holds their surface points. */
+/* Sides of the 14 neighbours of a zero: +1 inside, -1 outside, 0 on the boundary; their surface points, -1: none. */
 static void sbi_stuffing_link_sides(const sbi_stuffing *s, const sbi_stuffing_link *link, int i, int points[14],
                                     int sides[14])
 {
@@ -18460,9 +18476,12 @@ static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
     for (int i = 0; i < 4; i++) {
         sb_real value = sbi_stuffing_value(s, 0, p), size, length;
         sb_vec3 n;
-        n.x = sbi_stuffing_value(s, 0, sb_v3(p.x + step, p.y, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x - step, p.y, p.z));
-        n.y = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y + step, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y - step, p.z));
-        n.z = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z + step)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z - step));
+        n.x = sbi_stuffing_value(s, 0, sb_v3(p.x + step, p.y, p.z));
+        n.y = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y + step, p.z));
+        n.z = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z + step));
+        n.x -= sbi_stuffing_value(s, 0, sb_v3(p.x - step, p.y, p.z));
+        n.y -= sbi_stuffing_value(s, 0, sb_v3(p.x, p.y - step, p.z));
+        n.z -= sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z - step));
         size = sb_v3_norm(n);
         if (!(size > 0) || !sb_is_finite(size))
             break;
@@ -18484,8 +18503,8 @@ static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k
     return sb_v3_scale((sb_real)1 / 3, sb_v3_add(a, sb_v3_add(b, c)));
 }
 
-/* Largest distance of a triangle's samples; *from (or NULL) the worst of them, *away from there to the surface. Gives up beyond
- * `limit`: what is returned is then some distance above it. */
+/* Largest distance of a triangle's samples; *from (or NULL) the worst of them, *away from there to the surface. Gives
+ * up beyond `limit`: what is returned is then some distance above it. */
 static sb_real sbi_stuffing_face_distance(const sbi_stuffing_rim *rim, int face, sb_real limit, sb_vec3 *from,
                                           sb_vec3 *away)
 {
@@ -18679,7 +18698,8 @@ static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sb
     if (mesh->element_count > rim->s->def->max_elements - added ||
         !sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
                            &rim->s->def->allocator))
-        return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes", mesh->node_count + count);
+        return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes",
+                        mesh->node_count + count);
     memcpy(result->nodes, mesh->nodes, (size_t)mesh->node_count * sizeof(sb_vec3));
     memcpy(result->elements, mesh->elements, (size_t)mesh->element_count * 4 * sizeof(int));
     memcpy(result->regions, mesh->regions, (size_t)mesh->element_count * sizeof(int));

@@ -509,7 +509,8 @@ static void test_phantom(void)
     sb_stuff_def def = sb_default_stuff_def();
     memset(input, 0, sizeof input);
     memset(described, 0, sizeof described);
-    if (!load_surface("phantom/skin.obj", input, surface) || !load_surface("phantom/prostate.obj", input + 1, surface + 1))
+    if (!load_surface("phantom/skin.obj", input, surface) ||
+        !load_surface("phantom/prostate.obj", input + 1, surface + 1))
         return;
     for (int i = 0; i < 2; i++) {
         described[i].surface = surface[i];
