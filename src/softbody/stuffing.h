@@ -11,20 +11,6 @@
 /* Shapes of one mesh, at most. */
 #define SB_STUFF_MAX_SHAPES 64
 
-<<<<<<< HEAD
-=======
-/* One of the shapes that a mesh is made of: a surface, or a function. */
-typedef struct sb_stuff_shape {
-    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL,
-                                * then `distance` is called. Borrowed for the call */
-    sb_distance distance;
-    void *user;                /* handed to `distance` */
-    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
-                                * then space far from the surface is not sampled. 0: unknown, every point is */
-    int region;                /* of the elements inside this shape and inside none that follows it */
-} sb_stuff_shape;
-
->>>>>>> stuffing
 /* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
  *
  * The first shape is the body; what follows lies inside it, nested or side by side: skin, prostate, bone. Where shapes
