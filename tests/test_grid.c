@@ -288,6 +288,33 @@ static int stop_progress(void *user, double share)
     return share > 0.5;
 }
 
+/* Two balls that overlap, in one surface: the grid is their union, though the nearest triangle often lies inside. */
+static void test_crossing_surface(void)
+{
+    const double radius = 0.05, apart = 0.04;
+    sb_mesh mesh = ball_surface(radius, 16), other = ball_surface(radius, 16);
+    sb_surface *surface = NULL;
+    double ball = (double)sb_mesh_volume(&mesh), cap = radius - apart / 2;
+    double lens = 2 * 3.14159265358979323846 * cap * cap * (3 * radius - cap) / 3;
+    for (int i = 0; i < other.node_count; i++)
+        other.nodes[i].x += REAL(apart);
+    CHECK_OK(sb_mesh_append(&mesh, &other, NULL));
+    CHECK_OK(sb_surface_create(&mesh, NULL, &surface, NULL));
+    for (int method = SB_GRID_FINITE_CELL; method <= SB_GRID_WEIGHTED_CELL; method++) {
+        sb_grid_def def = sb_default_grid_def();
+        sb_grid grid;
+        def.outer.surface = surface;
+        def.cells = 12;
+        def.method = (sb_grid_method)method;
+        grid = make_grid(&def);
+        CHECK_NEAR(grid.volume, 2 * ball - lens, 0.01 * ball);
+        sb_grid_free(&grid);
+    }
+    sb_surface_destroy(surface);
+    sb_mesh_free(&mesh);
+    sb_mesh_free(&other);
+}
+
 /* A function whose slope nobody knows gives the grid that a distance gives, only later. */
 static void test_unknown_slope(void)
 {
@@ -1216,7 +1243,7 @@ static void test_allocation_failures(void)
 CHECK_SUITE(grid, {"volumes and moments by level", test_volumes},
             {"cells and points do not depend on the level", test_cells_do_not_depend_on_level},
             {"a block that fills its cells", test_aligned_block_is_plain_mesh},
-            {"unknown slope", test_unknown_slope}, {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
+            {"a surface that crosses itself", test_crossing_surface}, {"unknown slope", test_unknown_slope}, {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
             {"scale", test_scale}, {"regions and holes", test_regions}, {"bars of two materials", test_two_materials},
             {"rows of points and tractions", test_rows}, {"triangles larger than cells", test_coarse_triangles},
             {"weighted cells follow finite cells", test_weighted_follows_finite_cell},

@@ -76,6 +76,8 @@ typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
+    unsigned open;                       /* shapes, as bits, whose signs only winding numbers tell */
+    unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
     int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
     int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
     unsigned *undecided, *inside;        /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
@@ -107,42 +109,68 @@ static const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
     return shape == 0 ? &def->outer : def->inner + (shape - 1);
 }
 
-/* Signed distance of a surface. The triangle found last time is a good guess for the next point; its sign is that of the
- * face where the closest point is in one, which holds for closed surfaces only. */
-static sb_real sbi_grid_surface_distance(const sb_surface *surface, sb_vec3 point, int *near)
+/* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the closest
+ * point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
+static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point, int *near)
 {
     sb_surface_hit hit;
     sb_vec3 normal;
-    if (!sb_surface_is_closed(surface))
-        return sb_surface_signed_distance_winding(surface, point, NULL);
     if (!sb_surface_closest_from(surface, point, SB_REAL_MAX, *near, &hit))
         return sb_surface_signed_distance(surface, point, NULL);
     *near = hit.triangle;
+    if (doubtful && doubtful[hit.triangle])
+        return sb_surface_inside(surface, point) ? -hit.distance : hit.distance;
     normal = sb_surface_normal(surface, &hit);
     if (hit.feature != SB_SURFACE_FACE || sb_v3_dot(normal, normal) == 0)
         return sb_surface_signed_distance(surface, point, NULL);
     return sb_v3_dot(sb_v3_sub(point, hit.point), normal) < 0 ? -hit.distance : hit.distance;
 }
 
-static sb_real sbi_grid_distance(const sb_shape *shape, sb_vec3 point, int *near)
+static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 point, int *near)
 {
-    return shape->surface ? sbi_grid_surface_distance(shape->surface, point, near)
-                          : shape->distance(shape->user, point);
+    const sb_shape *s = sbi_grid_get_shape(work->def, shape);
+    if (!s->surface)
+        return s->distance(s->user, point);
+    return work->open >> shape & 1u ? sb_surface_signed_distance_winding(s->surface, point, NULL)
+                                    : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
+}
+
+static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
+{
+    const sb_allocator *allocator = &work->def->allocator;
+    for (int s = 0; s < work->shape_count; s++) {
+        const sb_surface *surface = sbi_grid_get_shape(work->def, s)->surface;
+        size_t triangles = (size_t)sb_surface_triangle_count(surface);
+        if (!surface)
+            continue;
+        if (!sb_surface_is_closed(surface)) {
+            work->open |= 1u << s;
+            continue;
+        }
+        work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
+        if (!work->doubtful[s])
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
+        if (!sbi_surface_find_doubtful(surface, work->doubtful[s])) {
+            sbi_free(allocator, work->doubtful[s]);
+            work->doubtful[s] = NULL;
+        }
+    }
+    return SB_OK;
 }
 
 /* ---- boxes ---- */
 
 /* Looks which surfaces keep clear of what is within `reach` (m) of the box's middle. Returns 0 when a distance is not
  * finite. */
-static int sbi_grid_decide(const sb_grid_def *def, int shape_count, sb_real reach, sbi_grid_box *box)
+static int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box)
 {
-    for (int s = 0; s < shape_count && box->undecided; s++) {
-        const sb_shape *shape = sbi_grid_get_shape(def, s);
+    for (int s = 0; s < work->shape_count && box->undecided; s++) {
+        const sb_shape *shape = sbi_grid_get_shape(work->def, s);
         unsigned bit = 1u << s;
         sb_real d, slope = shape->surface ? 1 : shape->max_slope;
         if (!(box->undecided & bit))
             continue;
-        d = sbi_grid_distance(shape, box->centre, &box->near[s]);
+        d = sbi_grid_distance(work, s, box->centre, &box->near[s]);
         if (!sb_is_finite(d))
             return 0;
         if ((slope == 0 && reach > 0) || sb_abs(d) <= reach * slope)
@@ -294,7 +322,7 @@ static void sbi_grid_leaf(sbi_grid_walk *walk, const sbi_grid_box *box, int slot
         if (slot == -2) {
             sbi_grid_box single = *box;
             single.centre = point;
-            walk->bad |= !sbi_grid_decide(walk->work->def, walk->work->shape_count, 0, &single);
+            walk->bad |= !sbi_grid_decide(walk->work, 0, &single);
             of = sbi_grid_slot(walk->work, 0, single.inside); /* on a surface: not inside it */
         }
         if (of >= 0)
@@ -309,7 +337,7 @@ static void sbi_grid_descend(sbi_grid_walk *walk, sbi_grid_box *box, int depth, 
     int slot;
     if (depth == walk->level) /* nothing but its points will be asked for */
         reach *= (sb_real)0.5774;
-    walk->bad |= !sbi_grid_decide(walk->work->def, walk->work->shape_count, reach, box);
+    walk->bad |= !sbi_grid_decide(walk->work, reach, box);
     slot = sbi_grid_slot(walk->work, box->undecided, box->inside);
     if (slot != -2 || depth == walk->level) {
         sbi_grid_leaf(walk, box, slot, depth, octant);
@@ -387,7 +415,7 @@ static void sbi_grid_classify_block(void *user, int index)
     sbi_grid_box block = sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK),
                                            sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
                                            (1u << work->shape_count) - 1, 0);
-    int good = sbi_grid_decide(work->def, work->shape_count, sb_v3_norm(block.half), &block);
+    int good = sbi_grid_decide(work, sb_v3_norm(block.half), &block);
     for (int z = z0; z < sbi_min_int(z0 + SBI_GRID_BLOCK, counts[2]); z++)
         for (int y = y0; y < sbi_min_int(y0 + SBI_GRID_BLOCK, counts[1]); y++)
             for (int x = x0; x < sbi_min_int(x0 + SBI_GRID_BLOCK, counts[0]); x++) {
@@ -396,7 +424,7 @@ static void sbi_grid_classify_block(void *user, int index)
                 box.centre = sbi_grid_middle(grid, x, y, z, 1);
                 box.half = half;
                 if (fine && box.undecided)
-                    fine = sbi_grid_decide(work->def, work->shape_count, sb_v3_norm(half), &box);
+                    fine = sbi_grid_decide(work, sb_v3_norm(half), &box);
                 sbi_grid_store_box(work, x, y, z, &box, fine);
             }
 }
@@ -953,7 +981,9 @@ static sb_result sbi_grid_make(sbi_grid_work *work, sb_error *error)
         return result;
     sbi_grid_list_regions(work);
     sbi_grid_fill_full(work);
-    result = sbi_grid_classify(work, error);
+    result = sbi_grid_find_doubtful(work, error);
+    if (result == SB_OK)
+        result = sbi_grid_classify(work, error);
     if (result == SB_OK)
         result = sbi_grid_run(work, sbi_grid_measure_cell, work->cut_count,
                               work->def->method == SB_GRID_FINITE_CELL ? 0.45 : 0.8, error);
@@ -988,6 +1018,8 @@ SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error 
     sbi_free(&def->allocator, work.candidates);
     sbi_free(&def->allocator, work.cut);
     sbi_free(&def->allocator, work.parts);
+    for (int s = 0; s < work.shape_count; s++)
+        sbi_free(&def->allocator, work.doubtful[s]);
     if (result == SB_OK)
         *grid = made;
     else

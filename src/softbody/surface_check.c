@@ -126,13 +126,16 @@ static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const fl
     return 1;
 }
 
-static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, int triangle, sb_surface_place *place)
+static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, int triangle, sb_surface_place *place,
+                              unsigned char *crossing)
 {
     for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
         int other = sbi_surface_leaf_triangle(leaf, k);
         if (other <= triangle || s->element[other] == s->element[triangle] ||
             sbi_crossing_same_corners(s, triangle, other) || !sbi_crossing_test(s, triangle, other))
             continue;
+        if (crossing)
+            crossing[triangle] = crossing[other] = 1;
         if (place->count++ == 0) {
             place->element = s->element[triangle];
             place->other_element = s->element[other];
@@ -140,8 +143,8 @@ static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf,
     }
 }
 
-/* Pairs of triangles, counted from the one with the lower number. */
-static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
+/* Pairs of triangles, counted from the one with the lower number. crossing[triangles] (or NULL) becomes 1 for both. */
+static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place, unsigned char *crossing)
 {
     int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
     for (int t = 0; t < s->triangle_count; t++) {
@@ -153,7 +156,7 @@ static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
         while (top > 0) {
             int child = stack[--top];
             if (child < 0) {
-                sbi_crossing_leaf(s, s->leaf + ~child, t, place);
+                sbi_crossing_leaf(s, s->leaf + ~child, t, place, crossing);
                 continue;
             }
             for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
@@ -161,6 +164,33 @@ static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place)
                     stack[top++] = s->tree[child].child[k];
         }
     }
+}
+
+/* Whether the winding number just off the middle of a triangle, on both sides, contradicts its orientation. */
+static int sbi_crossing_is_hidden(const sb_surface *s, int triangle)
+{
+    sb_vec3 x[3], middle, normal;
+    sb_real length;
+    sbi_surface_corners(s, triangle, x);
+    normal = sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]));
+    length = sb_v3_norm(normal);
+    if (!(length > 0))
+        return 1;
+    normal = sb_v3_scale((sb_real)1e-3 / sb_sqrt(length), normal); /* a thousandth of the triangle's size */
+    middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    return sbi_surface_winding(s, sb_v3_add(middle, normal)) >= 0.5 ||
+           sbi_surface_winding(s, sb_v3_sub(middle, normal)) < 0.5;
+}
+
+SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful)
+{
+    sb_surface_place place;
+    memset(&place, 0, sizeof place);
+    memset(doubtful, 0, (size_t)surface->triangle_count);
+    sbi_crossing_count(surface, &place, doubtful);
+    for (int t = 0; t < surface->triangle_count && place.count > 0; t++)
+        doubtful[t] = doubtful[t] || sbi_crossing_is_hidden(surface, t);
+    return place.count > 0;
 }
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
@@ -398,7 +428,7 @@ static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int c
     sbi_found_nodes(mesh, scratch, place);
     sbi_found_inside_out(scratch->surface, scratch, place + SBI_FOUND_INSIDE_OUT);
     if (crossings)
-        sbi_crossing_count(scratch->surface, place + SBI_FOUND_CROSSING);
+        sbi_crossing_count(scratch->surface, place + SBI_FOUND_CROSSING, NULL);
     sbi_found_parts(mesh, scratch, place + SBI_FOUND_PARTS);
     report->parts = scratch->parts;
     report->volume = scratch->mesh.volume;

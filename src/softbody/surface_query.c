@@ -629,7 +629,7 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     }
 }
 
-static double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
+SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
 {
     sbi_surface_angle angle = sbi_surface_angle_zero();
     float p[3], number[SBI_SURFACE_WIDTH], near[SBI_SURFACE_WIDTH];

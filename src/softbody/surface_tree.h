@@ -320,6 +320,8 @@ SB_INLINE sbi_surface_angle sbi_surface_angle_zero(void)
 }
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The winding number by the tree, from a scaled point. */
+SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye);
 /* Adds half the solid angle under which the eye sees a triangle (both scaled). */
 SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
