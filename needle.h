@@ -2128,11 +2128,14 @@ static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem
     return progress;
 }
 
-/* gradient and turn_gradient of the whole potential, matrix of its elastic part, and what is out of balance. */
-static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int flags, ndli_rod_progress *progress)
+/* gradient and turn_gradient of the whole potential, matrix (NULL: not wanted) of its elastic part, and what is out of
+ * balance. */
+static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int flags, ndli_rod_matrix *matrix,
+                             ndli_rod_progress *progress)
 {
     int any_held = ndli_rod_any_turn_held(rod);
-    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, &rod->matrix);
+    double rounding = 4.5e-16 * rod->stretch * ndli_rod_reach(rod);
+    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, matrix);
     progress->residual = progress->scale = progress->floor = 0;
     if (problem->rate > 0) {
         ndli_rod_set_damping_shape(rod);
@@ -2156,7 +2159,7 @@ static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int 
         rod->turn_gradient[j] -= rod->torque[j];
         if (!ndli_rod_turn_known(rod, j, any_held))
             progress->residual = fmax(progress->residual, fabs(rod->turn_gradient[j]) * per_length);
-        progress->floor = fmax(progress->floor, 4.5e-16 * rod->stretch * ndli_rod_reach(rod) * per_length);
+        progress->floor = fmax(progress->floor, rounding * per_length);
     }
     progress->floor += 4.5e-16 * progress->scale;
 }
@@ -2379,8 +2382,9 @@ static int ndli_rod_search(ndl_rod *rod, const ndli_rod_problem *problem, int fr
     return 0;
 }
 
-/* One iteration from best_x, best_theta, which rod->shape is made from. `exact` is cleared where Gauss-Newton had to do,
- * and tried again by the next. 0: there is no way down. */
+/* One iteration from try_x, try_theta, which rod->shape is made from, by the first of these whose matrix is positive
+ * definite and whose step leads down: exact Hessian, Gauss-Newton, the same with a larger diagonal. 0: there is no way
+ * down; all is as before. */
 static int ndli_rod_iterate(ndl_rod *rod, const ndli_rod_problem *problem, ndli_rod_progress *progress)
 {
     static const double shifts[4] = {0, 0, 1e-10, 1e-5};
@@ -2395,7 +2399,7 @@ static int ndli_rod_iterate(ndl_rod *rod, const ndli_rod_problem *problem, ndli_
             memcpy(rod->try_theta, rod->best_theta, n * sizeof *rod->best_theta);
             ndli_rod_set_shape(rod, rod->try_x, rod->try_theta);
         }
-        ndli_rod_balance(rod, problem, attempt == 0 ? NDLI_ROD_EXACT : 0, &again);
+        ndli_rod_balance(rod, problem, attempt == 0 ? NDLI_ROD_EXACT : 0, &rod->matrix, &again);
         if (ndli_rod_solve_step(rod, problem, shifts[attempt])) {
             double slope = ndli_rod_slope(rod);
             if ((moving || slope < 0) && ndli_rod_search(rod, problem, moving, slope, progress))
@@ -2420,7 +2424,7 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
     for (int iteration = 0;; iteration++) {
         ndli_rod_progress now;
         int moving = ndli_rod_supports_move(rod);
-        ndli_rod_balance(rod, problem, 0, &now);
+        ndli_rod_balance(rod, problem, 0, NULL, &now);
         info->residual = (sb_real)(now.scale > 0 ? now.residual / now.scale : 0);
         if (!ndli_is_finite(now.residual))
             return SB_ERROR_DIVERGED;
