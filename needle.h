@@ -640,13 +640,17 @@ struct ndl_rod {
     double ledger;
 
     /* what follows holds nothing between calls */
+    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains told from those below */
+    double *old_length;      /* [edges] (m) */
+    ndli_v3 *old_binormal;   /* [nodes] */
+    double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
     ndli_rod_shape shape;
     ndli_rod_matrix matrix;
     ndli_v3 *gradient;       /* [nodes] */
     double *turn_gradient;  /* [edges] */
-    ndli_v3 *try_x, *try_v, *best_x, *step_x; /* [nodes] */
+    ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
-    ndli_v3 *predicted, *predicted_velocity; /* [nodes] */
+    ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
     ndli_m3 *damping_before, *damping_after, *damping_weight; /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
     double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
@@ -679,6 +683,7 @@ NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v);
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
+    double viscous;              /* J: what damping adds within a step */
     double noise;                /* J: what rounding of positions leaves unknown of their sum */
 } ndli_rod_sums;
 /* Elastic energies of rod->shape. */
@@ -687,7 +692,12 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
-/* Takes what damping is at rod->shape: damping_before ... damping_tangent. */
+/* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential, which does
+ * not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain rates
+ * w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with implicit
+ * Euler's (w' - w)/dt they are damping/dt and 0. stretch = bend = 0: no more. */
+NDLI_API void ndli_rod_set_viscous(ndl_rod *rod, double stretch, double bend, double ahead);
+/* Takes what damping is at rod->shape: damping_before ... damping_tangent. For those who take v as unknown. */
 NDLI_API void ndli_rod_set_damping_shape(ndl_rod *rod);
 /* gradient += C v for that damping; returns v.C v (W). */
 NDLI_API double ndli_rod_add_damping_force(const ndl_rod *rod, const ndli_v3 *v, ndli_v3 *gradient);
@@ -801,33 +811,48 @@ static void ndli_rod_material_curvature(const ndl_rod *rod, int i, int j, double
     w[1] = -ndli_dot(rod->shape.binormal[i], rod->shape.m1[j]);
 }
 
-static double ndli_rod_bend_energy(const ndl_rod *rod, int i)
+static void ndli_rod_add_bend_energy(const ndl_rod *rod, int i, ndli_rod_sums *sums)
 {
-    double sum = 0, w[2];
-    if (rod->plain)
-        return 0.5 * rod->bending[0] / rod->cell[i] * ndli_dot(rod->shape.binormal[i], rod->shape.binormal[i]);
-    for (int j = i - 1; j <= i; j++) {
-        ndli_rod_material_curvature(rod, i, j, w);
-        for (int k = 0; k < 2; k++)
-            sum += rod->bending[k] * (w[k] - rod->rest_bend[i][k]) * (w[k] - rod->rest_bend[i][k]);
+    double w[2];
+    if (rod->plain) {
+        ndli_v3 kb = rod->shape.binormal[i], change = ndli_sub(kb, rod->old_binormal[i]);
+        double k = 0.5 * rod->bending[0] / rod->cell[i];
+        sums->bend += k * ndli_dot(kb, kb);
+        if (rod->viscous_bend > 0)
+            sums->viscous += k * rod->viscous_bend * ndli_dot(change, change);
+        return;
     }
-    return 0.25 * sum / rod->cell[i];
+    for (int f = 0; f < 2; f++) {
+        ndli_rod_material_curvature(rod, i, i - 1 + f, w);
+        for (int c = 0; c < 2; c++) {
+            double k = 0.25 * rod->bending[c] / rod->cell[i], bent = w[c] - rod->rest_bend[i][c];
+            double change = w[c] - rod->old_bend[i][2 * f + c];
+            sums->bend += k * bent * bent;
+            if (rod->viscous_bend > 0)
+                sums->viscous += k * rod->viscous_bend * change * change;
+        }
+    }
 }
 
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 {
-    ndli_rod_sums sums = {0, 0, 0, 0};
+    ndli_rod_sums sums = {0, 0, 0, 0, 0};
     double reach = ndli_rod_reach(rod);
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double strain = rod->shape.length[j] / rod->rest_length[j] - 1, unknown = 2.3e-16 * reach / rod->rest_length[j];
         sums.stretch += 0.5 * rod->stretch * rod->rest_length[j] * strain * strain;
+        if (rod->viscous_stretch > 0) {
+            double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
+            sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
+            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) * unknown;
+        }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
     for (int i = 1; i < rod->node_count - 1; i++) {
-        sums.bend += ndli_rod_bend_energy(rod, i);
+        ndli_rod_add_bend_energy(rod, i, &sums);
         sums.twist += 0.5 * rod->torsion / rod->cell[i] * rod->shape.twist[i] * rod->shape.twist[i];
     }
-    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist);
+    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.viscous);
     return sums;
 }
 
@@ -919,6 +944,10 @@ static void ndli_rod_plain_bend(const ndl_rod *rod, int i, int flags, const ndli
     double k = rod->bending[0] / rod->cell[i];
     ndli_v3 p = ndli_scale(k, bend->kb);
     ndli_m3 q = ndli_m_zero();
+    if (rod->viscous_bend > 0) {
+        p = ndli_madd(p, k * rod->viscous_bend, ndli_sub(bend->kb, rod->old_binormal[i]));
+        k *= 1 + rod->viscous_bend;
+    }
     for (int e = 0; e < 2; e++)
         local->edge[e] = ndli_m_tapply(&bend->d[e], p);
     if (!wanted)
@@ -942,6 +971,10 @@ static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, con
     for (int k = 0; k < 2; k++) {
         stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
         s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
+        if (rod->viscous_bend > 0) {
+            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
+            stiff[k] *= 1 + rod->viscous_bend;
+        }
     }
     p = ndli_madd(ndli_scale(s[0], m2), -s[1], m1);
     for (int e = 0; e < 2; e++)
@@ -1033,17 +1066,24 @@ static void ndli_rod_scatter(const ndli_rod_local *local, int i, ndli_v3 *gradie
 static void ndli_rod_stretch(const ndl_rod *rod, int j, int flags, ndli_v3 *gradient, ndli_rod_matrix *matrix)
 {
     ndli_v3 t = rod->shape.tangent[j];
-    double rest = rod->rest_length[j], l = rod->shape.length[j], across = 1 - rest / l;
-    ndli_v3 g = ndli_scale(rod->stretch * (l / rest - 1), t);
+    double rest = rod->rest_length[j], l = rod->shape.length[j], tension = rod->stretch * (l / rest - 1), across;
+    double stiff = rod->stretch / rest;
+    ndli_v3 g;
     ndli_m3 h = ndli_m_zero();
+    if (rod->viscous_stretch > 0) {
+        tension += rod->viscous_stretch * stiff * (l - rod->old_length[j]);
+        stiff *= 1 + rod->viscous_stretch;
+    }
+    across = tension / l;
+    g = ndli_scale(tension, t);
     gradient[j] = ndli_sub(gradient[j], g);
     gradient[j + 1] = ndli_add(gradient[j + 1], g);
     if (!matrix)
         return;
     if (!(flags & NDLI_ROD_EXACT) && across < 0)
         across = 0;
-    ndli_m_add_identity(&h, rod->stretch / rest * across);
-    ndli_m_add_outer(&h, rod->stretch / rest * (1 - across), t, t);
+    ndli_m_add_identity(&h, across);
+    ndli_m_add_outer(&h, stiff - across, t, t);
     ndli_m_add(&matrix->node[j][0], 1, &h);
     ndli_m_add(&matrix->node[j + 1][0], 1, &h);
     ndli_m_add(&matrix->node[j + 1][1], -1, &h);
@@ -1074,6 +1114,32 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
                 ndli_rod_frame_bend(rod, i, f, flags, &bend, matrix != NULL, &local);
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
+    }
+}
+
+/* ---- damping within a step ---- */
+
+NDLI_API void ndli_rod_set_viscous(ndl_rod *rod, double stretch, double bend, double ahead)
+{
+    rod->viscous_stretch = stretch;
+    rod->viscous_bend = bend;
+    if (!(stretch > 0) && !(bend > 0))
+        return;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double rate = ndli_dot(rod->shape.tangent[j], ndli_sub(rod->v[j + 1], rod->v[j]));
+        rod->old_length[j] = rod->shape.length[j] + ahead * rate;
+    }
+    for (int i = 1; i < rod->node_count - 1; i++) {
+        ndli_rod_bend at = ndli_rod_get_bend(rod, i);
+        ndli_v3 rate = ndli_add(ndli_m_apply(&at.d[0], ndli_sub(rod->v[i], rod->v[i - 1])),
+                                ndli_m_apply(&at.d[1], ndli_sub(rod->v[i + 1], rod->v[i])));
+        ndli_v3 kb = ndli_madd(at.kb, ahead, rate);
+        rod->old_binormal[i] = kb;
+        for (int f = 0; f < 2; f++) {
+            rod->old_bend[i][2 * f] = ndli_dot(kb, rod->shape.m2[i - 1 + f]);
+            rod->old_bend[i][2 * f + 1] = -ndli_dot(kb, rod->shape.m1[i - 1 + f]);
+        }
     }
 }
 
@@ -1127,6 +1193,7 @@ NDLI_API double ndli_rod_add_damping_force(const ndl_rod *rod, const ndli_v3 *v,
 
 NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndli_rod_matrix *matrix)
 {
+    int bends = rod->damping_bending > 0 ? rod->node_count - 1 : 0;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double k = factor * rod->damping_stretch * rod->stretch / rod->rest_length[j];
         ndli_v3 t = rod->damping_tangent[j];
@@ -1134,7 +1201,7 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
         ndli_m_add_outer(&matrix->node[j + 1][0], k, t, t);
         ndli_m_add_outer(&matrix->node[j + 1][1], -k, t, t);
     }
-    for (int i = 1; i < rod->node_count - 1; i++) {
+    for (int i = 1; i < bends; i++) {
         ndli_m3 j[3]; /* d kb/d x_i-1, x_i, x_i+1 */
         j[0] = j[1] = j[2] = ndli_m_zero();
         ndli_m_add(&j[0], -1, &rod->damping_before[i]);
@@ -1280,12 +1347,13 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     size_t n = (size_t)nodes, v = sizeof(ndli_v3), d = sizeof(double), m = sizeof(ndli_m3);
     ndli_v3 **vectors[] = {&rod->x, &rod->v, &rod->a, &rod->director, &rod->tangent, &rod->target, &rod->target_velocity,
                            &rod->force, &rod->reaction, &rod->shape.tangent, &rod->shape.director, &rod->shape.m1,
-                           &rod->shape.m2, &rod->shape.binormal, &rod->gradient, &rod->try_x, &rod->try_v, &rod->best_x,
-                           &rod->step_x, &rod->predicted, &rod->predicted_velocity, &rod->damping_tangent};
+                           &rod->shape.m2, &rod->shape.binormal, &rod->gradient, &rod->try_x, &rod->best_x,
+                           &rod->step_x, &rod->predicted, &rod->damping_tangent,
+                           &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns};
+                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -1294,6 +1362,7 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     for (size_t i = 0; i < sizeof matrices / sizeof *matrices; i++)
         *matrices[i] = (ndli_m3 *)sbi_arena_take(arena, n, m);
     rod->rest_bend = (double (*)[2])sbi_arena_take(arena, n, 2 * d);
+    rod->old_bend = (double (*)[4])sbi_arena_take(arena, n, 4 * d);
     rod->matrix.node = (ndli_m3 (*)[3])sbi_arena_take(arena, n, 3 * m);
     rod->matrix.cross = (ndli_v3 (*)[4])sbi_arena_take(arena, n, 4 * v);
     rod->held = (unsigned char *)sbi_arena_take(arena, n, 1);
@@ -1992,11 +2061,10 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
  *
  * Positions x' of a step minimise
  *     1/2 inertia |x' - predicted|^2_M + E(x', theta') - loads.(x' - x) - torques.theta' + dissipation
- * with inertia = 1/(beta dt^2); without inertia and dissipation that is the static potential. */
+ * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static potential. */
 
 typedef struct ndli_rod_problem {
     double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
-    double rate;      /* 1/s: d v'/d x' */
     int max_newton;
     double tolerance;
 } ndli_rod_problem;
@@ -2016,7 +2084,7 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
     double potential;
     ndli_rod_set_shape(rod, rod->x, theta);
     sums = ndli_rod_shape_energy(rod);
-    potential = sums.bend + sums.twist; /* stretching does not change, and would drown it */
+    potential = sums.bend + sums.twist + sums.viscous; /* stretching does not change, and would drown it */
     *noise = 4.5e-15 * potential;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         potential -= rod->torque[j] * theta[j];
@@ -2090,21 +2158,13 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
 
 static ndli_v3 ndli_rod_load(const ndl_rod *rod, int i) { return ndli_madd(rod->force[i], rod->mass[i], rod->gravity); }
 
-static void ndli_rod_try_velocities(ndl_rod *rod, const ndli_rod_problem *problem)
-{
-    for (int i = 0; i < rod->node_count; i++)
-        if (!rod->held[i])
-            rod->try_v[i] = ndli_madd(rod->predicted_velocity[i], problem->rate,
-                                      ndli_sub(rod->try_x[i], rod->predicted[i]));
-}
-
-/* Of rod->shape, made from try_x and try_theta; damping as of the last ndli_rod_set_damping_shape. Spoils gradient. */
+/* Of rod->shape, made from try_x and try_theta. */
 static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem *problem)
 {
     ndli_rod_sums sums = ndli_rod_shape_energy(rod);
     ndli_rod_progress progress = {0, 0, 0, 0, 0};
     double sizes = 0;
-    progress.potential = sums.stretch + sums.bend + sums.twist;
+    progress.potential = sums.stretch + sums.bend + sums.twist + sums.viscous;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
         double work = ndli_dot(ndli_rod_load(rod, i), ndli_sub(rod->try_x[i], rod->x[i])), inertia = 0;
@@ -2117,13 +2177,6 @@ static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem
         progress.potential -= rod->torque[j] * rod->try_theta[j];
         sizes += fabs(rod->torque[j] * rod->try_theta[j]);
     }
-    if (problem->rate > 0) {
-        double lost;
-        ndli_rod_try_velocities(rod, problem);
-        lost = 0.5 / problem->rate * ndli_rod_add_damping_force(rod, rod->try_v, rod->gradient);
-        progress.potential += lost;
-        sizes += lost;
-    }
     progress.noise = sums.noise + 4.5e-15 * sizes;
     return progress;
 }
@@ -2134,14 +2187,9 @@ static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int 
                              ndli_rod_progress *progress)
 {
     int any_held = ndli_rod_any_turn_held(rod);
-    double rounding = 4.5e-16 * rod->stretch * ndli_rod_reach(rod);
+    double rounding = 4.5e-16 * rod->stretch * (1 + rod->viscous_stretch) * ndli_rod_reach(rod);
     ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, matrix);
     progress->residual = progress->scale = progress->floor = 0;
-    if (problem->rate > 0) {
-        ndli_rod_set_damping_shape(rod);
-        ndli_rod_try_velocities(rod, problem);
-        ndli_rod_add_damping_force(rod, rod->try_v, rod->gradient);
-    }
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 load = ndli_rod_load(rod, i), inertia = ndli_v(0, 0, 0);
         if (!rod->held[i])
@@ -2246,8 +2294,6 @@ static int ndli_rod_solve_step(ndl_rod *rod, const ndli_rod_problem *problem, do
     for (int i = 0; i < rod->node_count; i++)
         rod->step_x[i] = rod->held[i] ? ndli_sub(rod->predicted[i], rod->try_x[i]) : ndli_v(0, 0, 0);
     ndli_rod_set_right_side(rod);
-    if (problem->rate > 0)
-        ndli_rod_add_damping_matrix(rod, problem->rate, &rod->matrix);
     for (int i = 0; i < rod->node_count; i++)
         ndli_m_add_identity(&rod->matrix.node[i][0], problem->inertia * rod->mass[i]);
     ndli_rod_fill_band(rod);
@@ -2418,7 +2464,6 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
     ndli_rod_progress progress;
     if (ndli_rod_set_shape(rod, rod->try_x, rod->try_theta) >= 0)
         return SB_ERROR_DIVERGED;
-    ndli_rod_set_damping_shape(rod);
     progress = ndli_rod_potential(rod, problem);
     info->capped = 0;
     for (int iteration = 0;; iteration++) {
@@ -2434,7 +2479,6 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
             info->capped = 1;
             return moving ? SB_ERROR_DIVERGED : SB_OK;
         }
-        progress.potential = ndli_rod_potential(rod, problem).potential; /* with the damping of here */
         if (!ndli_rod_iterate(rod, problem, &progress))
             return now.residual <= 1e3 * now.floor ? SB_OK : SB_ERROR_DIVERGED;
         info->newton_iterations++;
@@ -2487,12 +2531,9 @@ static int ndli_rod_any_torque(const ndl_rod *rod)
 }
 
 /* What the supports exert, from the state. */
-static void ndli_rod_read_reactions(ndl_rod *rod, int moving)
+static void ndli_rod_read_reactions(ndl_rod *rod)
 {
     ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
-    ndli_rod_set_damping_shape(rod);
-    if (moving)
-        ndli_rod_add_damping_force(rod, rod->v, rod->gradient);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 force = ndli_sub(rod->gradient[i], ndli_rod_load(rod, i));
         rod->reaction[i] = rod->held[i] ? ndli_madd(force, rod->mass[i], rod->a[i]) : ndli_v(0, 0, 0);
@@ -2519,6 +2560,23 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     return energy;
 }
 
+/* Moves a rod that nothing holds as a whole, so that its momentum changes by the loads alone, to rounding: what Newton
+ * leaves out of balance would add up over the steps. */
+static void ndli_rod_keep_momentum(ndl_rod *rod, const ndli_rod_problem *problem)
+{
+    ndli_v3 defect = ndli_v(0, 0, 0);
+    double mass = 0;
+    if (ndli_rod_any(rod->held, rod->node_count))
+        return;
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
+        defect = ndli_add(defect, ndli_madd(ndli_scale(rod->mass[i], gap), -1 / problem->inertia, ndli_rod_load(rod, i)));
+        mass += rod->mass[i];
+    }
+    for (int i = 0; i < rod->node_count; i++)
+        rod->try_x[i] = ndli_madd(rod->try_x[i], -1 / mass, defect);
+}
+
 /* Newmark with beta = 1/4, gamma = 1/2; or implicit Euler, which is beta = gamma = 1 without the old acceleration. */
 static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_info *info)
 {
@@ -2526,28 +2584,31 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
     ndli_rod_problem problem;
     sb_result result;
     problem.inertia = 1 / (beta * dt * dt);
-    problem.rate = gamma / (beta * dt);
     problem.max_newton = rod->max_newton;
     problem.tolerance = rod->tolerance;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 to = ndli_madd(rod->x[i], dt, rod->v[i]), target = rod->target[i];
         rod->predicted[i] = rod->held[i] ? target : ndli_madd(to, keep * dt * dt * (0.5 - beta), rod->a[i]);
-        rod->predicted_velocity[i] = ndli_madd(rod->v[i], keep * dt * (1 - gamma), rod->a[i]);
-        rod->try_v[i] = rod->has_velocity[i] ? rod->target_velocity[i]
-                                             : ndli_scale(1 / dt, ndli_sub(target, rod->x[i]));
         rod->try_x[i] = rod->x[i];
     }
     ndli_rod_set_turns(rod, 1);
+    ndli_rod_set_viscous(rod, rod->damping_stretch * gamma / (beta * dt), rod->damping_bending * gamma / (beta * dt),
+                         keep * 0.5 * dt);
     result = ndli_rod_minimise(rod, &problem, info);
     if (result != SB_OK)
         return result;
-    ndli_rod_try_velocities(rod, &problem);
+    ndli_rod_keep_momentum(rod, &problem);
     for (int i = 0; i < rod->node_count; i++) {
-        if (rod->held[i])
-            rod->a[i] = ndli_scale(1 / dt, ndli_sub(rod->try_v[i], rod->v[i]));
-        else
+        ndli_v3 v = rod->has_velocity[i] ? rod->target_velocity[i]
+                                         : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
+        if (rod->held[i]) {
+            rod->a[i] = ndli_scale(1 / dt, ndli_sub(v, rod->v[i]));
+        } else {
+            v = ndli_madd(rod->v[i], keep * dt * (1 - gamma), rod->a[i]);
             rod->a[i] = ndli_scale(problem.inertia, ndli_sub(rod->try_x[i], rod->predicted[i]));
-        rod->v[i] = rod->try_v[i];
+            v = ndli_madd(v, gamma * dt, rod->a[i]);
+        }
+        rod->v[i] = v;
         rod->x[i] = rod->try_x[i];
         if (!ndli_is_finite(ndli_norm(rod->a[i])))
             return SB_ERROR_DIVERGED;
@@ -2599,12 +2660,14 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
         info->damped = 1;
         result = ndli_rod_try_step(rod, (double)dt, 1, info);
     }
+    if (result == SB_OK)
+        ndli_rod_read_reactions(rod);
+    ndli_rod_set_viscous(rod, 0, 0, 0);
     if (result != SB_OK) {
         ndli_rod_restore(rod);
         return ndli_rod_fail(info, result, "Newton found no step that lowers the potential; the step was undone");
     }
     ndli_rod_clear_turns(rod);
-    ndli_rod_read_reactions(rod, 1);
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
     return SB_OK;
@@ -2632,7 +2695,6 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
     sb_result result;
     for (int i = 0; i < rod->node_count; i++) {
         rod->predicted[i] = rod->x[i];
-        rod->predicted_velocity[i] = ndli_v(0, 0, 0);
         if (rod->held[i])
             rod->predicted[i] = share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i]))
                                           : rod->target[i];
@@ -2651,7 +2713,7 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
 
 static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
 {
-    ndli_rod_problem problem = {0, 0, 20, 0.01};
+    ndli_rod_problem problem = {0, 20, 0.01};
     int pieces = ndli_rod_pieces(rod), most = options->max_newton;
     sb_result result = SB_OK;
     for (int piece = 0; piece < pieces - 1 && result == SB_OK; piece++)
@@ -2700,7 +2762,7 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
     ndli_rod_clear_turns(rod);
-    ndli_rod_read_reactions(rod, 0);
+    ndli_rod_read_reactions(rod);
     rod->ledger_open = 0;
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;

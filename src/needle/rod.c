@@ -129,12 +129,13 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     size_t n = (size_t)nodes, v = sizeof(ndli_v3), d = sizeof(double), m = sizeof(ndli_m3);
     ndli_v3 **vectors[] = {&rod->x, &rod->v, &rod->a, &rod->director, &rod->tangent, &rod->target, &rod->target_velocity,
                            &rod->force, &rod->reaction, &rod->shape.tangent, &rod->shape.director, &rod->shape.m1,
-                           &rod->shape.m2, &rod->shape.binormal, &rod->gradient, &rod->try_x, &rod->try_v, &rod->best_x,
-                           &rod->step_x, &rod->predicted, &rod->predicted_velocity, &rod->damping_tangent};
+                           &rod->shape.m2, &rod->shape.binormal, &rod->gradient, &rod->try_x, &rod->best_x,
+                           &rod->step_x, &rod->predicted, &rod->damping_tangent,
+                           &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns};
+                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -143,6 +144,7 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     for (size_t i = 0; i < sizeof matrices / sizeof *matrices; i++)
         *matrices[i] = (ndli_m3 *)sbi_arena_take(arena, n, m);
     rod->rest_bend = (double (*)[2])sbi_arena_take(arena, n, 2 * d);
+    rod->old_bend = (double (*)[4])sbi_arena_take(arena, n, 4 * d);
     rod->matrix.node = (ndli_m3 (*)[3])sbi_arena_take(arena, n, 3 * m);
     rod->matrix.cross = (ndli_v3 (*)[4])sbi_arena_take(arena, n, 4 * v);
     rod->held = (unsigned char *)sbi_arena_take(arena, n, 1);

@@ -83,33 +83,48 @@ static void ndli_rod_material_curvature(const ndl_rod *rod, int i, int j, double
     w[1] = -ndli_dot(rod->shape.binormal[i], rod->shape.m1[j]);
 }
 
-static double ndli_rod_bend_energy(const ndl_rod *rod, int i)
+static void ndli_rod_add_bend_energy(const ndl_rod *rod, int i, ndli_rod_sums *sums)
 {
-    double sum = 0, w[2];
-    if (rod->plain)
-        return 0.5 * rod->bending[0] / rod->cell[i] * ndli_dot(rod->shape.binormal[i], rod->shape.binormal[i]);
-    for (int j = i - 1; j <= i; j++) {
-        ndli_rod_material_curvature(rod, i, j, w);
-        for (int k = 0; k < 2; k++)
-            sum += rod->bending[k] * (w[k] - rod->rest_bend[i][k]) * (w[k] - rod->rest_bend[i][k]);
+    double w[2];
+    if (rod->plain) {
+        ndli_v3 kb = rod->shape.binormal[i], change = ndli_sub(kb, rod->old_binormal[i]);
+        double k = 0.5 * rod->bending[0] / rod->cell[i];
+        sums->bend += k * ndli_dot(kb, kb);
+        if (rod->viscous_bend > 0)
+            sums->viscous += k * rod->viscous_bend * ndli_dot(change, change);
+        return;
     }
-    return 0.25 * sum / rod->cell[i];
+    for (int f = 0; f < 2; f++) {
+        ndli_rod_material_curvature(rod, i, i - 1 + f, w);
+        for (int c = 0; c < 2; c++) {
+            double k = 0.25 * rod->bending[c] / rod->cell[i], bent = w[c] - rod->rest_bend[i][c];
+            double change = w[c] - rod->old_bend[i][2 * f + c];
+            sums->bend += k * bent * bent;
+            if (rod->viscous_bend > 0)
+                sums->viscous += k * rod->viscous_bend * change * change;
+        }
+    }
 }
 
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 {
-    ndli_rod_sums sums = {0, 0, 0, 0};
+    ndli_rod_sums sums = {0, 0, 0, 0, 0};
     double reach = ndli_rod_reach(rod);
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double strain = rod->shape.length[j] / rod->rest_length[j] - 1, unknown = 2.3e-16 * reach / rod->rest_length[j];
         sums.stretch += 0.5 * rod->stretch * rod->rest_length[j] * strain * strain;
+        if (rod->viscous_stretch > 0) {
+            double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
+            sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
+            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) * unknown;
+        }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
     for (int i = 1; i < rod->node_count - 1; i++) {
-        sums.bend += ndli_rod_bend_energy(rod, i);
+        ndli_rod_add_bend_energy(rod, i, &sums);
         sums.twist += 0.5 * rod->torsion / rod->cell[i] * rod->shape.twist[i] * rod->shape.twist[i];
     }
-    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist);
+    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.viscous);
     return sums;
 }
 
@@ -201,6 +216,10 @@ static void ndli_rod_plain_bend(const ndl_rod *rod, int i, int flags, const ndli
     double k = rod->bending[0] / rod->cell[i];
     ndli_v3 p = ndli_scale(k, bend->kb);
     ndli_m3 q = ndli_m_zero();
+    if (rod->viscous_bend > 0) {
+        p = ndli_madd(p, k * rod->viscous_bend, ndli_sub(bend->kb, rod->old_binormal[i]));
+        k *= 1 + rod->viscous_bend;
+    }
     for (int e = 0; e < 2; e++)
         local->edge[e] = ndli_m_tapply(&bend->d[e], p);
     if (!wanted)
@@ -224,6 +243,10 @@ static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, con
     for (int k = 0; k < 2; k++) {
         stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
         s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
+        if (rod->viscous_bend > 0) {
+            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
+            stiff[k] *= 1 + rod->viscous_bend;
+        }
     }
     p = ndli_madd(ndli_scale(s[0], m2), -s[1], m1);
     for (int e = 0; e < 2; e++)
@@ -315,17 +338,24 @@ static void ndli_rod_scatter(const ndli_rod_local *local, int i, ndli_v3 *gradie
 static void ndli_rod_stretch(const ndl_rod *rod, int j, int flags, ndli_v3 *gradient, ndli_rod_matrix *matrix)
 {
     ndli_v3 t = rod->shape.tangent[j];
-    double rest = rod->rest_length[j], l = rod->shape.length[j], across = 1 - rest / l;
-    ndli_v3 g = ndli_scale(rod->stretch * (l / rest - 1), t);
+    double rest = rod->rest_length[j], l = rod->shape.length[j], tension = rod->stretch * (l / rest - 1), across;
+    double stiff = rod->stretch / rest;
+    ndli_v3 g;
     ndli_m3 h = ndli_m_zero();
+    if (rod->viscous_stretch > 0) {
+        tension += rod->viscous_stretch * stiff * (l - rod->old_length[j]);
+        stiff *= 1 + rod->viscous_stretch;
+    }
+    across = tension / l;
+    g = ndli_scale(tension, t);
     gradient[j] = ndli_sub(gradient[j], g);
     gradient[j + 1] = ndli_add(gradient[j + 1], g);
     if (!matrix)
         return;
     if (!(flags & NDLI_ROD_EXACT) && across < 0)
         across = 0;
-    ndli_m_add_identity(&h, rod->stretch / rest * across);
-    ndli_m_add_outer(&h, rod->stretch / rest * (1 - across), t, t);
+    ndli_m_add_identity(&h, across);
+    ndli_m_add_outer(&h, stiff - across, t, t);
     ndli_m_add(&matrix->node[j][0], 1, &h);
     ndli_m_add(&matrix->node[j + 1][0], 1, &h);
     ndli_m_add(&matrix->node[j + 1][1], -1, &h);
@@ -356,6 +386,32 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
                 ndli_rod_frame_bend(rod, i, f, flags, &bend, matrix != NULL, &local);
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
+    }
+}
+
+/* ---- damping within a step ---- */
+
+NDLI_API void ndli_rod_set_viscous(ndl_rod *rod, double stretch, double bend, double ahead)
+{
+    rod->viscous_stretch = stretch;
+    rod->viscous_bend = bend;
+    if (!(stretch > 0) && !(bend > 0))
+        return;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double rate = ndli_dot(rod->shape.tangent[j], ndli_sub(rod->v[j + 1], rod->v[j]));
+        rod->old_length[j] = rod->shape.length[j] + ahead * rate;
+    }
+    for (int i = 1; i < rod->node_count - 1; i++) {
+        ndli_rod_bend at = ndli_rod_get_bend(rod, i);
+        ndli_v3 rate = ndli_add(ndli_m_apply(&at.d[0], ndli_sub(rod->v[i], rod->v[i - 1])),
+                                ndli_m_apply(&at.d[1], ndli_sub(rod->v[i + 1], rod->v[i])));
+        ndli_v3 kb = ndli_madd(at.kb, ahead, rate);
+        rod->old_binormal[i] = kb;
+        for (int f = 0; f < 2; f++) {
+            rod->old_bend[i][2 * f] = ndli_dot(kb, rod->shape.m2[i - 1 + f]);
+            rod->old_bend[i][2 * f + 1] = -ndli_dot(kb, rod->shape.m1[i - 1 + f]);
+        }
     }
 }
 
@@ -409,6 +465,7 @@ NDLI_API double ndli_rod_add_damping_force(const ndl_rod *rod, const ndli_v3 *v,
 
 NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndli_rod_matrix *matrix)
 {
+    int bends = rod->damping_bending > 0 ? rod->node_count - 1 : 0;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double k = factor * rod->damping_stretch * rod->stretch / rod->rest_length[j];
         ndli_v3 t = rod->damping_tangent[j];
@@ -416,7 +473,7 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
         ndli_m_add_outer(&matrix->node[j + 1][0], k, t, t);
         ndli_m_add_outer(&matrix->node[j + 1][1], -k, t, t);
     }
-    for (int i = 1; i < rod->node_count - 1; i++) {
+    for (int i = 1; i < bends; i++) {
         ndli_m3 j[3]; /* d kb/d x_i-1, x_i, x_i+1 */
         j[0] = j[1] = j[2] = ndli_m_zero();
         ndli_m_add(&j[0], -1, &rod->damping_before[i]);

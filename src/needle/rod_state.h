@@ -72,13 +72,17 @@ struct ndl_rod {
     double ledger;
 
     /* what follows holds nothing between calls */
+    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains told from those below */
+    double *old_length;      /* [edges] (m) */
+    ndli_v3 *old_binormal;   /* [nodes] */
+    double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
     ndli_rod_shape shape;
     ndli_rod_matrix matrix;
     ndli_v3 *gradient;       /* [nodes] */
     double *turn_gradient;  /* [edges] */
-    ndli_v3 *try_x, *try_v, *best_x, *step_x; /* [nodes] */
+    ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
-    ndli_v3 *predicted, *predicted_velocity; /* [nodes] */
+    ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
     ndli_m3 *damping_before, *damping_after, *damping_weight; /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
     double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
@@ -111,6 +115,7 @@ NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v);
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
+    double viscous;              /* J: what damping adds within a step */
     double noise;                /* J: what rounding of positions leaves unknown of their sum */
 } ndli_rod_sums;
 /* Elastic energies of rod->shape. */
@@ -119,7 +124,12 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
-/* Takes what damping is at rod->shape: damping_before ... damping_tangent. */
+/* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential, which does
+ * not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain rates
+ * w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with implicit
+ * Euler's (w' - w)/dt they are damping/dt and 0. stretch = bend = 0: no more. */
+NDLI_API void ndli_rod_set_viscous(ndl_rod *rod, double stretch, double bend, double ahead);
+/* Takes what damping is at rod->shape: damping_before ... damping_tangent. For those who take v as unknown. */
 NDLI_API void ndli_rod_set_damping_shape(ndl_rod *rod);
 /* gradient += C v for that damping; returns v.C v (W). */
 NDLI_API double ndli_rod_add_damping_force(const ndl_rod *rod, const ndli_v3 *v, ndli_v3 *gradient);

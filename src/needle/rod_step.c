@@ -2,13 +2,12 @@
  *
  * Positions x' of a step minimise
  *     1/2 inertia |x' - predicted|^2_M + E(x', theta') - loads.(x' - x) - torques.theta' + dissipation
- * with inertia = 1/(beta dt^2); without inertia and dissipation that is the static potential. */
+ * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static potential. */
 #include "band.h"
 #include "rod_state.h"
 
 typedef struct ndli_rod_problem {
     double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
-    double rate;      /* 1/s: d v'/d x' */
     int max_newton;
     double tolerance;
 } ndli_rod_problem;
@@ -28,7 +27,7 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
     double potential;
     ndli_rod_set_shape(rod, rod->x, theta);
     sums = ndli_rod_shape_energy(rod);
-    potential = sums.bend + sums.twist; /* stretching does not change, and would drown it */
+    potential = sums.bend + sums.twist + sums.viscous; /* stretching does not change, and would drown it */
     *noise = 4.5e-15 * potential;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         potential -= rod->torque[j] * theta[j];
@@ -102,21 +101,13 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
 
 static ndli_v3 ndli_rod_load(const ndl_rod *rod, int i) { return ndli_madd(rod->force[i], rod->mass[i], rod->gravity); }
 
-static void ndli_rod_try_velocities(ndl_rod *rod, const ndli_rod_problem *problem)
-{
-    for (int i = 0; i < rod->node_count; i++)
-        if (!rod->held[i])
-            rod->try_v[i] = ndli_madd(rod->predicted_velocity[i], problem->rate,
-                                      ndli_sub(rod->try_x[i], rod->predicted[i]));
-}
-
-/* Of rod->shape, made from try_x and try_theta; damping as of the last ndli_rod_set_damping_shape. Spoils gradient. */
+/* Of rod->shape, made from try_x and try_theta. */
 static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem *problem)
 {
     ndli_rod_sums sums = ndli_rod_shape_energy(rod);
     ndli_rod_progress progress = {0, 0, 0, 0, 0};
     double sizes = 0;
-    progress.potential = sums.stretch + sums.bend + sums.twist;
+    progress.potential = sums.stretch + sums.bend + sums.twist + sums.viscous;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
         double work = ndli_dot(ndli_rod_load(rod, i), ndli_sub(rod->try_x[i], rod->x[i])), inertia = 0;
@@ -129,13 +120,6 @@ static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem
         progress.potential -= rod->torque[j] * rod->try_theta[j];
         sizes += fabs(rod->torque[j] * rod->try_theta[j]);
     }
-    if (problem->rate > 0) {
-        double lost;
-        ndli_rod_try_velocities(rod, problem);
-        lost = 0.5 / problem->rate * ndli_rod_add_damping_force(rod, rod->try_v, rod->gradient);
-        progress.potential += lost;
-        sizes += lost;
-    }
     progress.noise = sums.noise + 4.5e-15 * sizes;
     return progress;
 }
@@ -146,14 +130,9 @@ static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int 
                              ndli_rod_progress *progress)
 {
     int any_held = ndli_rod_any_turn_held(rod);
-    double rounding = 4.5e-16 * rod->stretch * ndli_rod_reach(rod);
+    double rounding = 4.5e-16 * rod->stretch * (1 + rod->viscous_stretch) * ndli_rod_reach(rod);
     ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, matrix);
     progress->residual = progress->scale = progress->floor = 0;
-    if (problem->rate > 0) {
-        ndli_rod_set_damping_shape(rod);
-        ndli_rod_try_velocities(rod, problem);
-        ndli_rod_add_damping_force(rod, rod->try_v, rod->gradient);
-    }
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 load = ndli_rod_load(rod, i), inertia = ndli_v(0, 0, 0);
         if (!rod->held[i])
@@ -258,8 +237,6 @@ static int ndli_rod_solve_step(ndl_rod *rod, const ndli_rod_problem *problem, do
     for (int i = 0; i < rod->node_count; i++)
         rod->step_x[i] = rod->held[i] ? ndli_sub(rod->predicted[i], rod->try_x[i]) : ndli_v(0, 0, 0);
     ndli_rod_set_right_side(rod);
-    if (problem->rate > 0)
-        ndli_rod_add_damping_matrix(rod, problem->rate, &rod->matrix);
     for (int i = 0; i < rod->node_count; i++)
         ndli_m_add_identity(&rod->matrix.node[i][0], problem->inertia * rod->mass[i]);
     ndli_rod_fill_band(rod);
@@ -430,7 +407,6 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
     ndli_rod_progress progress;
     if (ndli_rod_set_shape(rod, rod->try_x, rod->try_theta) >= 0)
         return SB_ERROR_DIVERGED;
-    ndli_rod_set_damping_shape(rod);
     progress = ndli_rod_potential(rod, problem);
     info->capped = 0;
     for (int iteration = 0;; iteration++) {
@@ -446,7 +422,6 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
             info->capped = 1;
             return moving ? SB_ERROR_DIVERGED : SB_OK;
         }
-        progress.potential = ndli_rod_potential(rod, problem).potential; /* with the damping of here */
         if (!ndli_rod_iterate(rod, problem, &progress))
             return now.residual <= 1e3 * now.floor ? SB_OK : SB_ERROR_DIVERGED;
         info->newton_iterations++;
@@ -499,12 +474,9 @@ static int ndli_rod_any_torque(const ndl_rod *rod)
 }
 
 /* What the supports exert, from the state. */
-static void ndli_rod_read_reactions(ndl_rod *rod, int moving)
+static void ndli_rod_read_reactions(ndl_rod *rod)
 {
     ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
-    ndli_rod_set_damping_shape(rod);
-    if (moving)
-        ndli_rod_add_damping_force(rod, rod->v, rod->gradient);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 force = ndli_sub(rod->gradient[i], ndli_rod_load(rod, i));
         rod->reaction[i] = rod->held[i] ? ndli_madd(force, rod->mass[i], rod->a[i]) : ndli_v(0, 0, 0);
@@ -531,6 +503,23 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     return energy;
 }
 
+/* Moves a rod that nothing holds as a whole, so that its momentum changes by the loads alone, to rounding: what Newton
+ * leaves out of balance would add up over the steps. */
+static void ndli_rod_keep_momentum(ndl_rod *rod, const ndli_rod_problem *problem)
+{
+    ndli_v3 defect = ndli_v(0, 0, 0);
+    double mass = 0;
+    if (ndli_rod_any(rod->held, rod->node_count))
+        return;
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
+        defect = ndli_add(defect, ndli_madd(ndli_scale(rod->mass[i], gap), -1 / problem->inertia, ndli_rod_load(rod, i)));
+        mass += rod->mass[i];
+    }
+    for (int i = 0; i < rod->node_count; i++)
+        rod->try_x[i] = ndli_madd(rod->try_x[i], -1 / mass, defect);
+}
+
 /* Newmark with beta = 1/4, gamma = 1/2; or implicit Euler, which is beta = gamma = 1 without the old acceleration. */
 static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_info *info)
 {
@@ -538,28 +527,31 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
     ndli_rod_problem problem;
     sb_result result;
     problem.inertia = 1 / (beta * dt * dt);
-    problem.rate = gamma / (beta * dt);
     problem.max_newton = rod->max_newton;
     problem.tolerance = rod->tolerance;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 to = ndli_madd(rod->x[i], dt, rod->v[i]), target = rod->target[i];
         rod->predicted[i] = rod->held[i] ? target : ndli_madd(to, keep * dt * dt * (0.5 - beta), rod->a[i]);
-        rod->predicted_velocity[i] = ndli_madd(rod->v[i], keep * dt * (1 - gamma), rod->a[i]);
-        rod->try_v[i] = rod->has_velocity[i] ? rod->target_velocity[i]
-                                             : ndli_scale(1 / dt, ndli_sub(target, rod->x[i]));
         rod->try_x[i] = rod->x[i];
     }
     ndli_rod_set_turns(rod, 1);
+    ndli_rod_set_viscous(rod, rod->damping_stretch * gamma / (beta * dt), rod->damping_bending * gamma / (beta * dt),
+                         keep * 0.5 * dt);
     result = ndli_rod_minimise(rod, &problem, info);
     if (result != SB_OK)
         return result;
-    ndli_rod_try_velocities(rod, &problem);
+    ndli_rod_keep_momentum(rod, &problem);
     for (int i = 0; i < rod->node_count; i++) {
-        if (rod->held[i])
-            rod->a[i] = ndli_scale(1 / dt, ndli_sub(rod->try_v[i], rod->v[i]));
-        else
+        ndli_v3 v = rod->has_velocity[i] ? rod->target_velocity[i]
+                                         : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
+        if (rod->held[i]) {
+            rod->a[i] = ndli_scale(1 / dt, ndli_sub(v, rod->v[i]));
+        } else {
+            v = ndli_madd(rod->v[i], keep * dt * (1 - gamma), rod->a[i]);
             rod->a[i] = ndli_scale(problem.inertia, ndli_sub(rod->try_x[i], rod->predicted[i]));
-        rod->v[i] = rod->try_v[i];
+            v = ndli_madd(v, gamma * dt, rod->a[i]);
+        }
+        rod->v[i] = v;
         rod->x[i] = rod->try_x[i];
         if (!ndli_is_finite(ndli_norm(rod->a[i])))
             return SB_ERROR_DIVERGED;
@@ -611,12 +603,14 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
         info->damped = 1;
         result = ndli_rod_try_step(rod, (double)dt, 1, info);
     }
+    if (result == SB_OK)
+        ndli_rod_read_reactions(rod);
+    ndli_rod_set_viscous(rod, 0, 0, 0);
     if (result != SB_OK) {
         ndli_rod_restore(rod);
         return ndli_rod_fail(info, result, "Newton found no step that lowers the potential; the step was undone");
     }
     ndli_rod_clear_turns(rod);
-    ndli_rod_read_reactions(rod, 1);
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
     return SB_OK;
@@ -644,7 +638,6 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
     sb_result result;
     for (int i = 0; i < rod->node_count; i++) {
         rod->predicted[i] = rod->x[i];
-        rod->predicted_velocity[i] = ndli_v(0, 0, 0);
         if (rod->held[i])
             rod->predicted[i] = share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i]))
                                           : rod->target[i];
@@ -663,7 +656,7 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
 
 static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
 {
-    ndli_rod_problem problem = {0, 0, 20, 0.01};
+    ndli_rod_problem problem = {0, 20, 0.01};
     int pieces = ndli_rod_pieces(rod), most = options->max_newton;
     sb_result result = SB_OK;
     for (int piece = 0; piece < pieces - 1 && result == SB_OK; piece++)
@@ -712,7 +705,7 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
     ndli_rod_clear_turns(rod);
-    ndli_rod_read_reactions(rod, 0);
+    ndli_rod_read_reactions(rod);
     rod->ledger_open = 0;
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
