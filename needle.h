@@ -21,7 +21,14 @@
  * OPTIONS are softbody.h's. SB_REAL: exported names of a float build end in _f32. SB_STATIC makes this header static,
  * too; NDL_STATIC makes only this one so.
  *
+ * WHAT IT DOES NOT DO
+ *
+ * In this version: needles alone (rods), not yet in tissue.
+ *
  * A FIRST PROGRAM
+ *
+ * A brachytherapy stylet, clamped in a hand piece, sags under its weight and a push at its tip; then its hand piece is
+ * turned and moved, and the force that a hand feels is read:
  *
  *     ```c
  *     #define SB_IMPLEMENTATION
@@ -31,10 +38,53 @@
  *
  *     int main(void)
  *     {
- *         printf("needle.h %s\n", NDL_VERSION_STRING);
+ *         sb_vec3 nodes[21];
+ *         for (int i = 0; i < 21; i++)
+ *             nodes[i] = sb_v3(0.01 * i, 0, 0);                       // 20 cm, base first
+ *
+ *         ndl_rod_def def = ndl_default_rod_def();                    // a straight 18 G stylet, clamped at its base
+ *         def.nodes = nodes;
+ *         def.node_count = 21;
+ *         def.gravity = sb_v3(0, 0, -9.81);
+ *         ndl_rod *rod = NULL;
+ *         sb_error error;
+ *         if (ndl_rod_create(&def, &rod, &error) != SB_OK) {
+ *             fprintf(stderr, "%s\n", error.message);
+ *             return 1;
+ *         }
+ *
+ *         sb_vec3 tip, force, torque;
+ *         ndl_rod_info info;
+ *         ndl_rod_set_force(rod, 20, sb_v3(0, 0.2, 0));               // N
+ *         if (ndl_rod_solve_static(rod, NULL, &info) != SB_OK)
+ *             return 1;
+ *         ndl_rod_tip(rod, &tip, NULL);
+ *         printf("the tip is pushed by %.2f mm and sags by %.2f mm\n", 1e3 * tip.y, -1e3 * tip.z);
+ *
+ *         for (int frame = 1; frame <= 60; frame++) {
+ *             sb_vec3 base = sb_v3(0.0005 * frame, 0, 0);             // the hand piece goes forward and turns
+ *             sb_real sine, cosine;
+ *             sb_sin_cos(0.02 * frame, &sine, &cosine);
+ *             ndl_rod_hold_base(rod, base, sb_v3(1, 0, 0), sb_v3(0, cosine, sine), NULL, NULL);
+ *             if (ndl_rod_step(rod, 1.0 / 60, &info) != SB_OK)
+ *                 fprintf(stderr, "%s\n", info.error.message);        // the step was undone; go on
+ *             ndl_rod_base_wrench(rod, &force, &torque);              // what the hand exerts on the needle
+ *         }
+ *         printf("the hand holds %.4f N and %.5f N m\n", force.z, torque.y);
+ *         ndl_rod_destroy(rod);
  *         return 0;
  *     }
  *     ```
+ *
+ * CONCEPTS
+ *
+ * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
+ *
+ * ndl_rod      an elastic rod: a chain of nodes, base first, that stretches, bends and twists. Supports (ndl_rod_hold,
+ *              ndl_rod_turn, ndl_rod_hold_base) and loads stay until changed; ndl_rod_step moves it,
+ *              ndl_rod_solve_static finds its equilibrium. Straight or pre-bent at rest.
+ * frames       each edge has a material frame (m1, m2, t), t along it. A bevel is a direction in the frame of the last
+ *              edge: with a free tip it turns with the base.
  *
  * LICENCE
  *
@@ -199,10 +249,10 @@ typedef enum ndl_rod_preset {
     NDL_HYPODERMIC_22G = 3 /* 22-gauge steel tube, 0.7176 mm outside, 0.413 mm inside */
 } ndl_rod_preset;
 
-/* The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270 mm, 22 G:
- * 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa, 0.33,
- * 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for an unknown
- * preset leaves *section untouched. */
+/* The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270
+ * mm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,
+ * 0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for
+ * an unknown preset leaves *section untouched. */
 NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section *section);
 
 /* Stiffnesses of a rod; ndl_rod_stiffness_of makes them from a section. */
@@ -230,7 +280,7 @@ typedef struct ndl_rod_def {
     const sb_vec3 *nodes;   /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
                              * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
     int node_count;         /* >= 2 */
-    int capacity;           /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
+    int capacity; /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
     ndl_rod_section section; /* default NDL_STYLET_18G */
     const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
     ndl_rod_rest rest;      /* default NDL_REST_STRAIGHT */
@@ -241,8 +291,8 @@ typedef struct ndl_rod_def {
     sb_vec3 gravity;        /* m/s^2; default 0 */
     sb_real damping_stretch; /* s, >= 0: viscous stress is this times the rate of the elastic one; default 1e-4 */
     sb_real damping_bending; /* s, >= 0; the same for bending. It acts on the rate of the curvature vector, so that it
-                             * also slows, weakly, a bent rod that spins as a whole; default 1e-4 */
-    int max_newton;         /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
+                             * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
+    int max_newton; /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
     sb_real tolerance;      /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_rod_def; a def made without it is refused */
@@ -250,9 +300,9 @@ typedef struct ndl_rod_def {
 
 NDL_API ndl_rod_def ndl_default_rod_def(void);
 
-/* Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here. On failure
- * *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node named: an
- * edge without length, or one turned back), SB_ERROR_MEMORY. */
+/* Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here.
+ * On failure *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node
+ * named: an edge without length, or one turned back), SB_ERROR_MEMORY. */
 NDL_API sb_result ndl_rod_create(const ndl_rod_def *def, ndl_rod **rod, sb_error *error);
 NDL_API void ndl_rod_destroy(ndl_rod *rod); /* NULL is fine */
 
@@ -296,10 +346,10 @@ typedef struct ndl_rod_info {
  * by Newton's method with a banded direct solve, frames eliminated together with the nodes; each iteration lowers the
  * step's potential. While supports and loads do not change the energy is watched: a step that would raise it above
  * where it was when they last changed by more than 1 % of what is in motion and in strain is taken by implicit Euler,
- * which only loses energy. Without damping and supports linear momentum is kept to rounding.
+ * which only loses energy. Without supports linear momentum is kept to rounding.
  * info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED: a torque about a rod no edge of which is
  * held; SB_ERROR_DIVERGED) the rod is as before the call, to the last bit. Allocates nothing; cost grows with
- * node_count, about 15 us for 20 nodes and an iteration. */
+ * node_count, about 40 us for 20 nodes and an iteration. */
 NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info);
 
 /* How a static solve goes about its work. Start from ndl_default_rod_static_options(). */
@@ -313,11 +363,12 @@ typedef struct ndl_rod_static_options {
 NDL_API ndl_rod_static_options ndl_default_rod_static_options(void);
 
 /* Finds the equilibrium nearest downhill under the present loads and supports; velocities become 0. Newton with the
- * exact Hessian of stretch, bending and twist where that is positive definite, Gauss-Newton where it is not; steps turn
- * edges rather than stretch them, and a line search lets the energy only fall. Supports move there in pieces when their way is long. A straight rod under more
- * than its buckling load is in equilibrium and stays so until something pushes it aside.
- * options and info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED: the supports leave the rod free
- * to move; SB_ERROR_NOT_CONVERGED; SB_ERROR_DIVERGED) the rod is as before the call. Allocates nothing. */
+ * exact Hessian of stretch, bending and twist where that is positive definite, Gauss-Newton where it is not; steps
+ * turn edges rather than stretch them, and a line search lets the energy only fall. Supports move there in pieces
+ * when their way is long. A straight rod under more than its buckling load is in equilibrium and stays so until
+ * something pushes it aside. options and info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED:
+ * the supports leave the rod free to move; SB_ERROR_NOT_CONVERGED; SB_ERROR_DIVERGED) the rod is as before the call.
+ * Allocates nothing. */
 NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info);
 
 /* Overwrites positions [node_count] or velocities [node_count]; frames follow as if the rod had been moved there.
@@ -334,8 +385,8 @@ NDL_API sb_result ndl_rod_set_velocities(ndl_rod *rod, const sb_vec3 *velocities
 NDL_API sb_result ndl_rod_split_edge(ndl_rod *rod, int edge);
 /* Takes the inner node out: its edges become one. */
 NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node);
-/* Feeds `length` (m, either sign) of rod through the base: edge 1 gets longer or shorter at rest. SB_ERROR_ARGUMENT when
- * nothing would be left of it, or the rod has no edge 1. */
+/* Feeds `length` (m, either sign) of rod through the base: edge 1 gets longer or shorter at rest. SB_ERROR_ARGUMENT
+ * when nothing would be left of it, or the rod has no edge 1. */
 NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length);
 
 /* ---- readings: no allocation ---- */
@@ -380,8 +431,9 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
 #define NDL_IMPLEMENTATION_DONE
 
 /* ==== src/needle/real3.h ==== */
-/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along itself
- * than across: float holds neither its strains nor its matrices, so rods are computed in double in float builds, too. */
+/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along
+ * itself than across: float holds neither its strains nor its matrices, so rods are computed in double in float
+ * builds, too. */
 #ifndef NDL_REAL3_H
 #define NDL_REAL3_H
 
@@ -410,7 +462,10 @@ SB_INLINE ndli_v3 ndli_add(ndli_v3 a, ndli_v3 b) { return ndli_v(a.x + b.x, a.y 
 SB_INLINE ndli_v3 ndli_sub(ndli_v3 a, ndli_v3 b) { return ndli_v(a.x - b.x, a.y - b.y, a.z - b.z); }
 SB_INLINE ndli_v3 ndli_scale(double s, ndli_v3 a) { return ndli_v(s * a.x, s * a.y, s * a.z); }
 /* a + s b */
-SB_INLINE ndli_v3 ndli_madd(ndli_v3 a, double s, ndli_v3 b) { return ndli_v(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z); }
+SB_INLINE ndli_v3 ndli_madd(ndli_v3 a, double s, ndli_v3 b)
+{
+    return ndli_v(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
 SB_INLINE double ndli_dot(ndli_v3 a, ndli_v3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 SB_INLINE ndli_v3 ndli_cross(ndli_v3 a, ndli_v3 b)
 {
@@ -568,13 +623,13 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b)
 }
 
 /* ==== src/needle/rod_state.h ==== */
-/* rod_state: what is inside a rod. Floor 3, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c moves
- * it; rooms above couple it to tissue and change its nodes.
+/* rod_state: what is inside a rod. Floor 3, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c
+ * moves it; rooms above couple it to tissue and change its nodes.
  *
- * State: x, v, a, director, theta. The directors d_j are a Bishop frame: each is its predecessor carried over by parallel
- * transport, so that the twist at node i is theta_i - theta_i-1. Within a step each edge carries its director with
- * itself instead (that keeps derivatives local); the reference twist that then arises between neighbours is folded
- * into theta when the step is taken (ndli_rod_moved). */
+ * State: x, v, a, director, theta. The directors d_j are a Bishop frame: each is its predecessor carried over by
+ * parallel transport, so that the twist at node i is theta_i - theta_i-1. Within a step each edge carries its
+ * director with itself instead (that keeps derivatives local); the reference twist that then arises between
+ * neighbours is folded into theta when the step is taken (ndli_rod_moved). */
 #ifndef NDL_ROD_STATE_H
 #define NDL_ROD_STATE_H
 
@@ -651,7 +706,8 @@ struct ndl_rod {
     ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
     ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
-    ndli_m3 *damping_before, *damping_after, *damping_weight; /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
+    ndli_m3 *damping_before, *damping_after,
+        *damping_weight;      /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
     double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
     double *unknown;        /* [4 nodes] */
@@ -678,6 +734,8 @@ SB_INLINE int ndli_rod_edges(const ndl_rod *rod) { return rod->node_count - 1; }
 NDLI_API double ndli_rod_reach(const ndl_rod *rod);
 /* Parallel transport of v from the unit tangent p to the unit tangent q, not opposite to it. */
 NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v);
+/* v with its part along the unit vector t taken out, of length 1; any such vector where nothing is left of v. */
+NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 /* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
  * has no length, has turned back on its neighbour, or turned over since the state: no energy there. */
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
@@ -692,10 +750,10 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
-/* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential, which does
- * not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain rates
- * w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with implicit
- * Euler's (w' - w)/dt they are damping/dt and 0. stretch = bend = 0: no more. */
+/* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential,
+ * which does not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain
+ * rates w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with
+ * implicit Euler's (w' - w)/dt they are damping/dt and 0. stretch = bend = 0: no more. */
 NDLI_API void ndli_rod_set_viscous(ndl_rod *rod, double stretch, double bend, double ahead);
 /* Takes what damping is at rod->shape: damping_before ... damping_tangent. For those who take v as unknown. */
 NDLI_API void ndli_rod_set_damping_shape(ndl_rod *rod);
@@ -706,8 +764,8 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
 
 /* ---- rod ---- */
 
-/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1, or the
- * node that ndli_rod_set_shape names; nothing has changed then, x aside. */
+/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1,
+ * or the node that ndli_rod_set_shape names; nothing has changed then, x aside. */
 NDLI_API int ndli_rod_moved(ndl_rod *rod);
 /* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
 NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);
@@ -745,6 +803,20 @@ NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v)
     return ndli_madd(ndli_madd(ndli_cross(b, v), c, v), ndli_dot(b, v) / (1 + c), b);
 }
 
+NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
+{
+    double size = ndli_norm(v), left;
+    ndli_v3 across = ndli_madd(v, -ndli_dot(v, t), t);
+    left = ndli_norm(across);
+    if (!(left > 1e-6 * size)) {
+        across = ndli_cross(t, fabs(t.x) < 0.6 ? ndli_v(1, 0, 0) : ndli_v(0, 1, 0));
+        left = ndli_norm(across);
+    }
+    across = ndli_scale(1 / left, across);
+    across = ndli_madd(across, -ndli_dot(across, t), t);
+    return ndli_scale(1 / ndli_norm(across), across);
+}
+
 /* ---- shape ---- */
 
 static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const double *theta)
@@ -777,7 +849,8 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b), ndli_dot(carried, shape->director[i]));
+    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
+                                ndli_dot(carried, shape->director[i]));
     shape->twist[i] = theta[i] - theta[i - 1] + reference;
     return 1;
 }
@@ -844,7 +917,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         if (rod->viscous_stretch > 0) {
             double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
             sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
-            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) * unknown;
+            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] *
+                          (fabs(change) + unknown) * unknown;
         }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
@@ -1345,10 +1419,26 @@ static sb_result ndli_rod_check_def(const ndl_rod_def *def, sb_error *error)
 static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
 {
     size_t n = (size_t)nodes, v = sizeof(ndli_v3), d = sizeof(double), m = sizeof(ndli_m3);
-    ndli_v3 **vectors[] = {&rod->x, &rod->v, &rod->a, &rod->director, &rod->tangent, &rod->target, &rod->target_velocity,
-                           &rod->force, &rod->reaction, &rod->shape.tangent, &rod->shape.director, &rod->shape.m1,
-                           &rod->shape.m2, &rod->shape.binormal, &rod->gradient, &rod->try_x, &rod->best_x,
-                           &rod->step_x, &rod->predicted, &rod->damping_tangent,
+    ndli_v3 **vectors[] = {&rod->x,
+                           &rod->v,
+                           &rod->a,
+                           &rod->director,
+                           &rod->tangent,
+                           &rod->target,
+                           &rod->target_velocity,
+                           &rod->force,
+                           &rod->reaction,
+                           &rod->shape.tangent,
+                           &rod->shape.director,
+                           &rod->shape.m1,
+                           &rod->shape.m2,
+                           &rod->shape.binormal,
+                           &rod->gradient,
+                           &rod->try_x,
+                           &rod->best_x,
+                           &rod->step_x,
+                           &rod->predicted,
+                           &rod->damping_tangent,
                            &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
@@ -1398,21 +1488,6 @@ static sb_result ndli_rod_allocate(const ndl_rod_def *def, ndl_rod **rod, sb_err
     made->node_count = def->node_count;
     *rod = made;
     return SB_OK;
-}
-
-/* v with its part along the unit vector t taken out, of length 1; any such vector where nothing is left of v. */
-static ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
-{
-    double size = ndli_norm(v), left;
-    ndli_v3 across = ndli_madd(v, -ndli_dot(v, t), t);
-    left = ndli_norm(across);
-    if (!(left > 1e-6 * size)) {
-        across = ndli_cross(t, fabs(t.x) < 0.6 ? ndli_v(1, 0, 0) : ndli_v(0, 1, 0));
-        left = ndli_norm(across);
-    }
-    across = ndli_scale(1 / left, across);
-    across = ndli_madd(across, -ndli_dot(across, t), t);
-    return ndli_scale(1 / ndli_norm(across), across);
 }
 
 /* Edges, tangents and the Bishop frame from `director` on, of the first positions. */
@@ -2019,7 +2094,10 @@ NDL_API void ndl_rod_curvature(const ndl_rod *rod, int node, sb_real curvature[2
         curvature[k] = (sb_real)(0.5 * w[k] / rod->cell[node]);
 }
 
-NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node) { return (sb_real)(rod->theta[node] - rod->theta[node - 1]); }
+NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node)
+{
+    return (sb_real)(rod->theta[node] - rod->theta[node - 1]);
+}
 
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
 {
@@ -2061,7 +2139,8 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
  *
  * Positions x' of a step minimise
  *     1/2 inertia |x' - predicted|^2_M + E(x', theta') - loads.(x' - x) - torques.theta' + dissipation
- * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static potential. */
+ * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static
+ * potential. */
 
 typedef struct ndli_rod_problem {
     double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
@@ -2281,7 +2360,8 @@ static void ndli_rod_pin_band(ndl_rod *rod, double shift)
         *ndli_rod_band_at(rod, row, row) *= 1 + shift;
         if (!known)
             continue;
-        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH);
+             other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
             *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
         *ndli_rod_band_at(rod, row, row) = 1;
         rod->unknown[row] = 0;
@@ -2428,6 +2508,15 @@ static int ndli_rod_search(ndl_rod *rod, const ndli_rod_problem *problem, int fr
     return 0;
 }
 
+/* From now on frames are carried from rod->shape: an edge may then turn by any angle in the iterations of a step. */
+static void ndli_rod_carry_frames(ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        rod->tangent[j] = rod->shape.tangent[j];
+        rod->director[j] = ndli_rod_across(rod->shape.director[j], rod->shape.tangent[j]);
+    }
+}
+
 /* One iteration from try_x, try_theta, which rod->shape is made from, by the first of these whose matrix is positive
  * definite and whose step leads down: exact Hessian, Gauss-Newton, the same with a larger diagonal. 0: there is no way
  * down; all is as before. */
@@ -2458,7 +2547,8 @@ static int ndli_rod_iterate(ndl_rod *rod, const ndli_rod_problem *problem, ndli_
     return 0;
 }
 
-/* From try_x and try_theta to where the potential is least; predicted says where held nodes go. SB_OK also when capped. */
+/* From try_x and try_theta to where the potential is least; predicted says where held nodes go. SB_OK also when
+ * capped. */
 static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem, ndl_rod_info *info)
 {
     ndli_rod_progress progress;
@@ -2481,6 +2571,7 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
         }
         if (!ndli_rod_iterate(rod, problem, &progress))
             return now.residual <= 1e3 * now.floor ? SB_OK : SB_ERROR_DIVERGED;
+        ndli_rod_carry_frames(rod);
         info->newton_iterations++;
     }
 }
@@ -2560,21 +2651,24 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     return energy;
 }
 
-/* Moves a rod that nothing holds as a whole, so that its momentum changes by the loads alone, to rounding: what Newton
- * leaves out of balance would add up over the steps. */
-static void ndli_rod_keep_momentum(ndl_rod *rod, const ndli_rod_problem *problem)
+/* Takes from the new accelerations of a rod that nothing holds, as a whole, what the loads do not account for: what
+ * Newton leaves out of balance would add up over the steps. */
+static void ndli_rod_keep_momentum(ndl_rod *rod, const ndli_rod_problem *problem, double gamma_dt)
 {
     ndli_v3 defect = ndli_v(0, 0, 0);
     double mass = 0;
     if (ndli_rod_any(rod->held, rod->node_count))
         return;
     for (int i = 0; i < rod->node_count; i++) {
-        ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
-        defect = ndli_add(defect, ndli_madd(ndli_scale(rod->mass[i], gap), -1 / problem->inertia, ndli_rod_load(rod, i)));
+        defect = ndli_add(defect, ndli_madd(ndli_rod_load(rod, i), -rod->mass[i], rod->a[i]));
         mass += rod->mass[i];
     }
-    for (int i = 0; i < rod->node_count; i++)
-        rod->try_x[i] = ndli_madd(rod->try_x[i], -1 / mass, defect);
+    defect = ndli_scale(1 / mass, defect);
+    for (int i = 0; i < rod->node_count; i++) {
+        rod->a[i] = ndli_add(rod->a[i], defect);
+        rod->v[i] = ndli_madd(rod->v[i], gamma_dt, defect);
+        rod->x[i] = ndli_madd(rod->x[i], 1 / problem->inertia, defect);
+    }
 }
 
 /* Newmark with beta = 1/4, gamma = 1/2; or implicit Euler, which is beta = gamma = 1 without the old acceleration. */
@@ -2597,7 +2691,6 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
     result = ndli_rod_minimise(rod, &problem, info);
     if (result != SB_OK)
         return result;
-    ndli_rod_keep_momentum(rod, &problem);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 v = rod->has_velocity[i] ? rod->target_velocity[i]
                                          : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
@@ -2610,9 +2703,12 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
         }
         rod->v[i] = v;
         rod->x[i] = rod->try_x[i];
-        if (!ndli_is_finite(ndli_norm(rod->a[i])))
-            return SB_ERROR_DIVERGED;
     }
+    ndli_rod_keep_momentum(rod, &problem, gamma * dt);
+    for (int i = 0; i < rod->node_count; i++) /* in sb_real, too */
+        if (!sb_v3_is_finite(ndli_to(rod->x[i])) || !sb_v3_is_finite(ndli_to(rod->v[i])) ||
+            !ndli_is_finite(ndli_norm(rod->a[i])))
+            return SB_ERROR_DIVERGED;
     memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
     return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
 }

@@ -77,7 +77,6 @@ static void test_gradients(void)
                 CHECK_OK(ndl_rod_hold(rod, i, nodes[i], NULL));
         if (kind == 3)
             CHECK_OK(ndl_rod_turn(rod, n - 2, REAL(1.5)));
-        CHECK_OK(ndl_rod_solve_static(rod, NULL, NULL) == SB_OK ? SB_OK : SB_OK);
         CHECK_OK(ndl_rod_set_positions(rod, nodes, NULL));
         ndl_rod_forces(rod, forces);
         for (int i = 0; i < n; i++)
@@ -97,8 +96,7 @@ static void test_gradients(void)
                 worst = fmax(worst, fabs((energy[1] - energy[0]) / apart + (double)*axis_of(&forces[i], axis)));
                 largest = fmax(largest, norm(forces[i]));
             }
-        if (kind != 3 || !SB_REAL_IS_FLOAT)
-            CHECK_NEAR(worst / largest, 0, SB_REAL_IS_FLOAT ? 3e-2 : 1e-6);
+        CHECK_NEAR(worst / largest, 0, SB_REAL_IS_FLOAT ? 3e-2 : 1e-6);
         ndl_rod_destroy(rod);
     }
 }
@@ -127,7 +125,8 @@ static double stylet_bending(void)
 
 static void test_small_deflection(void)
 {
-    double length = 0.2, ei = stylet_bending(), delta = 1e-3 * length, load = 3 * ei * delta / (length * length * length);
+    double length = 0.2, ei = stylet_bending(), delta = 1e-3 * length,
+           load = 3 * ei * delta / (length * length * length);
     double previous = 0;
     for (int edges = 10; edges <= 40; edges *= 2) {
         ndl_rod *rod = cantilever(edges, length, sb_v3(1, 0, 0), 1);
@@ -136,7 +135,6 @@ static void test_small_deflection(void)
         CHECK_OK(ndl_rod_set_force(rod, edges + 1, sb_v3(0, REAL(load), 0)));
         CHECK_OK(ndl_rod_solve_static(rod, NULL, NULL));
         error = (double)ndl_rod_positions(rod)[edges + 1].y / delta - 1;
-        printf("  small %d edges: %.3e\n", edges, error);
         if (edges == 40)
             CHECK_NEAR(error, 0, 1e-3);
         if (previous != 0)
@@ -165,7 +163,6 @@ static void test_elastica(void)
         CHECK_OK(ndl_rod_set_force(rod, 41, sb_v3(0, REAL(load), 0)));
         CHECK_OK(ndl_rod_solve_static(rod, NULL, &info));
         ndl_rod_tip(rod, &tip, &frame);
-        printf("  elastica %g: %d its res %g dy %.6f dx %.6f\n", table[k][0], info.newton_iterations, (double)info.residual, (double)tip.y / length, 1.025 - (double)tip.x / length);
         CHECK_NEAR((double)tip.y / length, table[k][1], 0.005 * table[k][1]);
         CHECK_NEAR(1.025 - (double)tip.x / length, table[k][2], 0.005 * table[k][2] + 1e-5);
         CHECK_NEAR(atan2((double)frame.t.y, (double)frame.t.x), table[k][3], 0.005 * table[k][3]);
@@ -214,7 +211,6 @@ static void test_greenhill(void)
     double length = 0.2, critical = 8.98682 * stylet_bending() / length;
     double low = push_stiffness(39, length, 0.96 * critical), high = push_stiffness(39, length, 0.98 * critical);
     double found = 0.98 + 0.02 * high / (low - high);
-    printf("  greenhill %.5f\n", found);
     CHECK_NEAR(found, 1, 0.01);
     CHECK(push_stiffness(39, length, 0.5 * critical) > 10 * high);
 }
@@ -231,7 +227,6 @@ static void test_post_buckling(void)
     CHECK_OK(ndl_rod_hold(rod, 41, sb_v3(0, 0, REAL(length * (40 / 39.0 * 0.98 + 1 / 39.0))), NULL));
     CHECK_OK(ndl_rod_set_force(rod, 20, sb_v3(REAL(1e-3 * stylet_bending() / (length * length)), 0, 0)));
     CHECK_OK(ndl_rod_solve_static(rod, NULL, &info));
-    printf("  post: %d its, energy %g of %g, side %g\n", info.newton_iterations, elastic(rod), straight, (double)ndl_rod_positions(rod)[20].x / length);
     CHECK(norm(sb_v3_sub(ndl_rod_positions(rod)[20], sb_v3(0, 0, ndl_rod_positions(rod)[20].z))) > 0.02 * length);
     CHECK(elastic(rod) < straight);
     ndl_rod_destroy(rod);
@@ -252,7 +247,8 @@ static void test_free_tip_turns(void)
             CHECK_OK(ndl_rod_step(rod, REAL(0.01), NULL));
         }
         ndl_rod_tip(rod, NULL, &after);
-        angle = atan2((double)sb_v3_dot(sb_v3_cross(before.m1, after.m1), after.t), (double)sb_v3_dot(before.m1, after.m1));
+        angle = atan2((double)sb_v3_dot(sb_v3_cross(before.m1, after.m1), after.t),
+                      (double)sb_v3_dot(before.m1, after.m1));
         CHECK_NEAR(angle, 1, scene_tolerance(1e-6, 1e3));
         CHECK_NEAR((double)ndl_rod_energies(rod).twist / (elastic(rod) + 1e-12), 0, 1e-9);
         for (int i = 1; i < 13; i++)
@@ -265,7 +261,8 @@ static void test_free_tip_turns(void)
  * bent and twisted: v = P R^3 (pi/4 /EI + (3 pi/4 - 2)/GJ) (Castigliano). */
 static void test_torsion(void)
 {
-    double radius = 0.1, ei = stylet_bending(), gj, load = 1e-3 * ei / (radius * radius), expected, pi = 3.141592653589793;
+    double radius = 0.1, ei = stylet_bending(), gj, load = 1e-3 * ei / (radius * radius), expected,
+           pi = 3.141592653589793;
     ndl_rod_def def = ndl_default_rod_def();
     sb_vec3 nodes[82];
     ndl_rod *rod = cantilever(20, 0.2, sb_v3(1, 2, 3), 1);
@@ -290,7 +287,6 @@ static void test_torsion(void)
     CHECK_OK(ndl_rod_set_force(rod, 81, sb_v3(0, 0, REAL(load))));
     CHECK_OK(ndl_rod_solve_static(rod, NULL, NULL));
     expected = load * radius * radius * radius * (pi / 4 / ei + (3 * pi / 4 - 2) / gj);
-    printf("  quarter circle %.5f\n", (double)ndl_rod_positions(rod)[81].z / expected);
     CHECK_NEAR((double)ndl_rod_positions(rod)[81].z / expected, 1, 0.003);
     ndl_rod_destroy(rod);
 }
@@ -326,7 +322,6 @@ static void test_frequency(void)
         }
         before = now;
     }
-    printf("  frequency %.6f\n", 10 * period / (crossings[1] - crossings[0]));
     CHECK_NEAR(10 * period / (crossings[1] - crossings[0]), 1, 0.01);
     ndl_rod_destroy(rod);
 }
@@ -380,7 +375,6 @@ static void test_momentum(void)
             }
             CHECK(total(rod) < 1.01 * first);
         }
-        printf("  momentum %.2e angular %.2e energy %.5f\n", worst, turned, total(rod) / first);
         CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 10));
         if (!damped)
             CHECK_NEAR(turned, 0, 2e-3);
@@ -397,7 +391,7 @@ static void test_energy(void)
         ndl_rod_def def = ndl_default_rod_def();
         ndl_rod *rod;
         double first, most = 0;
-        int damped = 0, its = 0;
+        int damped = 0;
         for (int i = 0; i < 21; i++) {
             double s = 0.01 * i / 0.06;
             nodes[i] = sb_v3(REAL(0.06 * sin(s)), REAL(0.06 * (1 - cos(s))), 0);
@@ -414,11 +408,10 @@ static void test_energy(void)
             if (!CHECK_OK(ndl_rod_step(rod, REAL(steps_of[kind % 3]), &info)))
                 break;
             damped += info.damped;
-            its += info.newton_iterations;
             most = fmax(most, total(rod));
         }
-        printf("  energy kind %d: most %.5f last %.5f damped %d its %d\n", kind, most / first, total(rod) / first, damped, its);
-        CHECK(most < 1.03 * first);
+        CHECK(most < 1.02 * first);
+        CHECK(kind % 3 != 0 || damped < 100); /* short steps hardly need it */
         ndl_rod_destroy(rod);
     }
 }
@@ -448,7 +441,8 @@ static void test_prebent_rests(void)
         rod = make_rod(&def);
         if (kind == 0) {
             for (int i = 0; i < 16; i++)
-                lost[i] = sb_v3(nodes[0].x + REAL(0.01) * REAL(i), REAL(i > 1 ? 0.001 * (i - 1) : 0), REAL(i > 1 ? -0.002 * (i - 1) : 0));
+                lost[i] = sb_v3(nodes[0].x + REAL(0.01) * REAL(i), REAL(i > 1 ? 0.001 * (i - 1) : 0),
+                                REAL(i > 1 ? -0.002 * (i - 1) : 0));
             CHECK_OK(ndl_rod_set_positions(rod, lost, NULL));
             CHECK(elastic(rod) > 1e-3);
         }
@@ -466,7 +460,6 @@ static void test_prebent_rests(void)
                 CHECK_NEAR((double)found[1], (double)curvature[2 * i + 1], 0.01 * 12.5);
             }
         }
-        printf("  prebent %d: %.3g elastic %.3g\n", kind, worst, elastic(rod));
         ndl_rod_destroy(rod);
     }
 }
@@ -495,7 +488,8 @@ static void test_reactions(void)
     CHECK_NEAR((double)torque.y / -lever, 1, scene_tolerance(1e-6, 100));
     for (int s = 0; s < 20; s++) /* nothing moves once the load is taken */
         CHECK_OK(ndl_rod_step(rod, REAL(0.01), NULL));
-    CHECK_NEAR((double)ndl_rod_reactions(rod)[0].z + (double)ndl_rod_reactions(rod)[1].z, weight, scene_tolerance(1e-5, 1e3) * weight);
+    CHECK_NEAR((double)ndl_rod_reactions(rod)[0].z + (double)ndl_rod_reactions(rod)[1].z, weight,
+               scene_tolerance(1e-5, 1e3) * weight);
     for (int i = 2; i < 13; i++)
         CHECK_NEAR(norm(ndl_rod_reactions(rod)[i]), 0, 0);
     CHECK_OK(ndl_rod_release(rod, 0));
@@ -529,7 +523,8 @@ static void test_sleeve(void)
     ndl_rod_tip(rod, &tip, &frame);
     CHECK_NEAR(norm(sb_v3_sub(tip, sb_v3_madd(sb_v3(REAL(0.2), 0, 0), REAL(0.22), t))), 0, scene_tolerance(1e-9, 10));
     CHECK_NEAR(norm(sb_v3_sub(frame.m1, d)), 0, scene_tolerance(1e-8, 10));
-    CHECK_OK(ndl_rod_hold_base(at_once, sb_v3(REAL(0.2), 0, 0), t, d, NULL, NULL)); /* a static solve goes there in pieces */
+    CHECK_OK(ndl_rod_hold_base(at_once, sb_v3(REAL(0.2), 0, 0), t, d, NULL,
+                               NULL)); /* a static solve goes there in pieces */
     CHECK_OK(ndl_rod_solve_static(at_once, NULL, NULL));
     ndl_rod_tip(at_once, &tip, &frame);
     CHECK_NEAR(norm(sb_v3_sub(tip, ndl_rod_positions(rod)[11])), 0, scene_tolerance(1e-9, 10));
@@ -570,7 +565,8 @@ static void test_scales(void)
 
 /* ---- changing the number of nodes ---- */
 
-/* A pre-bent, bent, moving needle: splitting and merging keep tip, mass, momentum, rest length, and (nearly) the shape. */
+/* A pre-bent, bent, moving needle: splitting and merging keep tip, mass, momentum, rest length, and (nearly) the
+ * shape. */
 static void test_split_and_merge(void)
 {
     sb_vec3 nodes[12], tip, velocities[12];
@@ -616,7 +612,6 @@ static void test_split_and_merge(void)
         CHECK_NEAR(mass, 0, scene_tolerance(1e-15, 1) * 10);
         CHECK_NEAR(length, 0, scene_tolerance(1e-15, 1) * 10);
         again = (double)ndl_rod_energies(rod).bend + (double)ndl_rod_energies(rod).twist;
-        printf("  split %d: energy %g of %g\n", round, again, energy);
         CHECK_NEAR(again / energy, 1, 0.1);
         for (int i = 0; i < ndl_rod_node_count(rod); i++) {
             mass += (double)ndl_rod_mass(rod, i);
@@ -631,8 +626,8 @@ static void test_split_and_merge(void)
     ndl_rod_destroy(rod);
 }
 
-/* Insertion through a sleeve, splitting and merging behind it, moves the tip of a free needle straight ahead; a tip held
- * against turning keeps its frame. */
+/* Insertion through a sleeve, splitting and merging behind it, moves the tip of a free needle straight ahead; a tip
+ * held against turning keeps its frame. */
 static void test_feed(void)
 {
     sb_vec3 nodes[8], tip;
@@ -655,7 +650,6 @@ static void test_feed(void)
                 return;
         }
         ndl_rod_tip(rod, &tip, NULL);
-        printf("  feed: %d nodes, tip %.6f\n", ndl_rod_node_count(rod), (double)tip.z);
         CHECK_NEAR((double)tip.z, way > 0 ? 0.12 : 0.07, 1e-5);
         CHECK_NEAR(fabs((double)tip.x) + fabs((double)tip.y), 0, 1e-9);
     }
@@ -690,7 +684,7 @@ static void test_undo(void)
             CHECK_OK(ndl_rod_step(rods[b], REAL(0.01), NULL));
         CHECK_OK(ndl_rod_turn(rods[b], 0, REAL(0.3))); /* still due after a failure */
     }
-    for (int kind = 0; kind < 3; kind++) {
+    for (int kind = 0; kind < (SB_REAL_IS_FLOAT ? 2 : 3); kind++) { /* double holds what float's largest force does */
         unsigned long long hash = state_hash(rods[0]);
         if (kind < 2) /* an edge without length: no energy there */
             CHECK_OK(ndl_rod_hold(rods[0], 5, ndl_rod_positions(rods[0])[1], NULL));
@@ -788,7 +782,7 @@ static void test_bad_defs(void)
         case 1: def.nodes = NULL; break;
         case 2: def.node_count = 1; break;
         case 3: def.capacity = 4; break;
-        case 4: def.rest = (ndl_rod_rest)9; break;
+        case 4: def.rest = (ndl_rod_rest)0; break;
         case 5: def.rest = NDL_REST_CURVATURE; break;
         case 6: def.director.y = nan, expected = SB_ERROR_NOT_FINITE; break;
         case 7: def.gravity.y = nan, expected = SB_ERROR_NOT_FINITE; break;
@@ -828,7 +822,7 @@ static void test_bad_calls(void)
     ndl_rod_info info;
     sb_error error;
     CHECK_RESULT(ndl_rod_section_preset((ndl_rod_preset)0, &section), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(ndl_rod_section_preset((ndl_rod_preset)4, &section), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(ndl_rod_section_preset(NDL_STYLET_18G, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_rod_hold(rod, 7, good, NULL), SB_ERROR_INDEX);
     CHECK_RESULT(ndl_rod_hold(rod, 6, bad, NULL), SB_ERROR_NOT_FINITE);
     CHECK_RESULT(ndl_rod_hold(rod, 6, good, &bad), SB_ERROR_NOT_FINITE);
@@ -895,7 +889,6 @@ static void test_violence(void)
         if (!CHECK(scene_all_finite(ndl_rod_positions(rod), 16)) || !CHECK(norm(ndl_rod_positions(rod)[15]) < 1))
             break;
     }
-    printf("  violence: %d failed\n", failed);
     CHECK_INT(failed, 0);
     CHECK_OK(ndl_rod_release_turn(rod, 14));
     CHECK_OK(ndl_rod_set_damping(rod, REAL(1e-3), REAL(1e-2)));

@@ -1,5 +1,6 @@
-/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along itself
- * than across: float holds neither its strains nor its matrices, so rods are computed in double in float builds, too. */
+/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along
+ * itself than across: float holds neither its strains nor its matrices, so rods are computed in double in float
+ * builds, too. */
 #ifndef NDL_REAL3_H
 #define NDL_REAL3_H
 
@@ -29,7 +30,10 @@ SB_INLINE ndli_v3 ndli_add(ndli_v3 a, ndli_v3 b) { return ndli_v(a.x + b.x, a.y 
 SB_INLINE ndli_v3 ndli_sub(ndli_v3 a, ndli_v3 b) { return ndli_v(a.x - b.x, a.y - b.y, a.z - b.z); }
 SB_INLINE ndli_v3 ndli_scale(double s, ndli_v3 a) { return ndli_v(s * a.x, s * a.y, s * a.z); }
 /* a + s b */
-SB_INLINE ndli_v3 ndli_madd(ndli_v3 a, double s, ndli_v3 b) { return ndli_v(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z); }
+SB_INLINE ndli_v3 ndli_madd(ndli_v3 a, double s, ndli_v3 b)
+{
+    return ndli_v(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
 SB_INLINE double ndli_dot(ndli_v3 a, ndli_v3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 SB_INLINE ndli_v3 ndli_cross(ndli_v3 a, ndli_v3 b)
 {

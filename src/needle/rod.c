@@ -127,10 +127,26 @@ static sb_result ndli_rod_check_def(const ndl_rod_def *def, sb_error *error)
 static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
 {
     size_t n = (size_t)nodes, v = sizeof(ndli_v3), d = sizeof(double), m = sizeof(ndli_m3);
-    ndli_v3 **vectors[] = {&rod->x, &rod->v, &rod->a, &rod->director, &rod->tangent, &rod->target, &rod->target_velocity,
-                           &rod->force, &rod->reaction, &rod->shape.tangent, &rod->shape.director, &rod->shape.m1,
-                           &rod->shape.m2, &rod->shape.binormal, &rod->gradient, &rod->try_x, &rod->best_x,
-                           &rod->step_x, &rod->predicted, &rod->damping_tangent,
+    ndli_v3 **vectors[] = {&rod->x,
+                           &rod->v,
+                           &rod->a,
+                           &rod->director,
+                           &rod->tangent,
+                           &rod->target,
+                           &rod->target_velocity,
+                           &rod->force,
+                           &rod->reaction,
+                           &rod->shape.tangent,
+                           &rod->shape.director,
+                           &rod->shape.m1,
+                           &rod->shape.m2,
+                           &rod->shape.binormal,
+                           &rod->gradient,
+                           &rod->try_x,
+                           &rod->best_x,
+                           &rod->step_x,
+                           &rod->predicted,
+                           &rod->damping_tangent,
                            &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
@@ -180,21 +196,6 @@ static sb_result ndli_rod_allocate(const ndl_rod_def *def, ndl_rod **rod, sb_err
     made->node_count = def->node_count;
     *rod = made;
     return SB_OK;
-}
-
-/* v with its part along the unit vector t taken out, of length 1; any such vector where nothing is left of v. */
-static ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
-{
-    double size = ndli_norm(v), left;
-    ndli_v3 across = ndli_madd(v, -ndli_dot(v, t), t);
-    left = ndli_norm(across);
-    if (!(left > 1e-6 * size)) {
-        across = ndli_cross(t, fabs(t.x) < 0.6 ? ndli_v(1, 0, 0) : ndli_v(0, 1, 0));
-        left = ndli_norm(across);
-    }
-    across = ndli_scale(1 / left, across);
-    across = ndli_madd(across, -ndli_dot(across, t), t);
-    return ndli_scale(1 / ndli_norm(across), across);
 }
 
 /* Edges, tangents and the Bishop frame from `director` on, of the first positions. */
@@ -801,7 +802,10 @@ NDL_API void ndl_rod_curvature(const ndl_rod *rod, int node, sb_real curvature[2
         curvature[k] = (sb_real)(0.5 * w[k] / rod->cell[node]);
 }
 
-NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node) { return (sb_real)(rod->theta[node] - rod->theta[node - 1]); }
+NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node)
+{
+    return (sb_real)(rod->theta[node] - rod->theta[node - 1]);
+}
 
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
 {

@@ -30,10 +30,10 @@ typedef enum ndl_rod_preset {
     NDL_HYPODERMIC_22G = 3 /* 22-gauge steel tube, 0.7176 mm outside, 0.413 mm inside */
 } ndl_rod_preset;
 
-/* The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270 mm, 22 G:
- * 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa, 0.33,
- * 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for an unknown
- * preset leaves *section untouched. */
+/* The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270
+ * mm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,
+ * 0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for
+ * an unknown preset leaves *section untouched. */
 NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section *section);
 
 /* Stiffnesses of a rod; ndl_rod_stiffness_of makes them from a section. */
@@ -61,7 +61,7 @@ typedef struct ndl_rod_def {
     const sb_vec3 *nodes;   /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
                              * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
     int node_count;         /* >= 2 */
-    int capacity;           /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
+    int capacity; /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
     ndl_rod_section section; /* default NDL_STYLET_18G */
     const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
     ndl_rod_rest rest;      /* default NDL_REST_STRAIGHT */
@@ -72,8 +72,8 @@ typedef struct ndl_rod_def {
     sb_vec3 gravity;        /* m/s^2; default 0 */
     sb_real damping_stretch; /* s, >= 0: viscous stress is this times the rate of the elastic one; default 1e-4 */
     sb_real damping_bending; /* s, >= 0; the same for bending. It acts on the rate of the curvature vector, so that it
-                             * also slows, weakly, a bent rod that spins as a whole; default 1e-4 */
-    int max_newton;         /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
+                             * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
+    int max_newton; /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
     sb_real tolerance;      /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_rod_def; a def made without it is refused */
@@ -81,9 +81,9 @@ typedef struct ndl_rod_def {
 
 NDL_API ndl_rod_def ndl_default_rod_def(void);
 
-/* Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here. On failure
- * *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node named: an
- * edge without length, or one turned back), SB_ERROR_MEMORY. */
+/* Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here.
+ * On failure *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node
+ * named: an edge without length, or one turned back), SB_ERROR_MEMORY. */
 NDL_API sb_result ndl_rod_create(const ndl_rod_def *def, ndl_rod **rod, sb_error *error);
 NDL_API void ndl_rod_destroy(ndl_rod *rod); /* NULL is fine */
 
@@ -127,10 +127,10 @@ typedef struct ndl_rod_info {
  * by Newton's method with a banded direct solve, frames eliminated together with the nodes; each iteration lowers the
  * step's potential. While supports and loads do not change the energy is watched: a step that would raise it above
  * where it was when they last changed by more than 1 % of what is in motion and in strain is taken by implicit Euler,
- * which only loses energy. Without damping and supports linear momentum is kept to rounding.
+ * which only loses energy. Without supports linear momentum is kept to rounding.
  * info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED: a torque about a rod no edge of which is
  * held; SB_ERROR_DIVERGED) the rod is as before the call, to the last bit. Allocates nothing; cost grows with
- * node_count, about 15 us for 20 nodes and an iteration. */
+ * node_count, about 40 us for 20 nodes and an iteration. */
 NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info);
 
 /* How a static solve goes about its work. Start from ndl_default_rod_static_options(). */
@@ -144,11 +144,12 @@ typedef struct ndl_rod_static_options {
 NDL_API ndl_rod_static_options ndl_default_rod_static_options(void);
 
 /* Finds the equilibrium nearest downhill under the present loads and supports; velocities become 0. Newton with the
- * exact Hessian of stretch, bending and twist where that is positive definite, Gauss-Newton where it is not; steps turn
- * edges rather than stretch them, and a line search lets the energy only fall. Supports move there in pieces when their way is long. A straight rod under more
- * than its buckling load is in equilibrium and stays so until something pushes it aside.
- * options and info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED: the supports leave the rod free
- * to move; SB_ERROR_NOT_CONVERGED; SB_ERROR_DIVERGED) the rod is as before the call. Allocates nothing. */
+ * exact Hessian of stretch, bending and twist where that is positive definite, Gauss-Newton where it is not; steps
+ * turn edges rather than stretch them, and a line search lets the energy only fall. Supports move there in pieces
+ * when their way is long. A straight rod under more than its buckling load is in equilibrium and stays so until
+ * something pushes it aside. options and info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED:
+ * the supports leave the rod free to move; SB_ERROR_NOT_CONVERGED; SB_ERROR_DIVERGED) the rod is as before the call.
+ * Allocates nothing. */
 NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info);
 
 /* Overwrites positions [node_count] or velocities [node_count]; frames follow as if the rod had been moved there.
@@ -165,8 +166,8 @@ NDL_API sb_result ndl_rod_set_velocities(ndl_rod *rod, const sb_vec3 *velocities
 NDL_API sb_result ndl_rod_split_edge(ndl_rod *rod, int edge);
 /* Takes the inner node out: its edges become one. */
 NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node);
-/* Feeds `length` (m, either sign) of rod through the base: edge 1 gets longer or shorter at rest. SB_ERROR_ARGUMENT when
- * nothing would be left of it, or the rod has no edge 1. */
+/* Feeds `length` (m, either sign) of rod through the base: edge 1 gets longer or shorter at rest. SB_ERROR_ARGUMENT
+ * when nothing would be left of it, or the rod has no edge 1. */
 NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length);
 
 /* ---- readings: no allocation ---- */

@@ -17,6 +17,20 @@ NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v)
     return ndli_madd(ndli_madd(ndli_cross(b, v), c, v), ndli_dot(b, v) / (1 + c), b);
 }
 
+NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
+{
+    double size = ndli_norm(v), left;
+    ndli_v3 across = ndli_madd(v, -ndli_dot(v, t), t);
+    left = ndli_norm(across);
+    if (!(left > 1e-6 * size)) {
+        across = ndli_cross(t, fabs(t.x) < 0.6 ? ndli_v(1, 0, 0) : ndli_v(0, 1, 0));
+        left = ndli_norm(across);
+    }
+    across = ndli_scale(1 / left, across);
+    across = ndli_madd(across, -ndli_dot(across, t), t);
+    return ndli_scale(1 / ndli_norm(across), across);
+}
+
 /* ---- shape ---- */
 
 static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const double *theta)
@@ -49,7 +63,8 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b), ndli_dot(carried, shape->director[i]));
+    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
+                                ndli_dot(carried, shape->director[i]));
     shape->twist[i] = theta[i] - theta[i - 1] + reference;
     return 1;
 }
@@ -116,7 +131,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         if (rod->viscous_stretch > 0) {
             double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
             sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
-            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) * unknown;
+            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] *
+                          (fabs(change) + unknown) * unknown;
         }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }

@@ -1,10 +1,10 @@
-/* rod_state: what is inside a rod. Floor 3, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c moves
- * it; rooms above couple it to tissue and change its nodes.
+/* rod_state: what is inside a rod. Floor 3, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c
+ * moves it; rooms above couple it to tissue and change its nodes.
  *
- * State: x, v, a, director, theta. The directors d_j are a Bishop frame: each is its predecessor carried over by parallel
- * transport, so that the twist at node i is theta_i - theta_i-1. Within a step each edge carries its director with
- * itself instead (that keeps derivatives local); the reference twist that then arises between neighbours is folded
- * into theta when the step is taken (ndli_rod_moved). */
+ * State: x, v, a, director, theta. The directors d_j are a Bishop frame: each is its predecessor carried over by
+ * parallel transport, so that the twist at node i is theta_i - theta_i-1. Within a step each edge carries its
+ * director with itself instead (that keeps derivatives local); the reference twist that then arises between
+ * neighbours is folded into theta when the step is taken (ndli_rod_moved). */
 #ifndef NDL_ROD_STATE_H
 #define NDL_ROD_STATE_H
 
@@ -83,7 +83,8 @@ struct ndl_rod {
     ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
     ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
-    ndli_m3 *damping_before, *damping_after, *damping_weight; /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
+    ndli_m3 *damping_before, *damping_after,
+        *damping_weight;      /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
     double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
     double *unknown;        /* [4 nodes] */
@@ -110,6 +111,8 @@ SB_INLINE int ndli_rod_edges(const ndl_rod *rod) { return rod->node_count - 1; }
 NDLI_API double ndli_rod_reach(const ndl_rod *rod);
 /* Parallel transport of v from the unit tangent p to the unit tangent q, not opposite to it. */
 NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v);
+/* v with its part along the unit vector t taken out, of length 1; any such vector where nothing is left of v. */
+NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 /* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
  * has no length, has turned back on its neighbour, or turned over since the state: no energy there. */
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
@@ -124,10 +127,10 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
-/* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential, which does
- * not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain rates
- * w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with implicit
- * Euler's (w' - w)/dt they are damping/dt and 0. stretch = bend = 0: no more. */
+/* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential,
+ * which does not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain
+ * rates w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with
+ * implicit Euler's (w' - w)/dt they are damping/dt and 0. stretch = bend = 0: no more. */
 NDLI_API void ndli_rod_set_viscous(ndl_rod *rod, double stretch, double bend, double ahead);
 /* Takes what damping is at rod->shape: damping_before ... damping_tangent. For those who take v as unknown. */
 NDLI_API void ndli_rod_set_damping_shape(ndl_rod *rod);
@@ -138,8 +141,8 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
 
 /* ---- rod ---- */
 
-/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1, or the
- * node that ndli_rod_set_shape names; nothing has changed then, x aside. */
+/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1,
+ * or the node that ndli_rod_set_shape names; nothing has changed then, x aside. */
 NDLI_API int ndli_rod_moved(ndl_rod *rod);
 /* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
 NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);

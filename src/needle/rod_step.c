@@ -2,7 +2,8 @@
  *
  * Positions x' of a step minimise
  *     1/2 inertia |x' - predicted|^2_M + E(x', theta') - loads.(x' - x) - torques.theta' + dissipation
- * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static potential. */
+ * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static
+ * potential. */
 #include "band.h"
 #include "rod_state.h"
 
@@ -224,7 +225,8 @@ static void ndli_rod_pin_band(ndl_rod *rod, double shift)
         *ndli_rod_band_at(rod, row, row) *= 1 + shift;
         if (!known)
             continue;
-        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH);
+             other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
             *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
         *ndli_rod_band_at(rod, row, row) = 1;
         rod->unknown[row] = 0;
@@ -371,6 +373,15 @@ static int ndli_rod_search(ndl_rod *rod, const ndli_rod_problem *problem, int fr
     return 0;
 }
 
+/* From now on frames are carried from rod->shape: an edge may then turn by any angle in the iterations of a step. */
+static void ndli_rod_carry_frames(ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        rod->tangent[j] = rod->shape.tangent[j];
+        rod->director[j] = ndli_rod_across(rod->shape.director[j], rod->shape.tangent[j]);
+    }
+}
+
 /* One iteration from try_x, try_theta, which rod->shape is made from, by the first of these whose matrix is positive
  * definite and whose step leads down: exact Hessian, Gauss-Newton, the same with a larger diagonal. 0: there is no way
  * down; all is as before. */
@@ -401,7 +412,8 @@ static int ndli_rod_iterate(ndl_rod *rod, const ndli_rod_problem *problem, ndli_
     return 0;
 }
 
-/* From try_x and try_theta to where the potential is least; predicted says where held nodes go. SB_OK also when capped. */
+/* From try_x and try_theta to where the potential is least; predicted says where held nodes go. SB_OK also when
+ * capped. */
 static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem, ndl_rod_info *info)
 {
     ndli_rod_progress progress;
@@ -424,6 +436,7 @@ static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem
         }
         if (!ndli_rod_iterate(rod, problem, &progress))
             return now.residual <= 1e3 * now.floor ? SB_OK : SB_ERROR_DIVERGED;
+        ndli_rod_carry_frames(rod);
         info->newton_iterations++;
     }
 }
@@ -503,21 +516,24 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     return energy;
 }
 
-/* Moves a rod that nothing holds as a whole, so that its momentum changes by the loads alone, to rounding: what Newton
- * leaves out of balance would add up over the steps. */
-static void ndli_rod_keep_momentum(ndl_rod *rod, const ndli_rod_problem *problem)
+/* Takes from the new accelerations of a rod that nothing holds, as a whole, what the loads do not account for: what
+ * Newton leaves out of balance would add up over the steps. */
+static void ndli_rod_keep_momentum(ndl_rod *rod, const ndli_rod_problem *problem, double gamma_dt)
 {
     ndli_v3 defect = ndli_v(0, 0, 0);
     double mass = 0;
     if (ndli_rod_any(rod->held, rod->node_count))
         return;
     for (int i = 0; i < rod->node_count; i++) {
-        ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
-        defect = ndli_add(defect, ndli_madd(ndli_scale(rod->mass[i], gap), -1 / problem->inertia, ndli_rod_load(rod, i)));
+        defect = ndli_add(defect, ndli_madd(ndli_rod_load(rod, i), -rod->mass[i], rod->a[i]));
         mass += rod->mass[i];
     }
-    for (int i = 0; i < rod->node_count; i++)
-        rod->try_x[i] = ndli_madd(rod->try_x[i], -1 / mass, defect);
+    defect = ndli_scale(1 / mass, defect);
+    for (int i = 0; i < rod->node_count; i++) {
+        rod->a[i] = ndli_add(rod->a[i], defect);
+        rod->v[i] = ndli_madd(rod->v[i], gamma_dt, defect);
+        rod->x[i] = ndli_madd(rod->x[i], 1 / problem->inertia, defect);
+    }
 }
 
 /* Newmark with beta = 1/4, gamma = 1/2; or implicit Euler, which is beta = gamma = 1 without the old acceleration. */
@@ -540,7 +556,6 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
     result = ndli_rod_minimise(rod, &problem, info);
     if (result != SB_OK)
         return result;
-    ndli_rod_keep_momentum(rod, &problem);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 v = rod->has_velocity[i] ? rod->target_velocity[i]
                                          : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
@@ -553,9 +568,12 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
         }
         rod->v[i] = v;
         rod->x[i] = rod->try_x[i];
-        if (!ndli_is_finite(ndli_norm(rod->a[i])))
-            return SB_ERROR_DIVERGED;
     }
+    ndli_rod_keep_momentum(rod, &problem, gamma * dt);
+    for (int i = 0; i < rod->node_count; i++) /* in sb_real, too */
+        if (!sb_v3_is_finite(ndli_to(rod->x[i])) || !sb_v3_is_finite(ndli_to(rod->v[i])) ||
+            !ndli_is_finite(ndli_norm(rod->a[i])))
+            return SB_ERROR_DIVERGED;
     memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
     return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
 }
