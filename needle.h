@@ -1583,6 +1583,7 @@ NDL_API sb_result ndl_rod_create(const ndl_rod_def *def, ndl_rod **rod, sb_error
     sb_result result;
     if (!def || !rod)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def or rod is NULL");
+    memset(&stiffness, 0, sizeof stiffness);
     result = ndli_rod_check_def(def, error);
     if (result == SB_OK)
         result = ndli_rod_check_material(def, &stiffness, error);
