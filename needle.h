@@ -349,7 +349,7 @@ typedef struct ndl_rod_info {
  * which only loses energy. Without supports linear momentum is kept to rounding.
  * info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED: a torque about a rod no edge of which is
  * held; SB_ERROR_DIVERGED) the rod is as before the call, to the last bit. Allocates nothing; cost grows with
- * node_count, about 40 us for 20 nodes and an iteration. */
+ * node_count, about 30 us for 20 nodes and an iteration. */
 NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info);
 
 /* How a static solve goes about its work. Start from ndl_default_rod_static_options(). */
