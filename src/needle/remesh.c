@@ -11,7 +11,7 @@
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4 };
+enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_FINALISTS = 3, NDLI_RATED = 16 };
 #define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- what is kept ---- */
@@ -31,7 +31,7 @@ typedef struct ndli_needle {
 
 typedef struct ndli_patch_tet {
     int nodes[4];
-    int fresh; /* 1: stood before the top split, and would again without it */
+    int slot; /* -1: stood before the top split, and would again without it */
     int skin, wall; /* bit c: the face opposite node c lies on the surface, between regions */
     sb_real quality;
 } ndli_patch_tet;
@@ -48,11 +48,28 @@ typedef struct ndli_qualities {
 
 typedef struct ndli_candidate {
     int simplex[4], size; /* size 1: snap */
-    int undo;             /* the top split is undone first */
+    int undo, drops_tip;  /* the top split is undone first; the old tip stays in the tissue, but not on the needle */
     int slid, slid_moves; /* node that may slide along, or -1 */
     sb_vec3 X, slid_X;
     ndli_qualities created, removed;
 } ndli_candidate;
+
+/* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
+ * that all candidates of an operation share; the node to be made comes after it. */
+typedef struct ndli_draft {
+    int *tets, tet_count;   /* [4] */
+    sb_real *qualities;
+    sb_vec3 *X;             /* [table_count + 1] */
+    int *star_start, *star; /* tets of a node: star[star_start[i] .. star_start[i + 1]) */
+    unsigned char *is_free;
+    int near[3];            /* the needle's last nodes, or -1 */
+    int *moved, moved_count; /* nodes not where the candidate had them */
+} ndli_draft;
+
+typedef struct ndli_node_move {
+    int node;
+    sb_vec3 X;
+} ndli_node_move;
 
 struct ndl_remesh {
     ndl_remesh_def def;
@@ -64,9 +81,16 @@ struct ndl_remesh {
     int needle, conflict; /* of the call under way; element of another needle that stood in the way, or -1 */
     int capacity;         /* of the patch */
     ndli_patch here, undone;
+    int core_count;       /* of here: the tets that candidates may change; after them those that smoothing may */
+    int *table, table_count; /* nodes of the patch */
+    unsigned char *table_whole; /* 1: all its tets are in the patch */
+    ndli_draft draft;
     int *moving, moving_count; /* [4] nodes of a candidate's tets about its sliding node */
-    ndli_candidate best, trial;
-    int has_best;
+    ndli_candidate final[NDLI_FINALISTS], trial; /* best first */
+    int final_count;
+    sb_real *rating, *best_rating; /* qualities of a draft, worst first */
+    ndli_node_move *moves;         /* what the winner's draft smoothed */
+    int move_count;
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups;
@@ -77,18 +101,30 @@ struct ndl_remesh {
 
 static void ndli_remesh_layout(ndl_remesh *r, sbi_arena *arena, size_t n)
 {
-    ndli_qualities *lists[5];
-    lists[0] = &r->best.created;
-    lists[1] = &r->best.removed;
-    lists[2] = &r->trial.created;
-    lists[3] = &r->trial.removed;
-    lists[4] = &r->taken;
+    size_t nodes = 4 * n + 1, tets = 3 * n + 8; /* a split makes at most twice the tets it cuts, or four of one */
+    for (int i = 0; i < NDLI_FINALISTS; i++) {
+        r->final[i].created.values = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+        r->final[i].removed.values = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+    }
+    r->trial.created.values = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+    r->trial.removed.values = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+    r->taken.values = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+    r->table = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    r->table_whole = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    r->draft.tets = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
+    r->draft.qualities = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+    r->draft.X = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    r->draft.star_start = (int *)sbi_arena_take(arena, nodes + 2, sizeof(int));
+    r->draft.star = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
+    r->draft.is_free = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    r->draft.moved = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    r->moves = (ndli_node_move *)sbi_arena_take(arena, nodes, sizeof(ndli_node_move));
+    r->rating = (sb_real *)sbi_arena_take(arena, NDLI_RATED, sizeof(sb_real));
+    r->best_rating = (sb_real *)sbi_arena_take(arena, NDLI_RATED, sizeof(sb_real));
     r->here.tets = (ndli_patch_tet *)sbi_arena_take(arena, n, sizeof(ndli_patch_tet));
     r->undone.tets = (ndli_patch_tet *)sbi_arena_take(arena, n, sizeof(ndli_patch_tet));
     r->moving = (int *)sbi_arena_take(arena, 2 * n + 8, 4 * sizeof(int));
     r->groups = (int *)sbi_arena_take(arena, 2 * n + 8, sizeof(int));
-    for (int i = 0; i < 5; i++) /* a split makes at most twice the tets it cuts, or four of one */
-        lists[i]->values = (sb_real *)sbi_arena_take(arena, 3 * n + 8, sizeof(sb_real));
     for (int i = 0; i < 2; i++)
         r->sorted[i] = (sb_real *)sbi_arena_take(arena, 6 * n + 16, sizeof(sb_real));
 }
@@ -110,6 +146,8 @@ static int ndli_remesh_scratch(ndl_remesh *r, int needed)
     ndli_remesh_layout(&grown, &arena, n);
     if (r->here.count)
         memcpy(grown.here.tets, r->here.tets, (size_t)r->here.count * sizeof(ndli_patch_tet));
+    if (r->undone.count)
+        memcpy(grown.undone.tets, r->undone.tets, (size_t)r->undone.count * sizeof(ndli_patch_tet));
     grown.scratch = arena.base;
     grown.capacity = (int)n;
     sbi_free(&r->def.allocator, r->scratch);
@@ -258,6 +296,18 @@ static void ndli_remesh_face_bits(const ndl_remesh *r, int tet, int face, int bi
         to->wall |= 1 << bit;
 }
 
+static void ndli_remesh_begin_gather(ndl_remesh *r)
+{
+    for (int i = 0; i < r->here.count; i++)
+        r->mesh->tet_mark[r->here.tets[i].slot] = NDLI_IN_PATCH;
+}
+
+static void ndli_remesh_end_gather(ndl_remesh *r)
+{
+    for (int i = 0; i < r->here.count; i++)
+        r->mesh->tet_mark[r->here.tets[i].slot] = 0;
+}
+
 /* Adds the tets of a node that are not there yet; 0: no memory. */
 static int ndli_remesh_gather(ndl_remesh *r, int node)
 {
@@ -272,7 +322,7 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
         mesh->tet_mark[tet] |= NDLI_IN_PATCH;
         to = r->here.tets + r->here.count;
         memcpy(to->nodes, mesh->tets + 4 * (size_t)tet, sizeof to->nodes);
-        to->fresh = tet; /* until the gathering ends: which tet it is */
+        to->slot = tet;
         to->skin = to->wall = 0;
         to->quality = mesh->qualities[tet];
         for (int c = 0; c < 4; c++)
@@ -282,20 +332,12 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
     return 1;
 }
 
-static void ndli_remesh_end_gather(ndl_remesh *r)
-{
-    for (int i = 0; i < r->here.count; i++) {
-        r->mesh->tet_mark[r->here.tets[i].fresh] = 0;
-        r->here.tets[i].fresh = 0;
-    }
-}
-
 /* Tet that was cut, from its parts: the part that has `node` in place of simplex[j] knows the face opposite that. */
 static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, const int *parts, ndli_patch_tet *parent)
 {
     const ndl_tissue_mesh *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
-    parent->fresh = 1;
+    parent->slot = -1;
     parent->skin = parent->wall = 0;
     for (int c = 0; c < 4; c++)
         parent->nodes[c] = n[c] == split->node ? split->simplex[0] : n[c];
@@ -411,7 +453,7 @@ static int ndli_remesh_collect(ndl_remesh *r, const ndli_patch *patch)
         int hit = ndli_remesh_holds(tet->nodes, t->simplex, t->size);
         int slides = t->slid >= 0 && ndli_remesh_has(tet->nodes, t->slid);
         if (!hit && !slides) {
-            if (tet->fresh)
+            if (tet->slot < 0)
                 ndli_remesh_push(&t->created, tet->quality);
             continue;
         }
@@ -420,7 +462,7 @@ static int ndli_remesh_collect(ndl_remesh *r, const ndli_patch *patch)
                 r->conflict = tet->nodes[c];
                 return 0;
             }
-        if (!tet->fresh)
+        if (tet->slot >= 0)
             ndli_remesh_push(&t->removed, tet->quality);
         if (hit && t->size > 1)
             ndli_remesh_add_children(r, tet->nodes);
@@ -519,10 +561,10 @@ static int ndli_remesh_merge(sb_real *to, const ndli_qualities *a, const ndli_qu
     return a->count + b->count;
 }
 
-/* 1 when the trial leaves the better mesh. The minimum decides nearly always. */
-static int ndli_remesh_is_better(ndl_remesh *r)
+/* 1 when the trial leaves a better mesh than b. The minimum decides nearly always. */
+static int ndli_remesh_is_better(ndl_remesh *r, const ndli_candidate *b)
 {
-    const ndli_candidate *t = &r->trial, *b = &r->best;
+    const ndli_candidate *t = &r->trial;
     sb_real mine = sb_min(t->created.least, b->removed.least), theirs = sb_min(b->created.least, t->removed.least);
     int n, m;
     if (mine > theirs || mine < theirs)
@@ -539,7 +581,8 @@ static int ndli_remesh_is_better(ndl_remesh *r)
 static int ndli_remesh_is_lost(const ndl_remesh *r)
 {
     sb_real least = r->trial.created.least;
-    return !(least > 0) || (r->has_best && least < r->best.created.least && least < r->trial.removed.least);
+    return !(least > 0) || (r->final_count == NDLI_FINALISTS &&
+                            least < r->final[NDLI_FINALISTS - 1].created.least && least < r->trial.removed.least);
 }
 
 /* ---- candidates: which ---- */
@@ -609,12 +652,22 @@ static int ndli_remesh_is_legal(const ndl_remesh *r, const ndli_patch *patch, nd
     return joined;
 }
 
-static void ndli_remesh_accept(ndl_remesh *r)
+/* Puts the trial into its place among the best. */
+static void ndli_remesh_rank(ndl_remesh *r)
 {
-    ndli_candidate swap = r->best;
-    r->best = r->trial;
-    r->trial = swap;
-    r->has_best = 1;
+    int last = NDLI_FINALISTS - 1, place = r->final_count;
+    while (place > 0 && ndli_remesh_is_better(r, r->final + place - 1))
+        place--;
+    if (place > last)
+        return;
+    r->final_count = sbi_min_int(r->final_count + 1, NDLI_FINALISTS);
+    {
+        ndli_candidate spare = r->final[r->final_count - 1];
+        for (int i = r->final_count - 1; i > place; i--)
+            r->final[i] = r->final[i - 1];
+        r->final[place] = r->trial;
+        r->trial = spare;
+    }
 }
 
 /* Which node slides, and between where. Returns 0 when none does. */
@@ -664,8 +717,9 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
         for (int i = 0; i < r->moving_count; i++)
             ndli_remesh_push(&t->created, ndli_remesh_quality(r, r->moving + 4 * (size_t)i));
     }
-    if (!ndli_remesh_is_lost(r) && (!r->has_best || ndli_remesh_is_better(r)))
-        ndli_remesh_accept(r);
+    t->drops_tip = move == NDLI_DROP;
+    if (!ndli_remesh_is_lost(r))
+        ndli_remesh_rank(r);
 }
 
 /* All 15 standard operations in the tet that holds X_new. */
@@ -692,6 +746,406 @@ static void ndli_remesh_try_snap_tip(ndl_remesh *r, int tip, sb_vec3 X)
     t->X = X;
     t->undo = 0;
     ndli_remesh_try(r, &r->here, NDLI_SNAP_TIP);
+}
+
+/* ---- smoothing ----
+ * Which candidate is best shows only when the nodes about it have made way, so the best few are compared with that
+ * done, on drafts. */
+
+static int ndli_remesh_local(const ndl_remesh *r, int node)
+{
+    return node == NDLI_VIRTUAL ? r->table_count : r->mesh->node_index[node] - 1;
+}
+
+static void ndli_remesh_clear_table(ndl_remesh *r)
+{
+    for (int i = 0; i < r->table_count; i++)
+        r->mesh->node_index[r->table[i]] = 0;
+    r->table_count = 0;
+}
+
+static void ndli_remesh_enter(ndl_remesh *r, int node)
+{
+    if (r->mesh->node_index[node])
+        return;
+    r->table_whole[r->table_count] = 0;
+    r->table[r->table_count++] = node;
+    r->mesh->node_index[node] = r->table_count;
+}
+
+static void ndli_remesh_draft_tet(ndl_remesh *r, const int nodes[4])
+{
+    int *to = r->draft.tets + 4 * (size_t)r->draft.tet_count++;
+    for (int c = 0; c < 4; c++)
+        to[c] = ndli_remesh_local(r, nodes[c]);
+}
+
+static void ndli_remesh_draft_tets(ndl_remesh *r, const ndli_candidate *c)
+{
+    const ndli_patch *patch = c->undo ? &r->undone : &r->here;
+    int count = c->undo ? r->undone.count : r->core_count;
+    r->draft.tet_count = 0;
+    for (int i = 0; i < count; i++) {
+        const int *nodes = patch->tets[i].nodes;
+        int cut = c->size > 1 && ndli_remesh_holds(nodes, c->simplex, c->size);
+        for (int j = 0; cut && j < c->size; j++) {
+            int child[4];
+            for (int k = 0; k < 4; k++)
+                child[k] = nodes[k] == c->simplex[j] ? (int)NDLI_VIRTUAL : nodes[k];
+            ndli_remesh_draft_tet(r, child);
+        }
+        if (!cut)
+            ndli_remesh_draft_tet(r, nodes);
+    }
+    for (int i = r->core_count; i < r->here.count; i++)
+        ndli_remesh_draft_tet(r, r->here.tets[i].nodes);
+}
+
+static sb_real ndli_remesh_draft_quality(const ndli_draft *d, int tet)
+{
+    const int *n = d->tets + 4 * (size_t)tet;
+    return ndli_tissue_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
+}
+
+static void ndli_remesh_draft_stars(ndl_remesh *r)
+{
+    ndli_draft *d = &r->draft;
+    int nodes = r->table_count + 1;
+    memset(d->star_start, 0, ((size_t)nodes + 2) * sizeof(int));
+    for (int i = 0; i < 4 * d->tet_count; i++)
+        d->star_start[d->tets[i] + 2]++;
+    for (int i = 0; i < nodes; i++)
+        d->star_start[i + 2] += d->star_start[i + 1];
+    for (int i = 0; i < 4 * d->tet_count; i++)
+        d->star[d->star_start[d->tets[i] + 1]++] = i;
+}
+
+/* Nodes that may make way: inner ones, not on the needle, with all their tets in the draft, none of them another
+ * needle's. */
+static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
+{
+    int tip = ndli_remesh_from_tip(r->needles + r->needle, 0);
+    for (int i = 0; i < r->table_count; i++) {
+        int node = r->table[i], flags = r->mesh->node_flags[node];
+        int fixed = flags & (NDL_NODE_BOUNDARY | NDL_NODE_INTERFACE | NDL_NODE_FIXED);
+        if (c->drops_tip && node == tip)
+            flags &= ~NDL_NODE_NEEDLE;
+        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDL_NODE_NEEDLE))
+            fixed = 1;
+        r->draft.is_free[i] = (unsigned char)(!fixed && r->table_whole[i]);
+    }
+    for (int t = 0; t < r->draft.tet_count; t++) {
+        const int *n = r->draft.tets + 4 * (size_t)t;
+        int foreign = 0;
+        for (int k = 0; k < 4; k++)
+            foreign |= n[k] < r->table_count && ndli_remesh_is_foreign(r, r->table[n[k]]);
+        for (int k = 0; foreign && k < 4; k++)
+            r->draft.is_free[n[k]] = 0;
+    }
+    r->draft.is_free[r->table_count] = 0;
+}
+
+/* The last nodes of the needle after the candidate. */
+static void ndli_remesh_draft_near(ndl_remesh *r, const ndli_candidate *c)
+{
+    const ndli_needle *needle = r->needles + r->needle;
+    int skipped = c->undo || c->drops_tip, at_tip = c->size == 1 ? c->simplex[0] : (int)NDLI_VIRTUAL, count = 1;
+    r->draft.near[0] = ndli_remesh_local(r, at_tip);
+    for (int i = skipped; count < 3; i++) {
+        int node = ndli_remesh_from_tip(needle, i);
+        if (node >= 0 && node == at_tip)
+            continue;
+        r->draft.near[count++] = node < 0 ? -1 : ndli_remesh_local(r, node);
+    }
+}
+
+static void ndli_remesh_make_draft(ndl_remesh *r, const ndli_candidate *c)
+{
+    ndli_draft *d = &r->draft;
+    ndli_remesh_draft_tets(r, c);
+    for (int i = 0; i < r->table_count; i++)
+        d->X[i] = r->mesh->X[r->table[i]];
+    d->X[r->table_count] = c->X;
+    if (c->size == 1)
+        d->X[ndli_remesh_local(r, c->simplex[0])] = c->X;
+    if (c->slid_moves)
+        d->X[ndli_remesh_local(r, c->slid)] = c->slid_X;
+    d->moved_count = 0;
+    ndli_remesh_draft_stars(r);
+    ndli_remesh_draft_free(r, c);
+    ndli_remesh_draft_near(r, c);
+    for (int t = 0; t < d->tet_count; t++)
+        d->qualities[t] = ndli_remesh_draft_quality(d, t);
+}
+
+/* d quality / d X of the corner c of a tet. */
+static sb_vec3 ndli_remesh_gradient(const ndli_draft *d, int tet, int c)
+{
+    static const int facing[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+    const int *n = d->tets + 4 * (size_t)tet;
+    sb_vec3 X = d->X[n[c]], p[3], e[3], sum, up;
+    sb_real mean = 0, det;
+    for (int i = 0; i < 3; i++) {
+        p[i] = d->X[n[facing[c][i]]];
+        e[i] = sb_v3_sub(X, p[i]);
+        mean += sb_v3_dot(e[i], e[i]);
+    }
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 side = sb_v3_sub(p[i], p[(i + 1) % 3]);
+        mean += sb_v3_dot(side, side);
+    }
+    mean /= 6;
+    up = sb_v3_cross(sb_v3_sub(p[2], p[0]), sb_v3_sub(p[1], p[0]));
+    det = sb_v3_dot(up, e[0]);
+    sum = sb_v3_add(e[0], sb_v3_add(e[1], e[2]));
+    return sb_v3_scale((sb_real)1.4142135623730951 / (mean * sb_sqrt(mean)), sb_v3_madd(up, -det / (2 * mean), sum));
+}
+
+static sb_real ndli_remesh_draft_least(const ndli_draft *d, int node)
+{
+    sb_real least = SB_REAL_MAX;
+    for (int k = d->star_start[node]; k < d->star_start[node + 1]; k++)
+        least = sb_min(least, d->qualities[d->star[k] / 4]);
+    return least;
+}
+
+/* Direction in which all tets near the worst quality get better: the shortest vector in the hull of their gradients
+ * (Freitag, Jones, Plassmann), by Gilbert's iteration. */
+static sb_vec3 ndli_remesh_ascent(const ndli_draft *d, int node, sb_real least)
+{
+    sb_vec3 gradients[32], shortest;
+    sb_real active = least + (sb_real)0.05;
+    int count = 0;
+    for (int k = d->star_start[node]; k < d->star_start[node + 1] && count < 32; k++)
+        if (d->qualities[d->star[k] / 4] <= active)
+            gradients[count++] = ndli_remesh_gradient(d, d->star[k] / 4, d->star[k] % 4);
+    shortest = gradients[0];
+    for (int i = 0; i < 12 && count > 1; i++) {
+        sb_real low = SB_REAL_MAX, share;
+        sb_vec3 way;
+        int worst = 0;
+        for (int j = 0; j < count; j++) {
+            sb_real along = sb_v3_dot(shortest, gradients[j]);
+            if (along < low) {
+                low = along;
+                worst = j;
+            }
+        }
+        way = sb_v3_sub(shortest, gradients[worst]);
+        share = sb_v3_dot(shortest, way);
+        if (!(share > (sb_real)1e-3 * sb_v3_dot(shortest, shortest)))
+            break;
+        shortest = sb_v3_madd(shortest, -sb_min(1, share / sb_v3_dot(way, way)), way);
+    }
+    return shortest;
+}
+
+/* Worst quality about a node if it were at X; anything <= floor when that is not better than floor. */
+static sb_real ndli_remesh_draft_at(ndli_draft *d, int node, sb_vec3 X, sb_real floor)
+{
+    sb_vec3 present = d->X[node];
+    sb_real least = SB_REAL_MAX;
+    d->X[node] = X;
+    for (int k = d->star_start[node]; k < d->star_start[node + 1] && least > floor; k++)
+        least = sb_min(least, ndli_remesh_draft_quality(d, d->star[k] / 4));
+    d->X[node] = present;
+    return least;
+}
+
+/* A better place for a free node; returns the worst quality about it there, or `now` when there is none. */
+static sb_real ndli_remesh_improve(ndli_draft *d, int node, sb_real now, sb_vec3 *X)
+{
+    sb_vec3 way = ndli_remesh_ascent(d, node, now);
+    sb_real best = now, size = 0, length = sb_v3_norm(way);
+    const int *n = d->tets + 4 * (size_t)(d->star[d->star_start[node]] / 4);
+    for (int c = 0; c < 4; c++)
+        size = sb_max(size, sb_v3_norm(sb_v3_sub(d->X[n[c]], d->X[node])));
+    if (!(length > 0))
+        return now;
+    for (sb_real step = (sb_real)0.32; step > (sb_real)0.015; step /= 2) {
+        sb_vec3 at = sb_v3_madd(d->X[node], step * size / length, way);
+        sb_real q = ndli_remesh_draft_at(d, node, at, best);
+        if (q > best) {
+            best = q;
+            *X = at;
+        } else if (best > now) {
+            break;
+        }
+    }
+    return best;
+}
+
+/* Worst tet about the last nodes of the needle that is worth work and not among those given up; or -1. */
+static int ndli_remesh_worst_near(const ndl_remesh *r, const int *stuck, int stuck_count)
+{
+    const ndli_draft *d = &r->draft;
+    sb_real least = r->def.smooth_below;
+    int worst = -1;
+    for (int i = 0; i < 3; i++) {
+        int node = d->near[i];
+        for (int k = node < 0 ? 0 : d->star_start[node]; node >= 0 && k < d->star_start[node + 1]; k++) {
+            int known = 0, tet = d->star[k] / 4;
+            if (!(d->qualities[tet] < least))
+                continue;
+            for (int j = 0; j < stuck_count; j++)
+                known |= stuck[j] == tet;
+            if (!known) {
+                least = d->qualities[tet];
+                worst = tet;
+            }
+        }
+    }
+    return worst;
+}
+
+static void ndli_remesh_move_in_draft(ndli_draft *d, int node, sb_vec3 X)
+{
+    int known = 0;
+    d->X[node] = X;
+    for (int k = d->star_start[node]; k < d->star_start[node + 1]; k++)
+        d->qualities[d->star[k] / 4] = ndli_remesh_draft_quality(d, d->star[k] / 4);
+    for (int i = 0; i < d->moved_count; i++)
+        known |= d->moved[i] == node;
+    if (!known)
+        d->moved[d->moved_count++] = node;
+}
+
+static void ndli_remesh_smooth(ndl_remesh *r)
+{
+    const sb_real gain = (sb_real)0.005; /* less is not worth the diffusion that interpolating the state brings */
+    ndli_draft *d = &r->draft;
+    int stuck[NDLI_STUCK], stuck_count = 0;
+    for (int moved = 0; moved < r->def.max_smoothed && stuck_count < NDLI_STUCK;) {
+        int tet = ndli_remesh_worst_near(r, stuck, stuck_count), node = -1;
+        sb_vec3 X = sb_v3(0, 0, 0), at = X;
+        sb_real best = 0;
+        if (tet < 0)
+            return;
+        for (int c = 0; c < 4; c++) {
+            int candidate = d->tets[4 * (size_t)tet + (size_t)c];
+            sb_real now, q;
+            if (!d->is_free[candidate])
+                continue;
+            now = ndli_remesh_draft_least(d, candidate);
+            q = ndli_remesh_improve(d, candidate, now, &at);
+            if (q > now + gain && q > best) {
+                best = q;
+                node = candidate;
+                X = at;
+            }
+        }
+        if (node < 0) {
+            stuck[stuck_count++] = tet;
+            continue;
+        }
+        ndli_remesh_move_in_draft(d, node, X);
+        moved++;
+    }
+}
+
+/* The draft's lowest qualities, ascending. */
+static void ndli_remesh_rate(ndl_remesh *r)
+{
+    sb_real *low = r->rating;
+    for (int i = 0; i < NDLI_RATED; i++)
+        low[i] = SB_REAL_MAX;
+    for (int t = 0; t < r->draft.tet_count; t++) {
+        int at = NDLI_RATED - 1;
+        if (!(r->draft.qualities[t] < low[at]))
+            continue;
+        for (; at > 0 && low[at - 1] > r->draft.qualities[t]; at--)
+            low[at] = low[at - 1];
+        low[at] = r->draft.qualities[t];
+    }
+}
+
+static int ndli_remesh_rates_better(const ndl_remesh *r)
+{
+    for (int i = 0; i < NDLI_RATED; i++)
+        if (r->rating[i] > r->best_rating[i] || r->rating[i] < r->best_rating[i])
+            return r->rating[i] > r->best_rating[i];
+    return 0;
+}
+
+/* 1 when the nodes of the tet may have to make way: it touches the end of the needle or a whole edge of a holder. */
+static int ndli_remesh_is_near(const ndl_remesh *r, const int nodes[4], const int holders[2][4])
+{
+    for (int i = 0; i < 3; i++) {
+        int node = ndli_remesh_from_tip(r->needles + r->needle, i);
+        if (node >= 0 && ndli_remesh_has(nodes, node))
+            return 1;
+    }
+    for (int h = 0; h < 2; h++) {
+        int common = 0;
+        for (int c = 0; c < 4; c++)
+            common += ndli_remesh_has(nodes, holders[h][c]);
+        if (common > 1)
+            return 1;
+    }
+    return 0;
+}
+
+/* Adds to the patch the tets of all nodes that may make way, and numbers its nodes; 0: no memory. */
+static int ndli_remesh_widen(ndl_remesh *r, const int holders[2][4])
+{
+    int good = 1;
+    ndli_remesh_begin_gather(r);
+    for (int i = 0; i < r->core_count; i++) {
+        ndli_patch_tet tet = r->here.tets[i];
+        for (int c = 0; c < 4 && good && ndli_remesh_is_near(r, tet.nodes, holders); c++)
+            good = ndli_remesh_gather(r, tet.nodes[c]);
+    }
+    ndli_remesh_end_gather(r);
+    if (!good)
+        return 0;
+    r->table_count = 0;
+    for (int i = 0; i < r->here.count; i++)
+        for (int c = 0; c < 4; c++)
+            ndli_remesh_enter(r, r->here.tets[i].nodes[c]);
+    for (int i = 0; i < r->core_count; i++)
+        for (int c = 0; c < 4 && ndli_remesh_is_near(r, r->here.tets[i].nodes, holders); c++)
+            r->table_whole[ndli_remesh_local(r, r->here.tets[i].nodes[c])] = 1;
+    return 1;
+}
+
+/* Keeps what was smoothed in the draft. */
+static void ndli_remesh_keep_moves(ndl_remesh *r, const ndli_candidate *c)
+{
+    r->move_count = 0;
+    for (int i = 0; i < r->draft.moved_count; i++)
+        if (r->table[r->draft.moved[i]] != (c->slid_moves ? c->slid : -1)) {
+            r->moves[r->move_count].node = r->table[r->draft.moved[i]];
+            r->moves[r->move_count++].X = r->draft.X[r->draft.moved[i]];
+        }
+}
+
+/* Smooths the finalists' drafts and puts the best of them first; 0: no memory. */
+static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4])
+{
+    int winner = 0;
+    if (!ndli_remesh_widen(r, holders))
+        return 0;
+    for (int i = 0; i < r->final_count; i++) {
+        ndli_candidate *c = r->final + i;
+        ndli_remesh_make_draft(r, c);
+        ndli_remesh_smooth(r);
+        ndli_remesh_rate(r);
+        if (i > 0 && !ndli_remesh_rates_better(r))
+            continue;
+        winner = i;
+        memcpy(r->best_rating, r->rating, NDLI_RATED * sizeof(sb_real));
+        for (int k = 0; k < r->draft.moved_count; k++) /* a freed tip may slide first and be smoothed then */
+            if (c->slid_moves && r->table[r->draft.moved[k]] == c->slid)
+                c->slid_X = r->draft.X[r->draft.moved[k]];
+        ndli_remesh_keep_moves(r, c);
+    }
+    ndli_remesh_clear_table(r);
+    if (winner) {
+        ndli_candidate swap = r->final[0];
+        r->final[0] = r->final[winner];
+        r->final[winner] = swap;
+    }
+    return 1;
 }
 
 /* ---- doing it ---- */
@@ -723,10 +1177,13 @@ static void ndli_remesh_push_split(ndl_remesh *r, const ndli_candidate *c, int n
 static int ndli_remesh_do(ndl_remesh *r, int start)
 {
     ndl_tissue_mesh *mesh = r->mesh;
-    const ndli_candidate *c = &r->best;
-    int plan, slide = -1, node;
+    const ndli_candidate *c = r->final;
+    int plan, slide = -1, node, first_move;
     ndli_tissue_begin(mesh);
     plan = ndli_tissue_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
+    first_move = mesh->change_count;
+    for (int i = 0; i < r->move_count; i++)
+        ndli_tissue_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
     if (c->slid_moves)
         slide = ndli_tissue_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4);
     if (c->undo)
@@ -738,9 +1195,12 @@ static int ndli_remesh_do(ndl_remesh *r, int start)
         ndli_remesh_push_split(r, c, mesh->changes[plan].node, count);
     }
     node = mesh->changes[plan].node;
+    for (int i = 0; i < r->move_count; i++)
+        ndli_tissue_move(mesh, first_move + i);
     if (slide >= 0)
         ndli_tissue_move(mesh, slide);
     ndli_tissue_end(mesh);
+    r->info.smoothed += r->move_count;
     r->info.operation = (ndl_operation)c->size;
     r->info.undone = c->undo;
     return node;
@@ -762,7 +1222,7 @@ static void ndli_remesh_add_node(ndl_remesh *r, int node)
         needle->nodes[needle->count++] = node;
 }
 
-/* ---- afterwards: smoothing, release ---- */
+/* ---- afterwards: release ---- */
 
 static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
 {
@@ -802,144 +1262,6 @@ static void ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
     ndli_tissue_begin(mesh);
     ndli_tissue_move(mesh, ndli_tissue_plan(mesh, node, X, mesh->node_star[node] / 4));
     ndli_tissue_end(mesh);
-}
-
-/* d quality / d X of the corner c of a tet. */
-static sb_vec3 ndli_remesh_gradient(const ndl_tissue_mesh *mesh, int tet, int c)
-{
-    static const int facing[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-    const int *n = mesh->tets + 4 * (size_t)tet;
-    sb_vec3 X = mesh->X[n[c]], p[3], e[3], sum, up;
-    sb_real mean = 0, det;
-    for (int i = 0; i < 3; i++) {
-        p[i] = mesh->X[n[facing[c][i]]];
-        e[i] = sb_v3_sub(X, p[i]);
-        mean += sb_v3_dot(e[i], e[i]);
-    }
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 side = sb_v3_sub(p[i], p[(i + 1) % 3]);
-        mean += sb_v3_dot(side, side);
-    }
-    mean /= 6;
-    det = 6 * mesh->volumes[tet];
-    up = sb_v3_cross(sb_v3_sub(p[2], p[0]), sb_v3_sub(p[1], p[0]));
-    sum = sb_v3_add(e[0], sb_v3_add(e[1], e[2]));
-    return sb_v3_scale((sb_real)1.4142135623730951 / (mean * sb_sqrt(mean)),
-                       sb_v3_madd(up, -det / (2 * mean), sum));
-}
-
-/* Direction in which all tets near the worst quality get better: the shortest vector in the hull of their gradients
- * (Freitag, Jones, Plassmann), by Gilbert's iteration. */
-static sb_vec3 ndli_remesh_ascent(const ndl_tissue_mesh *mesh, int node, sb_real least)
-{
-    sb_vec3 gradients[64], d;
-    sb_real active = least + (sb_real)0.05;
-    int count = 0;
-    for (int k = mesh->node_star[node]; k >= 0 && count < 64; k = mesh->corner_next[k])
-        if (mesh->qualities[k / 4] <= active)
-            gradients[count++] = ndli_remesh_gradient(mesh, k / 4, k % 4);
-    d = gradients[0];
-    for (int i = 0; i < 12 && count > 1; i++) {
-        sb_real low = SB_REAL_MAX, share;
-        sb_vec3 way;
-        int worst = 0;
-        for (int j = 0; j < count; j++) {
-            sb_real along = sb_v3_dot(d, gradients[j]);
-            if (along < low) {
-                low = along;
-                worst = j;
-            }
-        }
-        way = sb_v3_sub(d, gradients[worst]);
-        share = sb_v3_dot(d, way);
-        if (!(share > (sb_real)1e-3 * sb_v3_dot(d, d)))
-            break;
-        share = sb_min(1, share / sb_v3_dot(way, way));
-        d = sb_v3_madd(d, -share, way);
-    }
-    return d;
-}
-
-/* A better place for a free node; returns the worst quality about it there, or what it is now. */
-static sb_real ndli_remesh_improve(const ndl_tissue_mesh *mesh, int node, sb_vec3 *X)
-{
-    sb_real now = ndli_remesh_star_least(mesh, node), best = now, size = 0, length;
-    sb_vec3 d = ndli_remesh_ascent(mesh, node, now);
-    const int *n = mesh->tets + 4 * (size_t)(mesh->node_star[node] / 4);
-    for (int c = 0; c < 4; c++)
-        size = sb_max(size, sb_v3_norm(sb_v3_sub(mesh->X[n[c]], mesh->X[node])));
-    length = sb_v3_norm(d);
-    *X = mesh->X[node];
-    if (!(length > 0))
-        return now;
-    for (sb_real step = (sb_real)0.4; step > (sb_real)0.01; step /= 2) {
-        sb_vec3 at = sb_v3_madd(mesh->X[node], step * size / length, d);
-        sb_real q = ndli_remesh_star_at(mesh, node, at, best);
-        if (q > best) {
-            best = q;
-            *X = at;
-        }
-    }
-    return best;
-}
-
-/* Worst tet about the last nodes of the needle that is worth work and not among those given up; or -1. */
-static int ndli_remesh_worst_near(const ndl_remesh *r, const int *stuck, int stuck_count)
-{
-    const ndli_needle *needle = r->needles + r->needle;
-    const ndl_tissue_mesh *mesh = r->mesh;
-    sb_real least = r->def.smooth_below;
-    int worst = -1;
-    for (int i = 0; i < 3 && i < needle->count; i++)
-        for (int k = mesh->node_star[ndli_remesh_from_tip(needle, i)]; k >= 0; k = mesh->corner_next[k]) {
-            int known = 0;
-            for (int j = 0; j < stuck_count; j++)
-                known |= stuck[j] == k / 4;
-            if (!known && mesh->qualities[k / 4] < least) {
-                least = mesh->qualities[k / 4];
-                worst = k / 4;
-            }
-        }
-    return worst;
-}
-
-static int ndli_remesh_is_free(const ndl_remesh *r, int node)
-{
-    return !(r->mesh->node_flags[node] & (NDL_NODE_BOUNDARY | NDL_NODE_INTERFACE | NDL_NODE_FIXED | NDL_NODE_NEEDLE)) &&
-           ndli_remesh_is_ours(r, node);
-}
-
-static void ndli_remesh_smooth(ndl_remesh *r)
-{
-    const sb_real gain = (sb_real)0.01; /* less is not worth the diffusion that interpolating the state brings */
-    int stuck[NDLI_STUCK], stuck_count = 0;
-    for (int moved = 0; moved < r->def.max_smoothed && stuck_count < NDLI_STUCK;) {
-        int tet = ndli_remesh_worst_near(r, stuck, stuck_count), node = -1;
-        sb_vec3 X = sb_v3(0, 0, 0), at;
-        sb_real best = 0;
-        if (tet < 0)
-            return;
-        for (int c = 0; c < 4; c++) {
-            int candidate = r->mesh->tets[4 * (size_t)tet + (size_t)c];
-            sb_real now, q;
-            if (!ndli_remesh_is_free(r, candidate))
-                continue;
-            now = ndli_remesh_star_least(r->mesh, candidate);
-            q = ndli_remesh_improve(r->mesh, candidate, &at);
-            if (q > now + gain && q > best) {
-                best = q;
-                node = candidate;
-                X = at;
-            }
-        }
-        if (node < 0) {
-            stuck[stuck_count++] = tet;
-            continue;
-        }
-        ndli_remesh_move_node(r, node, X);
-        r->info.smoothed++;
-        moved++;
-    }
 }
 
 /* Moves a released node as far towards its own place as the tets about it allow; 1: it moved. */
@@ -1001,7 +1323,6 @@ static void ndli_remesh_tidy(ndl_remesh *r)
 {
     const ndli_needle *needle = r->needles + r->needle;
     ndli_remesh_release(r);
-    ndli_remesh_smooth(r);
     r->info.worst_quality = 1;
     for (int i = 0; i < 2 && i < needle->count; i++)
         r->info.worst_quality =
@@ -1013,26 +1334,27 @@ static void ndli_remesh_tidy(ndl_remesh *r)
 
 /* The patch about the tip and X_new; holder and undone_holder: the tet that holds X_new, as it is and without the top
  * split. Returns 0 when memory is short. */
-static int ndli_remesh_prepare(ndl_remesh *r, sb_vec3 X, int holder[4], int undone_holder[4])
+static int ndli_remesh_prepare(ndl_remesh *r, sb_vec3 X, int holder[4], int undone_holder[4], int *can_undo)
 {
     const ndli_needle *needle = r->needles + r->needle;
     const ndli_split *top = ndli_remesh_top(needle);
-    int tip = ndli_remesh_from_tip(needle, 0), good = 1, can_undo = top && top->node == tip && needle->count > 1;
-    r->here.count = 0;
+    int tip = ndli_remesh_from_tip(needle, 0), good = 1;
+    *can_undo = top && top->node == tip && needle->count > 1;
+    r->here.count = r->undone.count = 0;
     for (int i = 0; i < 3; i++)
         good = good && ndli_remesh_gather(r, ndli_remesh_from_tip(needle, i));
     memcpy(undone_holder, holder, 4 * sizeof(int));
-    if (can_undo)
+    if (*can_undo)
         ndli_remesh_undone_holder(r, top, X, undone_holder);
     for (int c = 0; c < 4; c++)
         good = good && ndli_remesh_gather(r, holder[c]) && ndli_remesh_gather(r, undone_holder[c]);
     ndli_remesh_end_gather(r);
+    r->core_count = r->here.count;
+    r->move_count = 0;
     if (!good)
         return 0;
-    if (can_undo)
+    if (*can_undo)
         ndli_remesh_fill_undone(r, top);
-    else
-        undone_holder[0] = -1;
     return 1;
 }
 
@@ -1047,26 +1369,42 @@ static sb_result ndli_remesh_fail_operation(const ndl_remesh *r, sb_error *error
                          r->needle);
 }
 
+/* 1 when tets about the needle's end are, or would be, worse than they should be. */
+static int ndli_remesh_is_poor(const ndl_remesh *r)
+{
+    sb_real least = r->final[0].created.least;
+    for (int i = 0; i < 3; i++) {
+        int node = ndli_remesh_from_tip(r->needles + r->needle, i);
+        if (node >= 0)
+            least = sb_min(least, ndli_remesh_star_least(r->mesh, node));
+    }
+    return r->def.max_smoothed > 0 && least < r->def.smooth_below;
+}
+
 /* Takes the tip to X, which tet `start` holds. */
 static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
 {
     ndli_needle *needle = r->needles + r->needle;
-    int holder[4], undone_holder[4], tip = ndli_remesh_from_tip(needle, 0), node;
-    memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holder);
-    if (!ndli_remesh_prepare(r, X, holder, undone_holder) || !ndli_remesh_reserve(r))
+    int holders[2][4], *holder = holders[0], *undone_holder = holders[1];
+    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node;
+    memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holders[0]);
+    if (!ndli_remesh_prepare(r, X, holder, undone_holder, &can_undo) || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
-    r->has_best = 0;
+    r->final_count = 0;
     r->conflict = -1;
     ndli_remesh_try_snap_tip(r, tip, X);
     if (penetrates)
         ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_AHEAD);
-    if (undone_holder[0] >= 0)
+    if (can_undo)
         ndli_remesh_try_standard(r, &r->undone, undone_holder, X, NDLI_UNDO);
-    else if (!penetrates && needle->count > 1)
+    if (!can_undo && !penetrates && needle->count > 1)
         ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_DROP);
-    if (!r->has_best)
+    if (!r->final_count)
         return ndli_remesh_fail_operation(r, error);
-    if (!(r->best.size == 1 && r->best.simplex[0] == tip) && (r->best.undo || !penetrates)) {
+    if (ndli_remesh_is_poor(r) &&
+        (!ndli_remesh_decide(r, (const int(*)[4])holders) || !ndli_tissue_reserve(r->mesh, 1, 2 * r->core_count + 8)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
+    if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
     }
@@ -1234,7 +1572,7 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     memcpy(t->simplex, simplex, (size_t)size * sizeof(int));
     t->size = size;
     t->X = X;
-    t->undo = t->slid_moves = 0;
+    t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
         (r->mesh->node_flags[simplex[0]] & NDL_NODE_FIXED))
@@ -1244,8 +1582,7 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     r->info.candidates++;
     if (!ndli_remesh_collect(r, &r->here) || ndli_remesh_is_lost(r))
         return;
-    if (!r->has_best || ndli_remesh_is_better(r))
-        ndli_remesh_accept(r);
+    ndli_remesh_rank(r);
 }
 
 /* Nodes and edges of the face not further than `reach` from X, with the entry on them. */
@@ -1279,7 +1616,7 @@ static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
     }
     for (int i = 0; i < 3; i++)
         longest = sb_max(longest, sb_v3_norm(sb_v3_sub(r->mesh->X[face[i]], r->mesh->X[face[(i + 1) % 3]])));
-    if (!r->has_best || r->best.created.least < r->def.smooth_below)
+    if (!r->final_count || r->final[0].created.least < r->def.smooth_below)
         ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
 }
 
@@ -1306,20 +1643,20 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     for (int c = 0; c < 4; c++)
         if (c != hit->face)
             face[k++] = n[c];
-    r->here.count = 0;
+    r->here.count = r->undone.count = r->move_count = 0;
     for (int c = 0; c < 3; c++)
         good = good && ndli_remesh_gather(r, face[c]);
     ndli_remesh_end_gather(r);
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
-    r->has_best = 0;
+    r->final_count = 0;
     ndli_remesh_try_entries(r, face, hit->X);
-    if (!r->has_best && r->conflict >= 0)
+    if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
-    if (!r->has_best)
+    if (!r->final_count)
         return sbi_fail_element(error, SB_ERROR_MESH, hit->tet, "no sound way to puncture tet %d at that point", hit->tet);
-    if (r->best.size == 1 && memcmp(&r->best.X, r->mesh->X + r->best.simplex[0], sizeof(sb_vec3)) == 0)
-        node = r->best.simplex[0];
+    if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
+        node = r->final[0].simplex[0];
     else
         node = ndli_remesh_do(r, hit->tet);
     r->mesh->node_flags[node] |= NDL_NODE_BOUNDARY;

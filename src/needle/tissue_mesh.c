@@ -22,6 +22,7 @@ static void ndli_tissue_layout(ndl_tissue_mesh *t, sbi_arena *arena, size_t node
     t->node_star = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     t->displaced = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     t->displaced_at = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    t->node_index = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     t->node_flags = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     t->node_mark = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     t->tets = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));

@@ -82,6 +82,7 @@ typedef struct ndl_tissue_mesh {
     /* internal: free slots, displaced nodes and the change under way */
     int free_node, free_tet;
     int *displaced, *displaced_at, displaced_count;
+    int *node_index; /* a remesher's scratch, zeros between its calls */
     unsigned char *tet_mark, *node_mark;
     int *touched, touched_count, *affected, affected_count;
     int *report; /* [2 tet_capacity + node_capacity] lists of the change */
