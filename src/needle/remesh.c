@@ -11,7 +11,7 @@
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_FINALISTS = 3, NDLI_RATED = 16 };
+enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_FINALISTS = 6, NDLI_RATED = 16 };
 #define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- what is kept ---- */
@@ -194,8 +194,8 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     ndl_remesh_def def;
     memset(&def, 0, sizeof def);
     def.max_needles = 4;
-    def.smooth_below = (sb_real)0.5;
-    def.release_above = (sb_real)0.55;
+    def.smooth_below = (sb_real)0.55;
+    def.release_above = (sb_real)0.6;
     def.max_smoothed = 8;
     def.entry_slip = (sb_real)0.15;
     def.cookie = NDLI_REMESH_COOKIE;
@@ -1119,17 +1119,28 @@ static void ndli_remesh_keep_moves(ndl_remesh *r, const ndli_candidate *c)
         }
 }
 
-/* Smooths the finalists' drafts and puts the best of them first; 0: no memory. */
-static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4])
+static sb_real ndli_remesh_near_least(const ndl_remesh *r)
 {
-    int winner = 0;
+    sb_real least = SB_REAL_MAX;
+    for (int i = 0; i < 3; i++)
+        if (r->draft.near[i] >= 0)
+            least = sb_min(least, ndli_remesh_draft_least(&r->draft, r->draft.near[i]));
+    return least;
+}
+
+/* Smooths the finalists' drafts, until one leaves no tet about the needle's end worse than `enough`, and puts the best
+ * of them first; 0: no memory. */
+static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real enough)
+{
+    int winner = 0, done = 0;
     if (!ndli_remesh_widen(r, holders))
         return 0;
-    for (int i = 0; i < r->final_count; i++) {
+    for (int i = 0; i < r->final_count && !done; i++) {
         ndli_candidate *c = r->final + i;
         ndli_remesh_make_draft(r, c);
         ndli_remesh_smooth(r);
         ndli_remesh_rate(r);
+        done = ndli_remesh_near_least(r) >= enough;
         if (i > 0 && !ndli_remesh_rates_better(r))
             continue;
         winner = i;
@@ -1369,16 +1380,25 @@ static sb_result ndli_remesh_fail_operation(const ndl_remesh *r, sb_error *error
                          r->needle);
 }
 
-/* 1 when tets about the needle's end are, or would be, worse than they should be. */
-static int ndli_remesh_is_poor(const ndl_remesh *r)
+/* Worst quality about the needle's end as it is. */
+static sb_real ndli_remesh_end_least(const ndl_remesh *r)
 {
-    sb_real least = r->final[0].created.least;
+    sb_real least = 1;
     for (int i = 0; i < 3; i++) {
         int node = ndli_remesh_from_tip(r->needles + r->needle, i);
         if (node >= 0)
             least = sb_min(least, ndli_remesh_star_least(r->mesh, node));
     }
-    return r->def.max_smoothed > 0 && least < r->def.smooth_below;
+    return least;
+}
+
+/* Lets the nodes about the tip make way if the tets there are, or would be, worse than they should be. */
+static int ndli_remesh_make_way(ndl_remesh *r, const int holders[2][4])
+{
+    sb_real before = ndli_remesh_end_least(r);
+    if (r->def.max_smoothed == 0 || sb_min(before, r->final[0].created.least) >= r->def.smooth_below)
+        return 1;
+    return ndli_remesh_decide(r, holders, sb_min(before, r->def.smooth_below));
 }
 
 /* Takes the tip to X, which tet `start` holds. */
@@ -1401,8 +1421,7 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
         ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_DROP);
     if (!r->final_count)
         return ndli_remesh_fail_operation(r, error);
-    if (ndli_remesh_is_poor(r) &&
-        (!ndli_remesh_decide(r, (const int(*)[4])holders) || !ndli_tissue_reserve(r->mesh, 1, 2 * r->core_count + 8)))
+    if (!ndli_remesh_make_way(r, (const int(*)[4])holders))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
