@@ -1,7 +1,7 @@
-# softbody: the product is softbody.h, which is generated from src/; everything else is built into build/.
+# The products are the headers here at the root, generated from src/; everything else is built into build/.
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores
-#   make demo       build and run examples/demo.c    make headers    writes softbody.h from src/
+#   make demo       build and run examples/demo.c    make headers    writes the products from src/
 #   make test       the tests in double              make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
 #   make test-golden                                 the same bits from each compiler and optimisation
@@ -28,7 +28,9 @@ WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wun
 C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 INCLUDES = -I. -Itests -Ibuild
 
-PARTS = $(filter-out src/softbody/names.h,$(sort $(shell find src/softbody -type f)))
+PRODUCTS = softbody needle
+HEADERS = $(PRODUCTS:%=%.h)
+PARTS = $(filter-out %/names.h,$(sort $(shell find $(PRODUCTS:%=src/%) -type f)))
 TESTS = $(wildcard tests/test_*.c)
 TEST_UNITS = $(TESTS) tests/main.c tests/implementation.c
 EXAMPLES = $(wildcard examples/*.c)
@@ -42,17 +44,18 @@ FUZZERS = tests/fuzz/fuzz.c
 
 all: examples
 
-# ---- the header ------------------------------------------------------------------------------------------------
+# ---- the headers -----------------------------------------------------------------------------------------------
 
 build/amalgamate: src/amalgamate.c
 	@mkdir -p build
 	$(CC) -std=c99 $(C_WARNINGS) -O1 $< -o $@
 
-softbody.h: build/amalgamate LICENSE $(PARTS)
-	build/amalgamate src/softbody/manifest.txt $(PARTS)
+AMALGAMATE = build/amalgamate src/$(1)/manifest.txt $(filter src/$(1)/%,$(PARTS))
+$(HEADERS): %.h: build/amalgamate LICENSE $(PARTS)
+	$(call AMALGAMATE,$*)
 
 headers: build/amalgamate
-	build/amalgamate src/softbody/manifest.txt $(PARTS)
+	$(foreach product,$(PRODUCTS),$(call AMALGAMATE,$(product)) &&) true
 
 # ---- examples --------------------------------------------------------------------------------------------------
 # Built as a user would: the header, the compiler's default language and -lm.
@@ -60,7 +63,7 @@ headers: build/amalgamate
 EXAMPLE_CFLAGS = -O3
 examples: $(EXAMPLES:examples/%.c=build/%)
 
-build/%: examples/%.c softbody.h $(wildcard examples/*.h) build/flags
+build/%: examples/%.c $(HEADERS) $(wildcard examples/*.h) build/flags
 	$(CC) $(EXAMPLE_CFLAGS) -I. $< -lm -o $@
 
 demo: build/demo
@@ -79,7 +82,7 @@ build/suites.h: $(TESTS)
 # One build of the test program: $(call suite,NAME,COMPILER AND FLAGS,COMPILE FLAGS,LINK FLAGS,SUFFIX)
 # makes build/NAME/testsSUFFIX.
 define suite
-build/$(1)/%.o: tests/%.c softbody.h $(wildcard tests/*.h examples/*.h) build/flags
+build/$(1)/%.o: tests/%.c $(HEADERS) $(wildcard tests/*.h examples/*.h) build/flags
 	@mkdir -p $$(@D)
 	$(2) $(INCLUDES) $(3) -c $$< -o $$@
 build/$(1)/main.o: build/suites.h
@@ -109,7 +112,7 @@ VIOLENT = -schemes/300 -schemes/one -viscoelastic/violence -load/1,000 -bbar/vio
 THREADED = core step golden
 LINKED = mesh body load constraint record
 
-SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o softbody.h README.md
+SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
 PROGRAM_TESTS = "tests/case.sh build/case_solve build/case_test" "tests/examples.sh build build/examples_test"
@@ -143,7 +146,7 @@ GOLDEN_OTHERS = $(filter-out $(GOLDEN_UNITS),$(TEST_UNITS))
 GOLDEN_NAMES = gcc-O0 gcc-O2 gcc-O3 clang-O0 clang-O2 clang-O3
 
 define golden
-build/golden-$(1)/%.o: tests/%.c softbody.h $(wildcard tests/*.h examples/*.h)
+build/golden-$(1)/%.o: tests/%.c $(HEADERS) $(wildcard tests/*.h examples/*.h)
 	@mkdir -p $$(@D)
 	$(2) $(INCLUDES) $$(if $$(filter %/implementation.c,$$<),,-ffp-contract=off) -c $$< -o $$@
 build/golden-$(1)/tests: $$(GOLDEN_UNITS:tests/%.c=build/golden-$(1)/%.o) $$(GOLDEN_OTHERS:tests/%.c=build/double/%.o)
@@ -178,16 +181,16 @@ LINT_clangxx = $(CLANGXX) -std=c++11 $(WARNINGS) -x c++
 
 # $(call lint,COMPILER,REAL): the implementation is optimised, since some warnings need that
 define lint
-build/lint/$(1)-$(2)/%.ok: %.c softbody.h build/suites.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
+build/lint/$(1)-$(2)/%.ok: %.c $(HEADERS) build/suites.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
 	@mkdir -p $$(@D)
 	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) -fsyntax-only $$<
 	@touch $$@
-build/lint/$(1)-$(2)/src/%.ok: src/%.c softbody.h
+build/lint/$(1)-$(2)/src/%.ok: src/%.c $(HEADERS)
 	@mkdir -p $$(@D)
 	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) -DSB_SPLIT_BUILD -fsyntax-only $$<
 	@touch $$@
 build/lint/$(1)-$(2)/tests/implementation.ok build/lint/$(1)-$(2)/tests/link/declarations.ok: \
-build/lint/$(1)-$(2)/tests/%.ok: tests/%.c softbody.h
+build/lint/$(1)-$(2)/tests/%.ok: tests/%.c $(HEADERS)
 	@mkdir -p $$(@D)
 	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) -O2 -c $$< -o $$(@:.ok=.o)
 	@touch $$@
@@ -196,8 +199,8 @@ endef
 $(foreach pair,$(LINTS),$(eval $(call lint,$(word 1,$(subst -, ,$(pair))),$(word 2,$(subst -, ,$(pair))))))
 
 # The rooms as objects of their own, linked into the test program.
-SPLIT = $(patsubst src/softbody/%.c,build/split/%.o,$(filter %.c,$(PARTS)))
-build/split/%.o: src/softbody/%.c softbody.h build/flags
+SPLIT = $(patsubst src/%.c,build/split/%.o,$(filter %.c,$(PARTS)))
+build/split/%.o: src/%.c $(HEADERS) build/flags
 	@mkdir -p $(@D)
 	$(CC) $(CFLAGS) -std=c99 $(C_WARNINGS) -Werror -DSB_SPLIT_BUILD -c $< -o $@
 build/split/tests: $(SPLIT) $(filter-out %/implementation.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
@@ -209,7 +212,7 @@ lint: $(LINT_OK) build/split/tests
 # ---- benchmarks and fuzzing ----------------------------------------------------------------------------------
 
 BENCH_CFLAGS = -O3 -march=native -std=gnu11 -ffp-contract=off -fopenmp -DSB_USE_OPENMP
-build/bench/%: tests/bench/%.c softbody.h $(wildcard tests/bench/*.h)
+build/bench/%: tests/bench/%.c $(HEADERS) $(wildcard tests/bench/*.h)
 	@mkdir -p $(@D)
 	$(CC) $(BENCH_CFLAGS) $(INCLUDES) $< -lm -o $@
 
@@ -222,7 +225,7 @@ bench: $(BENCHES:tests/bench/%.c=build/bench/%)
 # elsewhere the program mutates the corpus by itself. The corpus is also a test.
 FUZZ_SECONDS = 10
 FUZZ_TARGETS = vtk gmsh tetgen surface mesh case state record body
-FUZZ_PARTS = $(FUZZERS) softbody.h $(wildcard tests/fuzz/*.h examples/case_reader.h)
+FUZZ_PARTS = $(FUZZERS) $(HEADERS) $(wildcard tests/fuzz/*.h examples/case_reader.h)
 CORPUS_TESTS = $(foreach target,$(FUZZ_TARGETS),"build/fuzz/plain $(target) tests/fuzz/corpus/$(target)/*")
 CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput(void) { return 0; }' | \
 	$(CLANG) -fsanitize=fuzzer,address -x c - -o /dev/null 2>/dev/null && echo yes)
@@ -254,7 +257,7 @@ fuzz: build/fuzz/$(FUZZ_WITH)
 
 # ---- soak and coverage -----------------------------------------------------------------------------------------
 
-build/soak: tests/soak.c softbody.h tests/check.h tests/scene.h build/flags
+build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags
 	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
 
 soak: build/soak
@@ -269,7 +272,7 @@ coverage: build/coverage/tests build/coverage/case_solve
 	$(if $(FILTER),,tests/case.sh build/coverage/case_solve build/coverage/case | tail -n 1)
 	tests/coverage.sh build/coverage
 
-build/coverage/case_solve: examples/case_solve.c softbody.h $(wildcard examples/*.h)
+build/coverage/case_solve: examples/case_solve.c $(HEADERS) $(wildcard examples/*.h)
 	@mkdir -p $(@D)
 	$(GCC) -O1 -g --coverage -fno-inline -I. $< -lm -o $@
 
@@ -278,13 +281,13 @@ build/coverage/case_solve: examples/case_solve.c softbody.h $(wildcard examples/
 build/softbody.pc: Makefile softbody.h FORCE
 	@mkdir -p build
 	@printf '%s\n' 'prefix=$(PREFIX)' 'includedir=$${prefix}/include' '' 'Name: softbody' \
-	    'Description: soft-tissue simulation in a single C header' \
+	    'Description: soft tissue and needles, each in a single C header' \
 	    "Version: $$(sed -n 's/^#define SB_VERSION_STRING "\(.*\)"/\1/p' softbody.h)" \
 	    'Cflags: -I$${includedir}' 'Libs: -lm' >$@
 
-install: softbody.h build/softbody.pc
+install: $(HEADERS) build/softbody.pc
 	mkdir -p '$(DESTDIR)$(PREFIX)/include' '$(DESTDIR)$(PREFIX)/share/pkgconfig'
-	cp softbody.h '$(DESTDIR)$(PREFIX)/include/'
+	cp $(HEADERS) '$(DESTDIR)$(PREFIX)/include/'
 	cp build/softbody.pc '$(DESTDIR)$(PREFIX)/share/pkgconfig/'
 
 # Optional: lays out all sources by .clang-format.

@@ -10,7 +10,7 @@
  *     version FILE MACRO      the macro of FILE whose string is the version, for the first line
  *     names FILE REAL API     writes FILE: renames every function that a declaration marks with the macro API
  *                             when the macro REAL is float
- *     requires NAME           a header that the product includes (needle.h requires softbody.h)
+ *     requires NAME           a header that the product includes before all else (needle.h requires softbody.h)
  *     licence FILE            its text ends the header, FILE relative to the current folder
  *     section top             the parts that follow stand before the guards
  *     section declarations GUARD              ... inside #ifndef GUARD
@@ -500,10 +500,10 @@ static text make_header(const manifest *m)
               "/* %s %s: %s\n * MIT or public domain, as you like; the texts are at the end of this file.\n"
               " * Generated from %s: edit there, then run `make headers`. */\n",
               m->output, version, m->title, m->folder);
+    if (*m->required) /* outside the guards: its implementation may be asked for later than its declarations */
+        add_lines(&header, "#include \"%s\"\n", m->required);
     add_section(&header, &internal, m, TOP);
     add_lines(&header, "\n#ifndef %s\n#define %s\n", m->guard, m->guard);
-    if (*m->required)
-        add_lines(&header, "#include \"%s\"\n", m->required);
     add_section(&header, &internal, m, DECLARATIONS);
     add_lines(&header, "\n#endif /* %s */\n\n#if defined(%s) && !defined(%s_DONE)\n#define %s_DONE\n", m->guard,
               m->user_switch, m->user_switch, m->user_switch);

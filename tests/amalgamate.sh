@@ -54,6 +54,10 @@ run && [ "$(grep -n 'outer;\|^#endif /\* PRODUCT\|^#define A_IMPLEM\|inner;\|src
     [ "$(grep -c '^#if' product.h)" = "$(grep -c '^#endif' product.h)" ] && ! grep -q A_SPLIT product.h
 report $? "what is internal goes to the head of the implementation"
 fresh
+echo 'requires other.h' >>src/room/manifest.txt && echo '#include "../other/b.h"' >>src/room/a.h
+run && [ "$(sed -n 4p product.h)" = '#include "other.h"' ] && ! grep -q 'b.h' product.h
+report $? "a required header comes first, its rooms may be included"
+fresh
 run
 cp product.h first.h && run && cmp -s first.h product.h
 report $? "the same input gives the same bytes"

@@ -1,3 +1,4 @@
-/* The one unit of the tests that holds the library's code. */
+/* The one unit of the tests that holds the libraries' code. */
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#define NDL_IMPLEMENTATION
+#include "needle.h"

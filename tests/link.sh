@@ -1,5 +1,5 @@
 #!/bin/sh
-# How the header links: run as `tests/link.sh FOLDER` from the root, objects go to FOLDER. Compilers from GCC, CLANG,
+# How the headers link: run as `tests/link.sh FOLDER` from the root, objects go to FOLDER. Compilers from GCC, CLANG,
 # GXX, OBJDUMP; a missing one is a skip. Ends with `N passed, N failed, N skipped`.
 folder=$1
 gcc=${GCC:-gcc} clang=${CLANG:-clang} gxx=${GXX:-g++} objdump=${OBJDUMP:-objdump}
@@ -63,12 +63,12 @@ done
 (cd "$folder" && "$gcc" declarations_float.o implementation.o -lm -o mismatch 2>/dev/null)
 report $((! $?)) "a float caller and a double object must not link"
 
-# Exported names: sb_ and nothing else; _f32 at the end in float and only there; none under SB_STATIC.
+# Exported names: sb_, ndl_ and nothing else; _f32 at the end in float and only there; none under SB_STATIC.
 exported() { nm -g --defined-only "$folder/$1" | awk '{print $3}'; }
-[ -n "$(exported implementation.o)" ] && ! exported implementation.o | grep -v '^sb_' &&
+[ -n "$(exported implementation.o)" ] && ! exported implementation.o | grep -v '^\(sb\|ndl\)_' &&
     ! exported implementation.o | grep '_f32$'
 report $? "names exported by a double object"
-[ -n "$(exported implementation_float.o)" ] && ! exported implementation_float.o | grep -v '^sb_.*_f32$'
+[ -n "$(exported implementation_float.o)" ] && ! exported implementation_float.o | grep -v '^\(sb\|ndl\)_.*_f32$'
 report $? "names exported by a float object"
 ! exported static_first.o | grep -v '^main$'
 report $? "names exported under SB_STATIC"

@@ -1,5 +1,5 @@
 /* A program that uses both precisions: this unit is in double, both_reals_float.c in float. */
-#include "softbody.h"
+#include "needle.h"
 
 #include <string.h>
 

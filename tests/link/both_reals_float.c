@@ -1,6 +1,7 @@
 #define SB_REAL float
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#define NDL_IMPLEMENTATION
+#include "needle.h"
 
 const char *float_result_string(int result);
 

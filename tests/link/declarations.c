@@ -1,5 +1,5 @@
 /* A caller's unit: the declarations only. */
-#include "softbody.h"
+#include "needle.h"
 
 #include <string.h>
 

@@ -1,7 +1,8 @@
 /* A library with its own private copy of the header. */
 #define SB_STATIC
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#define NDL_IMPLEMENTATION
+#include "needle.h"
 
 #include <string.h>
 

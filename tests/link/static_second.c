@@ -2,7 +2,8 @@
 #define SB_STATIC
 #define SB_REAL float
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#define NDL_IMPLEMENTATION
+#include "needle.h"
 
 #include <string.h>
 

@@ -1,6 +1,6 @@
 /* The frame of a fragment in the documentation: a beam, held at one end, is there to be used. FRAGMENT is the
  * fragment's file. */
-#include "softbody.h"
+#include "needle.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,0 +1,37 @@
+/* api: version and linkage of needle.h. Results, errors, allocator, vectors and the scalar type are softbody.h's. */
+#ifndef NDL_API_H
+#define NDL_API_H
+
+#include "../softbody/core.h"
+#include "../softbody/dense.h"
+#include "names.h"
+
+#define NDL_VERSION_MAJOR 0
+#define NDL_VERSION_MINOR 2
+#define NDL_VERSION_PATCH 0
+#define NDL_VERSION_STRING "0.2.0"
+
+#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR || \
+    NDL_VERSION_PATCH != SB_VERSION_PATCH
+#error "needle.h and softbody.h are of different versions: take both from one release"
+#endif
+#if defined(NDL_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION)
+#error "needle.h: define NDL_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
+#endif
+
+/* NDL_API: public functions; static under SB_STATIC or NDL_STATIC. NDLI_API: internal functions; static in the shipped
+ * header, extern when the rooms are compiled apart. */
+#if defined(SB_STATIC) || defined(NDL_STATIC)
+#define NDL_API static SBI_UNUSED
+#elif defined(__cplusplus)
+#define NDL_API extern "C"
+#else
+#define NDL_API extern
+#endif
+#if defined(SB_SPLIT_BUILD)
+#define NDLI_API extern
+#else
+#define NDLI_API static SBI_UNUSED
+#endif
+
+#endif /* NDL_API_H */

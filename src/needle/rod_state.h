@@ -1,0 +1,149 @@
+/* rod_state: what is inside a rod. Floor 3, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c moves
+ * it; rooms above couple it to tissue and change its nodes.
+ *
+ * State: x, v, a, director, theta. The directors d_j are a Bishop frame: each is its predecessor carried over by parallel
+ * transport, so that the twist at node i is theta_i - theta_i-1. Within a step each edge carries its director with
+ * itself instead (that keeps derivatives local); the reference twist that then arises between neighbours is folded
+ * into theta when the step is taken (ndli_rod_moved). */
+#ifndef NDL_ROD_STATE_H
+#define NDL_ROD_STATE_H
+
+#include "real3.h"
+#include "rod.h"
+
+/* Geometry of a rod in a shape that is tried: all that energies and their derivatives are made of. */
+typedef struct ndli_rod_shape {
+    ndli_v3 *tangent;  /* [edges] */
+    double *length;   /* [edges] (m) */
+    ndli_v3 *director; /* [edges] the state's, carried along with the edge */
+    ndli_v3 *m1, *m2;  /* [edges] */
+    ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
+    double *chi;      /* [nodes] 1 + t.t' */
+    double *twist;    /* [nodes] (rad) */
+} ndli_rod_shape;
+
+/* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
+typedef struct ndli_rod_matrix {
+    ndli_m3 (*node)[3];   /* [nodes] (N/m) */
+    ndli_v3 (*cross)[4];  /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
+    double *turn;        /* [edges] theta_j with itself (N m) */
+    double *turn_before; /* [edges] theta_j with theta_j-1 */
+} ndli_rod_matrix;
+
+struct ndl_rod {
+    sb_allocator allocator;
+    void *memory;            /* the one block behind the arrays */
+    int capacity;
+    int node_count;
+    double stretch, bending[2], torsion, line_density; /* N, N m^2, N m^2, kg/m */
+    int plain;               /* 1: isotropic and straight at rest, so that bending does not see the material frames */
+    ndli_v3 gravity;
+    double damping_stretch, damping_bending; /* s */
+    int max_newton;
+    double tolerance;
+
+    ndli_v3 *x, *v, *a;      /* [nodes] */
+    ndli_v3 *director;       /* [edges] */
+    double *theta;          /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
+    ndli_v3 *tangent;        /* [edges] of x */
+
+    double *rest_length;    /* [edges] (m) */
+    double (*rest_bend)[2]; /* [nodes] integrated rest curvature (2 tan of half the turn) towards m1 and m2; a density
+                              * is this over the cell */
+    double *mass;           /* [nodes] (kg) */
+    double *cell;           /* [nodes] (m) length that bends at an inner node: half of both edges, of one at a clamp */
+
+    unsigned char *held;     /* [nodes] */
+    ndli_v3 *target;         /* [nodes] where held nodes will be, */
+    ndli_v3 *target_velocity; /* [nodes] with this velocity */
+    unsigned char *has_velocity; /* [nodes] 1: target_velocity was given */
+    unsigned char *turn_held; /* [edges] */
+    double *turn;           /* [edges] (rad) still to turn in the next step */
+    int base_director_set;   /* 1: the base shall be turned so that its m1 becomes base_director */
+    ndli_v3 base_director;
+    ndli_v3 *force;          /* [nodes] dead loads (N) */
+    double *torque;         /* [edges] (N m) */
+    ndli_v3 *reaction;       /* [nodes] */
+    double *reaction_torque; /* [edges] */
+
+    sb_vec3 *public_x, *public_v, *public_reaction; /* [nodes] what readings return */
+
+    int ledger_open;         /* 1: ledger is the energy (J) when supports or loads last changed */
+    double ledger;
+
+    /* what follows holds nothing between calls */
+    ndli_rod_shape shape;
+    ndli_rod_matrix matrix;
+    ndli_v3 *gradient;       /* [nodes] */
+    double *turn_gradient;  /* [edges] */
+    ndli_v3 *try_x, *try_v, *best_x, *step_x; /* [nodes] */
+    double *try_theta, *best_theta, *step_theta; /* [edges] */
+    ndli_v3 *predicted, *predicted_velocity; /* [nodes] */
+    ndli_m3 *damping_before, *damping_after, *damping_weight; /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
+    ndli_v3 *damping_tangent; /* [edges] */
+    double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
+    double *unknown;        /* [4 nodes] */
+    ndli_v3 *saved_nodes;    /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
+    double *saved_reals;     /* [NDLI_ROD_SAVED_REALS nodes] */
+    double *saved_turns;     /* [edges] */
+};
+
+/* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
+enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 2 };
+
+/* What of the second derivatives is wanted. */
+enum {
+    NDLI_ROD_EXACT = 1,   /* all; otherwise Gauss-Newton bending and twist, safe stretch: positive semidefinite */
+    NDLI_ROD_NO_TWIST = 2 /* twist left out: for those who keep frames out of their unknowns and eliminate them, where
+                           * a free tip makes it vanish */
+};
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- rod_force ---- */
+
+SB_INLINE int ndli_rod_edges(const ndl_rod *rod) { return rod->node_count - 1; }
+/* Largest distance of a node from the origin (m): what positions are rounded by. */
+NDLI_API double ndli_rod_reach(const ndl_rod *rod);
+/* Parallel transport of v from the unit tangent p to the unit tangent q, not opposite to it. */
+NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v);
+/* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
+ * has no length, has turned back on its neighbour, or turned over since the state: no energy there. */
+NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
+typedef struct ndli_rod_sums {
+    double stretch, bend, twist; /* J */
+    double noise;                /* J: what rounding of positions leaves unknown of their sum */
+} ndli_rod_sums;
+/* Elastic energies of rod->shape. */
+NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
+/* gradient[nodes] and turn_gradient[edges] (not NULL) of the elastic energy of rod->shape; matrix, when not NULL, its
+ * second derivatives by the flags above. */
+NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
+                                   ndli_rod_matrix *matrix);
+/* Takes what damping is at rod->shape: damping_before ... damping_tangent. */
+NDLI_API void ndli_rod_set_damping_shape(ndl_rod *rod);
+/* gradient += C v for that damping; returns v.C v (W). */
+NDLI_API double ndli_rod_add_damping_force(const ndl_rod *rod, const ndli_v3 *v, ndli_v3 *gradient);
+/* matrix->node += factor C */
+NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndli_rod_matrix *matrix);
+
+/* ---- rod ---- */
+
+/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1, or the
+ * node that ndli_rod_set_shape names; nothing has changed then, x aside. */
+NDLI_API int ndli_rod_moved(ndl_rod *rod);
+/* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
+NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);
+NDLI_API int ndli_rod_static_options_valid(const ndl_rod_static_options *options);
+/* Copies the state to what readings return. */
+NDLI_API void ndli_rod_publish(ndl_rod *rod);
+/* Copies of the state for undo, one deep: positions, motion, frames. */
+NDLI_API void ndli_rod_save(ndl_rod *rod);
+NDLI_API void ndli_rod_restore(ndl_rod *rod);
+
+/* ---- rod_step ---- */
+
+/* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
+NDLI_API void ndli_rod_relax(ndl_rod *rod);
+#endif
+
+#endif /* NDL_ROD_STATE_H */

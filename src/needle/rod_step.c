@@ -1,0 +1,720 @@
+/* rod_step: minimises a rod's potential over nodes and frames: a time step, a static solve, frames alone.
+ *
+ * Positions x' of a step minimise
+ *     1/2 inertia |x' - predicted|^2_M + E(x', theta') - loads.(x' - x) - torques.theta' + dissipation
+ * with inertia = 1/(beta dt^2); without inertia and dissipation that is the static potential. */
+#include "band.h"
+#include "rod_state.h"
+
+typedef struct ndli_rod_problem {
+    double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
+    double rate;      /* 1/s: d v'/d x' */
+    int max_newton;
+    double tolerance;
+} ndli_rod_problem;
+
+/* A state of the minimisation. */
+typedef struct ndli_rod_progress {
+    double potential, noise; /* J */
+    double residual, scale;  /* N: largest of what is left, of what is at work */
+    double floor;            /* N: what rounding of positions leaves */
+} ndli_rod_progress;
+
+/* ---- frames alone ---- */
+
+static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, double *noise)
+{
+    ndli_rod_sums sums;
+    double potential;
+    ndli_rod_set_shape(rod, rod->x, theta);
+    sums = ndli_rod_shape_energy(rod);
+    potential = sums.bend + sums.twist; /* stretching does not change, and would drown it */
+    *noise = 4.5e-15 * potential;
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        potential -= rod->torque[j] * theta[j];
+        *noise += 4.5e-15 * fabs(rod->torque[j] * theta[j]);
+    }
+    return potential;
+}
+
+static int ndli_rod_any_turn_held(const ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        if (rod->turn_held[j])
+            return 1;
+    return 0;
+}
+
+/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held nowhere: its first edge stays. */
+static int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held)
+{
+    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain);
+}
+
+/* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
+static double ndli_rod_turn_floor(const ndl_rod *rod, int j) { return 1e-9 * rod->torsion / rod->rest_length[j]; }
+
+/* step_theta = a Newton step for the angles; 0 when the matrix is not positive definite. */
+static int ndli_rod_turn_step(ndl_rod *rod, int flags)
+{
+    int n = ndli_rod_edges(rod), any_held = ndli_rod_any_turn_held(rod);
+    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, &rod->matrix);
+    for (int j = 0; j < n; j++) {
+        int known = ndli_rod_turn_known(rod, j, any_held), before = j > 0 && !ndli_rod_turn_known(rod, j - 1, any_held);
+        rod->band[2 * j] = !known && before ? rod->matrix.turn_before[j] : 0;
+        rod->band[2 * j + 1] = known ? 1 : rod->matrix.turn[j] + ndli_rod_turn_floor(rod, j);
+        rod->step_theta[j] = known ? 0 : rod->torque[j] - rod->turn_gradient[j];
+    }
+    if (ndli_band_factor(rod->band, n, 1, 1e-14) >= 0)
+        return 0;
+    ndli_band_solve(rod->band, n, 1, rod->step_theta);
+    return 1;
+}
+
+NDLI_API void ndli_rod_relax(ndl_rod *rod)
+{
+    size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
+    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
+    for (int iteration = 0; iteration < 50; iteration++) {
+        double size = 1, largest = 0, next = potential;
+        if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
+            break;
+        for (int j = 0; j < ndli_rod_edges(rod); j++)
+            largest = fmax(largest, fabs(rod->step_theta[j]));
+        for (int halving = 0; halving < 30; halving++, size *= 0.5) {
+            for (int j = 0; j < ndli_rod_edges(rod); j++)
+                rod->try_theta[j] = rod->theta[j] + size * rod->step_theta[j];
+            next = ndli_rod_turn_potential(rod, rod->try_theta, &noise);
+            if (next <= potential + noise)
+                break;
+        }
+        if (next > potential + noise)
+            break;
+        memcpy(rod->theta, rod->try_theta, bytes);
+        potential = next;
+        if (largest < 1e-13)
+            break;
+    }
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+}
+
+/* ---- potential of a step or solve, and its derivatives, in the shape that is tried ---- */
+
+static ndli_v3 ndli_rod_load(const ndl_rod *rod, int i) { return ndli_madd(rod->force[i], rod->mass[i], rod->gravity); }
+
+static void ndli_rod_try_velocities(ndl_rod *rod, const ndli_rod_problem *problem)
+{
+    for (int i = 0; i < rod->node_count; i++)
+        if (!rod->held[i])
+            rod->try_v[i] = ndli_madd(rod->predicted_velocity[i], problem->rate,
+                                      ndli_sub(rod->try_x[i], rod->predicted[i]));
+}
+
+/* Of rod->shape, made from try_x and try_theta; damping as of the last ndli_rod_set_damping_shape. Spoils gradient. */
+static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem *problem)
+{
+    ndli_rod_sums sums = ndli_rod_shape_energy(rod);
+    ndli_rod_progress progress = {0, 0, 0, 0, 0};
+    double sizes = 0;
+    progress.potential = sums.stretch + sums.bend + sums.twist;
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
+        double work = ndli_dot(ndli_rod_load(rod, i), ndli_sub(rod->try_x[i], rod->x[i])), inertia = 0;
+        if (!rod->held[i])
+            inertia = 0.5 * problem->inertia * rod->mass[i] * ndli_dot(gap, gap);
+        progress.potential += inertia - work;
+        sizes += inertia + fabs(work);
+    }
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        progress.potential -= rod->torque[j] * rod->try_theta[j];
+        sizes += fabs(rod->torque[j] * rod->try_theta[j]);
+    }
+    if (problem->rate > 0) {
+        double lost;
+        ndli_rod_try_velocities(rod, problem);
+        lost = 0.5 / problem->rate * ndli_rod_add_damping_force(rod, rod->try_v, rod->gradient);
+        progress.potential += lost;
+        sizes += lost;
+    }
+    progress.noise = sums.noise + 4.5e-15 * sizes;
+    return progress;
+}
+
+/* gradient and turn_gradient of the whole potential, matrix (NULL: not wanted) of its elastic part, and what is out of
+ * balance. */
+static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int flags, ndli_rod_matrix *matrix,
+                             ndli_rod_progress *progress)
+{
+    int any_held = ndli_rod_any_turn_held(rod);
+    double rounding = 4.5e-16 * rod->stretch * ndli_rod_reach(rod);
+    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, matrix);
+    progress->residual = progress->scale = progress->floor = 0;
+    if (problem->rate > 0) {
+        ndli_rod_set_damping_shape(rod);
+        ndli_rod_try_velocities(rod, problem);
+        ndli_rod_add_damping_force(rod, rod->try_v, rod->gradient);
+    }
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 load = ndli_rod_load(rod, i), inertia = ndli_v(0, 0, 0);
+        if (!rod->held[i])
+            inertia = ndli_scale(problem->inertia * rod->mass[i], ndli_sub(rod->try_x[i], rod->predicted[i]));
+        progress->scale = fmax(progress->scale, ndli_norm(load));
+        progress->scale = fmax(progress->scale, ndli_norm(inertia));
+        progress->scale = fmax(progress->scale, ndli_norm(rod->gradient[i]));
+        rod->gradient[i] = ndli_add(rod->gradient[i], ndli_sub(inertia, load));
+        if (!rod->held[i])
+            progress->residual = fmax(progress->residual, ndli_norm(rod->gradient[i]));
+    }
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double per_length = 1 / rod->rest_length[j];
+        progress->scale = fmax(progress->scale, fabs(rod->turn_gradient[j]) * per_length);
+        rod->turn_gradient[j] -= rod->torque[j];
+        if (!ndli_rod_turn_known(rod, j, any_held))
+            progress->residual = fmax(progress->residual, fabs(rod->turn_gradient[j]) * per_length);
+        progress->floor = fmax(progress->floor, rounding * per_length);
+    }
+    progress->floor += 4.5e-16 * progress->scale;
+}
+
+/* ---- the linear system ---- */
+
+static double *ndli_rod_band_at(ndl_rod *rod, int row, int column)
+{
+    return rod->band + row * (NDLI_ROD_WIDTH + 1) + NDLI_ROD_WIDTH + column - row;
+}
+
+/* unknown -= K moves, for the lower half in rod->matrix and moves step_x. */
+static void ndli_rod_subtract_moves(ndl_rod *rod)
+{
+    for (int i = 0; i < rod->node_count; i++)
+        for (int k = 0; k < 3 && k <= i; k++) {
+            const ndli_m3 *block = &rod->matrix.node[i][k];
+            ndli_v3 down = ndli_m_apply(block, rod->step_x[i - k]), up = ndli_m_tapply(block, rod->step_x[i]);
+            for (int c = 0; c < 3; c++) {
+                rod->unknown[4 * i + c] -= ndli_component(down, c);
+                if (k > 0)
+                    rod->unknown[4 * (i - k) + c] -= ndli_component(up, c);
+            }
+        }
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        for (int k = 0; k < 4; k++)
+            if (j - 1 + k >= 0 && j - 1 + k < rod->node_count)
+                rod->unknown[4 * j + 3] -= ndli_dot(rod->matrix.cross[j][k], rod->step_x[j - 1 + k]);
+}
+
+/* Right-hand side: minus the gradient, less what the moves of held nodes (in step_x) already bring. */
+static void ndli_rod_set_right_side(ndl_rod *rod)
+{
+    for (int i = 0; i < rod->node_count; i++) {
+        for (int c = 0; c < 3; c++)
+            rod->unknown[4 * i + c] = -ndli_component(rod->gradient[i], c);
+        rod->unknown[4 * i + 3] = i < ndli_rod_edges(rod) ? -rod->turn_gradient[i] : 0;
+    }
+    ndli_rod_subtract_moves(rod);
+}
+
+static void ndli_rod_fill_band(ndl_rod *rod)
+{
+    memset(rod->band, 0, 4 * (size_t)rod->node_count * (NDLI_ROD_WIDTH + 1) * sizeof *rod->band);
+    for (int i = 0; i < rod->node_count; i++)
+        for (int k = 0; k < 3 && k <= i; k++)
+            for (int r = 0; r < 3; r++)
+                for (int c = 0; c < (k ? 3 : r + 1); c++)
+                    *ndli_rod_band_at(rod, 4 * i + r, 4 * (i - k) + c) = rod->matrix.node[i][k].m[r][c];
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        for (int k = 0; k < 4; k++)
+            for (int c = 0; c < 3; c++) {
+                int node = 4 * (j - 1 + k) + c, turn = 4 * j + 3;
+                if (node >= 0 && node < 4 * rod->node_count)
+                    *ndli_rod_band_at(rod, sbi_max_int(node, turn), sbi_min_int(node, turn)) =
+                        ndli_component(rod->matrix.cross[j][k], c);
+            }
+        *ndli_rod_band_at(rod, 4 * j + 3, 4 * j + 3) = rod->matrix.turn[j] + ndli_rod_turn_floor(rod, j);
+        if (j > 0)
+            *ndli_rod_band_at(rod, 4 * j + 3, 4 * j - 1) = rod->matrix.turn_before[j];
+    }
+}
+
+/* Rows and columns of what is no unknown become those of the identity; the diagonal grows by the share `shift`. */
+static void ndli_rod_pin_band(ndl_rod *rod, double shift)
+{
+    int n = 4 * rod->node_count, any_held = ndli_rod_any_turn_held(rod);
+    for (int row = 0; row < n; row++) {
+        int i = row / 4;
+        int known = row % 4 < 3 ? rod->held[i] : i == ndli_rod_edges(rod) || ndli_rod_turn_known(rod, i, any_held);
+        *ndli_rod_band_at(rod, row, row) *= 1 + shift;
+        if (!known)
+            continue;
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+            *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
+        *ndli_rod_band_at(rod, row, row) = 1;
+        rod->unknown[row] = 0;
+    }
+}
+
+/* step_x, step_theta = the Newton step, held nodes to their targets. 0: the matrix is not positive definite. */
+static int ndli_rod_solve_step(ndl_rod *rod, const ndli_rod_problem *problem, double shift)
+{
+    for (int i = 0; i < rod->node_count; i++)
+        rod->step_x[i] = rod->held[i] ? ndli_sub(rod->predicted[i], rod->try_x[i]) : ndli_v(0, 0, 0);
+    ndli_rod_set_right_side(rod);
+    if (problem->rate > 0)
+        ndli_rod_add_damping_matrix(rod, problem->rate, &rod->matrix);
+    for (int i = 0; i < rod->node_count; i++)
+        ndli_m_add_identity(&rod->matrix.node[i][0], problem->inertia * rod->mass[i]);
+    ndli_rod_fill_band(rod);
+    ndli_rod_pin_band(rod, shift);
+    if (ndli_band_factor(rod->band, 4 * rod->node_count, NDLI_ROD_WIDTH, 1e-15) >= 0)
+        return 0;
+    ndli_band_solve(rod->band, 4 * rod->node_count, NDLI_ROD_WIDTH, rod->unknown);
+    for (int i = 0; i < rod->node_count; i++) {
+        const double *u = rod->unknown + 4 * i;
+        if (!rod->held[i])
+            rod->step_x[i] = ndli_v(u[0], u[1], u[2]);
+        rod->step_theta[i] = u[3];
+        if (!ndli_is_finite(ndli_norm(rod->step_x[i])) || !ndli_is_finite(u[3]))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- a Newton step, taken ---- */
+
+/* The edge j after the step of this size: turned by its part across, made longer by its part along. */
+static ndli_v3 ndli_rod_turned_edge(const ndl_rod *rod, int j, double size)
+{
+    ndli_v3 e = ndli_sub(rod->best_x[j + 1], rod->best_x[j]), t, moved;
+    ndli_v3 change = ndli_scale(size, ndli_sub(rod->step_x[j + 1], rod->step_x[j]));
+    double l = ndli_norm(e), along;
+    t = ndli_scale(1 / l, e);
+    along = ndli_dot(t, change);
+    moved = ndli_madd(ndli_add(e, change), -along, t);
+    return ndli_scale((l + along) / ndli_norm(moved), moved);
+}
+
+/* Nodes from `first`, which is in place, to `last`: edges turned one after the other; what then is missing at a held
+ * last node goes to all in between by their distance. */
+static void ndli_rod_lay_edges(ndl_rod *rod, double size, int first, int last, int held)
+{
+    ndli_v3 end = ndli_madd(rod->best_x[last], size, rod->step_x[last]), missing;
+    double whole = 0, passed = 0;
+    for (int j = first; j < last; j++) {
+        rod->try_x[j + 1] = ndli_add(rod->try_x[j], ndli_rod_turned_edge(rod, j, size));
+        whole += rod->rest_length[j];
+    }
+    if (!held)
+        return;
+    missing = ndli_sub(end, rod->try_x[last]);
+    for (int j = first; j < last; j++) {
+        passed += rod->rest_length[j];
+        rod->try_x[j + 1] = ndli_madd(rod->try_x[j + 1], passed / whole, missing);
+    }
+    rod->try_x[last] = end;
+}
+
+/* try_x, try_theta = best and `size` steps. A chain turns its edges: along straight lines they would stretch, and a
+ * needle's stiffness against that would forbid all but tiny steps. */
+static void ndli_rod_take(ndl_rod *rod, const ndli_rod_problem *problem, double size)
+{
+    int n = rod->node_count, first = 0, at;
+    for (int j = 0; j < n - 1; j++)
+        rod->try_theta[j] = rod->best_theta[j] + size * rod->step_theta[j];
+    for (int i = 0; i < n; i++)
+        rod->try_x[i] = ndli_madd(rod->best_x[i], size, rod->step_x[i]);
+    if (problem->max_newton == 1)
+        return;
+    while (first < n && !rod->held[first])
+        first++;
+    first = first == n ? 0 : first;
+    for (int j = first - 1; j >= 0; j--)
+        rod->try_x[j] = ndli_sub(rod->try_x[j + 1], ndli_rod_turned_edge(rod, j, size));
+    at = first;
+    for (int i = first + 1; i < n; i++)
+        if (rod->held[i] || i == n - 1) {
+            ndli_rod_lay_edges(rod, size, at, i, rod->held[i]);
+            at = i;
+        }
+}
+
+/* The largest part of the step that turns no edge by more than about a radian. */
+static double ndli_rod_largest_size(const ndl_rod *rod)
+{
+    double largest = 1;
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double change = ndli_norm(ndli_sub(rod->step_x[j + 1], rod->step_x[j]));
+        double length = ndli_norm(ndli_sub(rod->best_x[j + 1], rod->best_x[j]));
+        if (change * largest > length)
+            largest = length / change;
+    }
+    return largest;
+}
+
+static double ndli_rod_slope(const ndl_rod *rod)
+{
+    double slope = 0;
+    for (int i = 0; i < rod->node_count; i++)
+        if (!rod->held[i])
+            slope += ndli_dot(rod->gradient[i], rod->step_x[i]);
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        slope += rod->turn_gradient[j] * rod->step_theta[j];
+    return slope;
+}
+
+/* Whether held nodes still have some way to go; then the potential may rise, by their work. */
+static int ndli_rod_supports_move(const ndl_rod *rod)
+{
+    for (int i = 0; i < rod->node_count; i++)
+        if (rod->held[i] && ndli_norm(ndli_sub(rod->predicted[i], rod->try_x[i])) > 0)
+            return 1;
+    return 0;
+}
+
+/* Halves the step until it is possible and the potential falls. try_x, try_theta and rod->shape are there then, and
+ * progress has its potential; 0: no such step. */
+static int ndli_rod_search(ndl_rod *rod, const ndli_rod_problem *problem, int free_to_rise, double slope,
+                           ndli_rod_progress *progress)
+{
+    double size = problem->max_newton == 1 ? 1 : ndli_rod_largest_size(rod);
+    for (int halving = 0; halving < 40; halving++, size *= 0.5) {
+        ndli_rod_progress next;
+        ndli_rod_take(rod, problem, size);
+        if (size == 1)
+            for (int i = 0; i < rod->node_count; i++)
+                if (rod->held[i])
+                    rod->try_x[i] = rod->predicted[i]; /* to the last bit */
+        if (ndli_rod_set_shape(rod, rod->try_x, rod->try_theta) >= 0)
+            continue;
+        next = ndli_rod_potential(rod, problem);
+        if (problem->max_newton == 1 || free_to_rise ||
+            next.potential <= progress->potential + 1e-4 * size * slope + next.noise) {
+            *progress = next;
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* One iteration from try_x, try_theta, which rod->shape is made from, by the first of these whose matrix is positive
+ * definite and whose step leads down: exact Hessian, Gauss-Newton, the same with a larger diagonal. 0: there is no way
+ * down; all is as before. */
+static int ndli_rod_iterate(ndl_rod *rod, const ndli_rod_problem *problem, ndli_rod_progress *progress)
+{
+    static const double shifts[4] = {0, 0, 1e-10, 1e-5};
+    int moving = ndli_rod_supports_move(rod);
+    size_t n = (size_t)rod->node_count;
+    memcpy(rod->best_x, rod->try_x, n * sizeof *rod->best_x);
+    memcpy(rod->best_theta, rod->try_theta, n * sizeof *rod->best_theta);
+    for (int attempt = problem->max_newton == 1; attempt < 4; attempt++) {
+        ndli_rod_progress again;
+        if (attempt > 0) {
+            memcpy(rod->try_x, rod->best_x, n * sizeof *rod->best_x);
+            memcpy(rod->try_theta, rod->best_theta, n * sizeof *rod->best_theta);
+            ndli_rod_set_shape(rod, rod->try_x, rod->try_theta);
+        }
+        ndli_rod_balance(rod, problem, attempt == 0 ? NDLI_ROD_EXACT : 0, &rod->matrix, &again);
+        if (ndli_rod_solve_step(rod, problem, shifts[attempt])) {
+            double slope = ndli_rod_slope(rod);
+            if ((moving || slope < 0) && ndli_rod_search(rod, problem, moving, slope, progress))
+                return 1;
+        }
+    }
+    memcpy(rod->try_x, rod->best_x, n * sizeof *rod->best_x);
+    memcpy(rod->try_theta, rod->best_theta, n * sizeof *rod->best_theta);
+    ndli_rod_set_shape(rod, rod->try_x, rod->try_theta);
+    return 0;
+}
+
+/* From try_x and try_theta to where the potential is least; predicted says where held nodes go. SB_OK also when capped. */
+static sb_result ndli_rod_minimise(ndl_rod *rod, const ndli_rod_problem *problem, ndl_rod_info *info)
+{
+    ndli_rod_progress progress;
+    if (ndli_rod_set_shape(rod, rod->try_x, rod->try_theta) >= 0)
+        return SB_ERROR_DIVERGED;
+    ndli_rod_set_damping_shape(rod);
+    progress = ndli_rod_potential(rod, problem);
+    info->capped = 0;
+    for (int iteration = 0;; iteration++) {
+        ndli_rod_progress now;
+        int moving = ndli_rod_supports_move(rod);
+        ndli_rod_balance(rod, problem, 0, NULL, &now);
+        info->residual = (sb_real)(now.scale > 0 ? now.residual / now.scale : 0);
+        if (!ndli_is_finite(now.residual))
+            return SB_ERROR_DIVERGED;
+        if (!moving && now.residual <= problem->tolerance * now.scale + now.floor)
+            return SB_OK;
+        if (iteration == problem->max_newton) {
+            info->capped = 1;
+            return moving ? SB_ERROR_DIVERGED : SB_OK;
+        }
+        progress.potential = ndli_rod_potential(rod, problem).potential; /* with the damping of here */
+        if (!ndli_rod_iterate(rod, problem, &progress))
+            return now.residual <= 1e3 * now.floor ? SB_OK : SB_ERROR_DIVERGED;
+        info->newton_iterations++;
+    }
+}
+
+/* ---- common to steps and static solves ---- */
+
+static sb_result ndli_rod_fail(ndl_rod_info *info, sb_result result, const char *message)
+{
+    return sbi_fail(&info->error, result, "%s", message);
+}
+
+/* try_theta = theta with `share` of the turns that are due, the base's director for nodes held at `predicted`. */
+static void ndli_rod_set_turns(ndl_rod *rod, double share)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        rod->try_theta[j] = rod->theta[j] + share * rod->turn[j];
+    if (rod->base_director_set) {
+        ndli_v3 e = ndli_sub(rod->target[1], rod->target[0]), t = ndli_scale(1 / ndli_norm(e), e), d, m1, wanted;
+        double s, c;
+        d = ndli_rod_transport(rod->tangent[0], t, rod->director[0]);
+        sbi_dense_sin_cos(rod->theta[0], &s, &c);
+        m1 = ndli_madd(ndli_scale(c, d), s, ndli_cross(t, d));
+        wanted = rod->base_director;
+        rod->try_theta[0] += share * sbi_dense_atan2(ndli_dot(ndli_cross(m1, wanted), t), ndli_dot(m1, wanted));
+    }
+}
+
+static void ndli_rod_clear_turns(ndl_rod *rod)
+{
+    memset(rod->turn, 0, (size_t)rod->node_count * sizeof *rod->turn);
+    rod->base_director_set = 0;
+}
+
+static int ndli_rod_any(const unsigned char *flags, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (flags[i])
+            return 1;
+    return 0;
+}
+
+static int ndli_rod_any_torque(const ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        if (rod->torque[j] != 0)
+            return 1;
+    return 0;
+}
+
+/* What the supports exert, from the state. */
+static void ndli_rod_read_reactions(ndl_rod *rod, int moving)
+{
+    ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
+    ndli_rod_set_damping_shape(rod);
+    if (moving)
+        ndli_rod_add_damping_force(rod, rod->v, rod->gradient);
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 force = ndli_sub(rod->gradient[i], ndli_rod_load(rod, i));
+        rod->reaction[i] = rod->held[i] ? ndli_madd(force, rod->mass[i], rod->a[i]) : ndli_v(0, 0, 0);
+    }
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        rod->reaction_torque[j] = rod->turn_held[j] ? rod->turn_gradient[j] - rod->torque[j] : 0;
+}
+
+/* ---- time step ---- */
+
+/* Energy (J) of the state, loads' potential included; *lively: what of it is motion and strain. */
+static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
+{
+    ndli_rod_sums sums;
+    double energy;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    sums = ndli_rod_shape_energy(rod);
+    energy = sums.stretch + sums.bend + sums.twist;
+    for (int i = 0; i < rod->node_count; i++)
+        energy += 0.5 * rod->mass[i] * ndli_dot(rod->v[i], rod->v[i]);
+    *lively = energy;
+    for (int i = 0; i < rod->node_count; i++)
+        energy -= ndli_dot(ndli_rod_load(rod, i), rod->x[i]);
+    return energy;
+}
+
+/* Newmark with beta = 1/4, gamma = 1/2; or implicit Euler, which is beta = gamma = 1 without the old acceleration. */
+static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_info *info)
+{
+    double beta = euler ? 1 : 0.25, gamma = euler ? 1 : 0.5, keep = euler ? 0 : 1;
+    ndli_rod_problem problem;
+    sb_result result;
+    problem.inertia = 1 / (beta * dt * dt);
+    problem.rate = gamma / (beta * dt);
+    problem.max_newton = rod->max_newton;
+    problem.tolerance = rod->tolerance;
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 to = ndli_madd(rod->x[i], dt, rod->v[i]), target = rod->target[i];
+        rod->predicted[i] = rod->held[i] ? target : ndli_madd(to, keep * dt * dt * (0.5 - beta), rod->a[i]);
+        rod->predicted_velocity[i] = ndli_madd(rod->v[i], keep * dt * (1 - gamma), rod->a[i]);
+        rod->try_v[i] = rod->has_velocity[i] ? rod->target_velocity[i]
+                                             : ndli_scale(1 / dt, ndli_sub(target, rod->x[i]));
+        rod->try_x[i] = rod->x[i];
+    }
+    ndli_rod_set_turns(rod, 1);
+    result = ndli_rod_minimise(rod, &problem, info);
+    if (result != SB_OK)
+        return result;
+    ndli_rod_try_velocities(rod, &problem);
+    for (int i = 0; i < rod->node_count; i++) {
+        if (rod->held[i])
+            rod->a[i] = ndli_scale(1 / dt, ndli_sub(rod->try_v[i], rod->v[i]));
+        else
+            rod->a[i] = ndli_scale(problem.inertia, ndli_sub(rod->try_x[i], rod->predicted[i]));
+        rod->v[i] = rod->try_v[i];
+        rod->x[i] = rod->try_x[i];
+        if (!ndli_is_finite(ndli_norm(rod->a[i])))
+            return SB_ERROR_DIVERGED;
+    }
+    memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
+    return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
+}
+
+/* Whether the step has energy that came from nowhere. */
+static int ndli_rod_gained(ndl_rod *rod)
+{
+    double lively, energy = ndli_rod_total_energy(rod, &lively);
+    return energy - rod->ledger > 0.01 * lively;
+}
+
+/* Opens or closes the ledger; 1 when it may be held against the step. */
+static int ndli_rod_keep_ledger(ndl_rod *rod)
+{
+    double lively;
+    int busy = ndli_rod_any_torque(rod) || rod->base_director_set;
+    for (int i = 0; i < rod->node_count; i++)
+        busy = busy || rod->turn[i] != 0 ||
+               (rod->held[i] && (rod->has_velocity[i] || ndli_norm(ndli_sub(rod->target[i], rod->x[i])) > 0));
+    if (busy) {
+        rod->ledger_open = 0;
+    } else if (!rod->ledger_open) {
+        rod->ledger = ndli_rod_total_energy(rod, &lively);
+        rod->ledger_open = 1;
+    }
+    return !busy;
+}
+
+NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
+{
+    ndl_rod_info local;
+    sb_result result;
+    int watched;
+    info = info ? info : &local;
+    memset(info, 0, sizeof *info);
+    if (!rod || !(dt > 0) || !sb_is_finite(dt))
+        return ndli_rod_fail(info, SB_ERROR_ARGUMENT, "rod is NULL, or dt is not above 0");
+    if (!ndli_rod_any_turn_held(rod) && ndli_rod_any_torque(rod))
+        return ndli_rod_fail(info, SB_ERROR_UNCONSTRAINED, "a torque acts, but no edge is held against turning");
+    watched = ndli_rod_keep_ledger(rod);
+    ndli_rod_save(rod);
+    result = ndli_rod_try_step(rod, (double)dt, 0, info);
+    if (watched && (result != SB_OK || ndli_rod_gained(rod))) {
+        ndli_rod_restore(rod);
+        info->damped = 1;
+        result = ndli_rod_try_step(rod, (double)dt, 1, info);
+    }
+    if (result != SB_OK) {
+        ndli_rod_restore(rod);
+        return ndli_rod_fail(info, result, "Newton found no step that lowers the potential; the step was undone");
+    }
+    ndli_rod_clear_turns(rod);
+    ndli_rod_read_reactions(rod, 1);
+    ndli_rod_publish(rod);
+    info->error.element = info->error.node = -1;
+    return SB_OK;
+}
+
+/* ---- statics ---- */
+
+/* In how many pieces supports and turns go where they must: a quarter of the shortest edge, a radian. */
+static int ndli_rod_pieces(const ndl_rod *rod)
+{
+    double shortest = rod->rest_length[0], farthest = 0, most = 0;
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        shortest = fmin(shortest, rod->rest_length[j]);
+        most = fmax(most, fabs(rod->turn[j]));
+    }
+    for (int i = 0; i < rod->node_count; i++)
+        if (rod->held[i])
+            farthest = fmax(farthest, ndli_norm(ndli_sub(rod->target[i], rod->x[i])));
+    return (int)fmin(1000, 1 + floor(fmax(4 * farthest / shortest, most)));
+}
+
+/* Moves the supports the share still to go, and finds the equilibrium there. */
+static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *problem, double share, ndl_rod_info *info)
+{
+    sb_result result;
+    for (int i = 0; i < rod->node_count; i++) {
+        rod->predicted[i] = rod->x[i];
+        rod->predicted_velocity[i] = ndli_v(0, 0, 0);
+        if (rod->held[i])
+            rod->predicted[i] = share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i]))
+                                          : rod->target[i];
+        rod->try_x[i] = rod->x[i];
+    }
+    ndli_rod_set_turns(rod, share);
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        rod->turn[j] *= 1 - share;
+    result = ndli_rod_minimise(rod, problem, info);
+    if (result != SB_OK)
+        return result;
+    memcpy(rod->x, rod->try_x, (size_t)rod->node_count * sizeof *rod->x);
+    memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
+    return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
+}
+
+static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
+{
+    ndli_rod_problem problem = {0, 0, 20, 0.01};
+    int pieces = ndli_rod_pieces(rod), most = options->max_newton;
+    sb_result result = SB_OK;
+    for (int piece = 0; piece < pieces - 1 && result == SB_OK; piece++)
+        result = ndli_rod_solve_piece(rod, &problem, 1.0 / (pieces - piece), info);
+    problem.tolerance = (double)options->tolerance;
+    for (int done = 0; result == SB_OK && done < most; done += problem.max_newton) {
+        /* frames are told from where the last round ended: none may turn far between two */
+        problem.max_newton = sbi_max_int(2, sbi_min_int(10, most - done));
+        result = ndli_rod_solve_piece(rod, &problem, 1, info);
+        rod->base_director_set = 0;
+        if (!info->capped)
+            break;
+    }
+    return result == SB_OK && info->capped ? SB_ERROR_NOT_CONVERGED : result;
+}
+
+NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
+{
+    ndl_rod_static_options defaults = ndl_default_rod_static_options();
+    ndl_rod_info local;
+    sb_result result;
+    size_t n;
+    int base_director_set;
+    info = info ? info : &local;
+    memset(info, 0, sizeof *info);
+    options = options ? options : &defaults;
+    if (!rod || !ndli_rod_static_options_valid(options))
+        return ndli_rod_fail(info, SB_ERROR_ARGUMENT, "rod is NULL, or options are out of range");
+    if (!ndli_rod_any(rod->held, rod->node_count))
+        return ndli_rod_fail(info, SB_ERROR_UNCONSTRAINED, "no node is held");
+    if (!ndli_rod_any_turn_held(rod) && ndli_rod_any_torque(rod))
+        return ndli_rod_fail(info, SB_ERROR_UNCONSTRAINED, "a torque acts, but no edge is held against turning");
+    n = (size_t)rod->node_count;
+    ndli_rod_save(rod);
+    base_director_set = rod->base_director_set;
+    memcpy(rod->saved_turns, rod->turn, n * sizeof *rod->turn);
+    result = ndli_rod_solve_pieces(rod, options, info);
+    if (result != SB_OK) {
+        ndli_rod_restore(rod);
+        memcpy(rod->turn, rod->saved_turns, n * sizeof *rod->turn);
+        rod->base_director_set = base_director_set;
+        return ndli_rod_fail(info, result, result == SB_ERROR_NOT_CONVERGED
+                                               ? "max_newton was reached; the rod is as it was"
+                                               : "Newton found no step that lowers the energy; the rod is as it was");
+    }
+    memset(rod->v, 0, n * sizeof *rod->v);
+    memset(rod->a, 0, n * sizeof *rod->a);
+    ndli_rod_clear_turns(rod);
+    ndli_rod_read_reactions(rod, 0);
+    rod->ledger_open = 0;
+    ndli_rod_publish(rod);
+    info->error.element = info->error.node = -1;
+    return SB_OK;
+}
