@@ -20,6 +20,7 @@ static const sb_result all_results[] = {
     SB_ERROR_NOT_CONVERGED,
     SB_ERROR_INDEFINITE,
     SB_ERROR_STATE,
+    SB_ERROR_CANCELLED,
 };
 enum { RESULT_COUNT = (int)(sizeof all_results / sizeof all_results[0]) };
 
@@ -39,7 +40,7 @@ static void test_result_strings(void)
         for (int j = 0; j < i; j++)
             CHECK(strcmp(name, sb_result_string(all_results[j])) != 0);
     }
-    CHECK(strcmp(sb_result_string((sb_result)-16), "unknown sb_result") == 0);
+    CHECK(strcmp(sb_result_string((sb_result)-17), "unknown sb_result") == 0);
     CHECK(strcmp(sb_result_string((sb_result)1), "unknown sb_result") == 0);
 }
 

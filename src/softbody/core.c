@@ -25,6 +25,7 @@ SB_API const char *sb_result_string(sb_result result)
     case SB_ERROR_NOT_CONVERGED: return "SB_ERROR_NOT_CONVERGED";
     case SB_ERROR_INDEFINITE: return "SB_ERROR_INDEFINITE";
     case SB_ERROR_STATE: return "SB_ERROR_STATE";
+    case SB_ERROR_CANCELLED: return "SB_ERROR_CANCELLED";
     }
     return "unknown sb_result";
 }

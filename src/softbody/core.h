@@ -107,7 +107,8 @@ typedef enum sb_result {
     SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
     SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
     SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise

@@ -454,23 +454,7 @@ SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 
 /* ---- keys: faces, edges and elements by their sorted corners ---- */
 
-typedef enum sbi_mesh_part {
-    SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
-    SBI_MESH_EDGES,
-    SBI_MESH_WHOLE
-} sbi_mesh_part;
-
-/* Parts of all elements; part p belongs to element p / per_element. */
-typedef struct sbi_mesh_keys {
-    int count; /* parts */
-    int per_element;
-    int width;  /* corners per part; a part with fewer repeats its highest */
-    int sorted; /* parts in `order`: those of elements that were not skipped */
-    int *keys;  /* [count][width] corner nodes, ascending */
-    int *order; /* [sorted] parts sorted by key, equal keys by part */
-} sbi_mesh_keys;
-
-static void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys)
+SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     sbi_free(allocator, keys->keys);
     sbi_free(allocator, keys->order);
@@ -566,10 +550,8 @@ static int sbi_mesh_keys_sort(const sb_allocator *allocator, sbi_mesh_keys *keys
     return ok;
 }
 
-/* Sorted keys of all parts of the elements that `skip` (may be NULL) does not mark; their indices are in
- * range. 0 when memory is short or the parts do not fit an int. */
-static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
-                              const sb_allocator *allocator, sbi_mesh_keys *keys)
+SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
+                               const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_NODES];
     sbi_element element = sbi_mesh_element_kind(mesh);
@@ -591,8 +573,7 @@ static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const uns
     return 0;
 }
 
-/* End of the run of equal keys that begins at position `begin` of the order. */
-static int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
+SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
 {
     size_t width = (size_t)keys->width;
     const int *key = keys->keys + (size_t)keys->order[begin] * width;
@@ -995,6 +976,48 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
         return 0;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_quality_of(mesh, &table, element);
+}
+
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
+    sb_real size[4];
+    normals[1] = sb_v3_cross(b, c);
+    normals[2] = sb_v3_cross(c, a);
+    normals[3] = sb_v3_cross(a, b);
+    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
+    *of_smallest = -1;
+    *of_largest = 1;
+    for (int i = 0; i < 4; i++)
+        size[i] = sb_v3_norm(normals[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = i + 1; j < 4; j++) {
+            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
+            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
+        }
+}
+
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
+{
+    const sb_real degrees = (sb_real)57.295779513082321;
+    sb_real sharp = -1, blunt = 1;
+    int is_tet = mesh && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10) && mesh->element_count > 0;
+    for (int e = 0; is_tet && e < mesh->element_count; e++) {
+        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+        sb_vec3 corners[4];
+        sb_real of_smallest, of_largest;
+        for (int a = 0; a < 4; a++)
+            corners[a] = mesh->nodes[nodes[a]];
+        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+        sharp = of_smallest <= sharp ? sharp : of_smallest;
+        blunt = of_largest >= blunt ? blunt : of_largest;
+    }
+    if (smallest)
+        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
+    if (largest)
+        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
 }
 
 /* ---- the report ---- */
@@ -1607,8 +1630,7 @@ static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, 
     return sbi_mesh_check_arrays(mesh, error);
 }
 
-/* How a face is cut into triangles with its nodes as corners; returns how many. */
-static int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
+SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
 {
     static const signed char tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
     static const signed char quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};

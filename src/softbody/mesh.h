@@ -123,6 +123,9 @@ SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
  * corner of edges scaled to length 1; hex20, hex27, custom: the same of the columns dx/dxi at all nodes, face
  * centres and points (custom: points only); triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
 SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
+/* Smallest and largest angle (degrees) between two faces of an element, over all elements of a tet4 or tet10 mesh (of
+ * its corners); both 0 for other types and without elements. Either place may be NULL. */
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest);
 
 /* ---- repairs, on request only ---------------------------------------------------------------------------
  * They change the mesh in place, take scratch from mesh->allocator and leave the mesh as it was on failure.
@@ -224,9 +227,37 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 {
     return sbi_element_make(mesh->element_type, mesh->table);
 }
+/* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);
+/* Faces, edges or whole elements as keys: their corners sorted ascending, with equal keys side by side. */
+typedef enum sbi_mesh_part {
+    SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
+    SBI_MESH_EDGES,
+    SBI_MESH_WHOLE
+} sbi_mesh_part;
+
+/* Parts of all elements; part p belongs to element p / per_element. */
+typedef struct sbi_mesh_keys {
+    int count; /* parts */
+    int per_element;
+    int width;  /* corners per part; a part with fewer repeats its highest */
+    int sorted; /* parts in `order`: those of elements that were not skipped */
+    int *keys;  /* [count][width] corner nodes, ascending */
+    int *order; /* [sorted] parts sorted by key, equal keys by part */
+} sbi_mesh_keys;
+
+/* Sorted keys of all parts of the elements that `skip` (may be NULL) does not mark; their indices are in
+ * range. 0 when memory is short or the parts do not fit an int. */
+SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
+                               const sb_allocator *allocator, sbi_mesh_keys *keys);
+SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys);
+/* End of the run of equal keys that begins at position `begin` of the order. */
+SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin);
+/* How a face is cut into triangles with its nodes as corners; returns how many. */
+SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 #endif
 
 #endif /* SB_MESH_H */

@@ -1,0 +1,85 @@
+/* stuffing: a tetrahedral mesh from any closed surface or signed distance, with bounded dihedral angles. Floor 2.
+ * Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice is laid over the shape, lattice points
+ * near the surface are moved onto it, and the tets that it still crosses are cut by stencils. No size of the input
+ * triangles, their quality or their number enters the mesh. */
+#ifndef SB_STUFFING_H
+#define SB_STUFFING_H
+
+#include "mesh.h"
+#include "surface.h"
+
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. Only
+ * the sign and the zero set decide what is meshed; the values between steer how fast the surface is found. It must
+ * give the same value for the same point each time, also when called from several threads at once. */
+typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
+
+/* Shapes of one mesh, at most. */
+#define SB_STUFF_MAX_SHAPES 64
+
+/* One of the shapes that a mesh is made of: a surface, or a function. */
+typedef struct sb_stuff_shape {
+    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL, then
+                                * `distance` is called. Borrowed for the call */
+    sb_distance distance;
+    void *user;                /* handed to `distance` */
+    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                                * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;                /* of the elements inside this shape and inside none that follows it */
+} sb_stuff_shape;
+
+/* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
+ *
+ * The first shape is the body; what follows lies inside it, nested or side by side: skin, prostate, bone. Where shapes
+ * overlap the later one wins; what sticks out of the first is cut off. Regions share the nodes of the faces between
+ * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
+ * up to a cell; the outer boundary never does. */
+typedef struct sb_stuff_def {
+    const sb_stuff_shape *shapes; /* [shape_count] borrowed */
+    int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
+    sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
+                                   * surface, which brings its own */
+    sb_real cell;                 /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
+    int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
+    sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
+    int max_elements;             /* more than that are refused; default 20 million */
+    int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
+                                                   * a result other than 0 cancels. Default NULL */
+    void *progress_user;
+    sb_allocator allocator;       /* of the mesh and of all scratch; default malloc */
+    sb_jobs jobs;                 /* of sampling; default inline */
+    unsigned cookie;              /* set by sb_default_stuff_def; a def made without it is refused */
+} sb_stuff_def;
+
+/* What came out. */
+typedef struct sb_stuff_report {
+    int cells[3];            /* of the lattice, along x, y, z */
+    int node_count, element_count;
+    sb_real min_dihedral, max_dihedral; /* degrees */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
+                              * middles of edges and the centres of its triangles; functions: to where a few Newton
+                              * steps end */
+    sb_real volume;          /* m^3 */
+} sb_stuff_report;
+
+SB_API sb_stuff_def sb_default_stuff_def(void);
+
+/* Makes the mesh: positively oriented tets with regions, all nodes used, ready for sb_body_create.
+ *
+ * Every dihedral angle lies in 10.7 to 164.8 degrees, for one shape or several, with levels or without: what is cut or
+ * moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
+ *
+ * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
+ * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
+ * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles. What is thinner than a cell may be
+ * missing, in part or as a whole, or join across a gap; parts that come loose stay (sb_mesh_components finds them).
+ *
+ * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
+ * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
+ * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
+ * not), SB_ERROR_MESH (nothing to mesh: the cell is too large, or the surface is inside out),
+ * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
+ * cell of the box, the rest O(mesh). */
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
+
+#endif /* SB_STUFFING_H */
