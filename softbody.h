@@ -312,6 +312,7 @@
 #define sb_mesh_surface_area sb_mesh_surface_area_f32
 #define sb_mesh_bounds sb_mesh_bounds_f32
 #define sb_mesh_element_quality sb_mesh_element_quality_f32
+#define sb_mesh_dihedral_range sb_mesh_dihedral_range_f32
 #define sb_mesh_orient sb_mesh_orient_f32
 #define sb_mesh_orient_surface sb_mesh_orient_surface_f32
 #define sb_mesh_merge_nodes sb_mesh_merge_nodes_f32
@@ -342,6 +343,32 @@
 #define sb_mesh_save_obj sb_mesh_save_obj_f32
 #define sb_mesh_save_stl sb_mesh_save_stl_f32
 #define sb_mesh_save_ply sb_mesh_save_ply_f32
+#define sb_surface_create sb_surface_create_f32
+#define sb_surface_destroy sb_surface_destroy_f32
+#define sb_surface_move sb_surface_move_f32
+#define sb_surface_node_count sb_surface_node_count_f32
+#define sb_surface_triangle_count sb_surface_triangle_count_f32
+#define sb_surface_triangle sb_surface_triangle_f32
+#define sb_surface_bounds sb_surface_bounds_f32
+#define sb_surface_is_closed sb_surface_is_closed_f32
+#define sb_surface_bytes sb_surface_bytes_f32
+#define sb_surface_closest sb_surface_closest_f32
+#define sb_surface_closest_from sb_surface_closest_from_f32
+#define sb_surface_ray sb_surface_ray_f32
+#define sb_surface_ray_all sb_surface_ray_all_f32
+#define sb_surface_signed_distance sb_surface_signed_distance_f32
+#define sb_surface_signed_distance_winding sb_surface_signed_distance_winding_f32
+#define sb_surface_winding_number sb_surface_winding_number_f32
+#define sb_surface_winding_number_exact sb_surface_winding_number_exact_f32
+#define sb_surface_inside sb_surface_inside_f32
+#define sb_surface_normal sb_surface_normal_f32
+#define sb_surface_closest_batch sb_surface_closest_batch_f32
+#define sb_surface_signed_distance_batch sb_surface_signed_distance_batch_f32
+#define sb_surface_signed_distance_winding_batch sb_surface_signed_distance_winding_batch_f32
+#define sb_surface_winding_number_batch sb_surface_winding_number_batch_f32
+#define sb_surface_inside_batch sb_surface_inside_batch_f32
+#define sb_default_stuff_def sb_default_stuff_def_f32
+#define sb_mesh_stuff sb_mesh_stuff_f32
 #define sb_material_linear sb_material_linear_f32
 #define sb_material_corotated sb_material_corotated_f32
 #define sb_material_corotated_invertible sb_material_corotated_invertible_f32
@@ -588,7 +615,8 @@ typedef enum sb_result {
     SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
     SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
     SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
@@ -2308,6 +2336,9 @@ SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
  * corner of edges scaled to length 1; hex20, hex27, custom: the same of the columns dx/dxi at all nodes, face
  * centres and points (custom: points only); triangles: 4 sqrt(3) A / sum of squared edges (of the corners). */
 SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element);
+/* Smallest and largest angle (degrees) between two faces of an element, over all elements of a tet4 or tet10 mesh (of
+ * its corners); both 0 for other types and without elements. Either place may be NULL. */
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest);
 
 /* ---- repairs, on request only ---------------------------------------------------------------------------
  * They change the mesh in place, take scratch from mesh->allocator and leave the mesh as it was on failure.
@@ -2572,6 +2603,224 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
 SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_MESHIO_H */
+
+/* ==== src/softbody/surface.h ==== */
+/* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
+ * repairs. Floor 2.
+ *
+ *     sb_surface *skin = NULL;
+ *     if (sb_surface_create(&mesh, NULL, &skin, &error) != SB_OK) ...
+ *     sb_real d = sb_surface_signed_distance(skin, point, &hit);   (m, negative inside)
+ *     sb_surface_destroy(skin);
+ *
+ * Surfaces are oriented outward: corners counter-clockwise seen from outside. Queries allocate nothing, change nothing
+ * (so any number of threads may ask at once) and give the same bits for any tree, thread count and compiler: the
+ * closest triangle is the one whose own distance is smallest, of equal ones that with the lowest number. */
+#ifndef SB_SURFACE_H
+#define SB_SURFACE_H
+
+
+/* A surface of triangles with its tree of boxes, made by sb_surface_create; independent of the mesh it was made of. */
+typedef struct sb_surface sb_surface;
+
+/* Where on its triangle a point lies. */
+typedef enum sb_surface_feature {
+    SB_SURFACE_FACE = 0,
+    SB_SURFACE_EDGE = 1,  /* edge i joins corners i and i + 1 (2: corners 2 and 0) */
+    SB_SURFACE_VERTEX = 2 /* corner i */
+} sb_surface_feature;
+
+/* What a query found. Without a find (result 0) triangle and element are -1, the distance is infinite and the rest 0. */
+typedef struct sb_surface_hit {
+    int triangle;               /* in [0, sb_surface_triangle_count) */
+    int element;                /* of the mesh: the triangle's, or the face that was cut into triangles */
+    sb_surface_feature feature; /* which kind of place on the triangle, and with `index` which of them */
+    int index;                  /* edge or corner, 0 for a face */
+    sb_vec3 point;              /* m, on the surface */
+    sb_real weights[3];         /* of the triangle's corners, >= 0 up to rounding, sum 1: point = sum weight_i corner_i */
+    sb_real distance;           /* m; rays: from the origin along the ray. Signed distance queries: with its sign */
+} sb_surface_hit;
+
+/* ---- life ------------------------------------------------------------------------------------------------------ */
+
+/* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
+ * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
+ * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
+ * memory from `allocator` (NULL: malloc) for everything, plus scratch that goes back; about 60 ms for 100,000
+ * triangles. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take sb_mesh_boundary), _MESH (empty, or too many
+ * triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
+SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
+                                   sb_error *error);
+SB_API void sb_surface_destroy(sb_surface *surface); /* accepts NULL */
+
+/* Moves the nodes to nodes[sb_surface_node_count] (m) and refits boxes, normals and far fields in one pass over the
+ * triangles, in parallel on `jobs` (NULL: inline). The tree keeps its shape: answers stay right however far the surface
+ * deforms, and stay fast as long as neighbours stay near each other. Closest points, rays and signs are those of a new
+ * surface, to the bit. Allocates nothing. SB_ERROR_ARGUMENT or _NOT_FINITE (error->node): nothing has changed. */
+SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, const sb_jobs *jobs, sb_error *error);
+
+/* ---- what it is made of (0 or {0} for NULL) -------------------------------------------------------------------- */
+
+SB_API int sb_surface_node_count(const sb_surface *surface); /* nodes of the mesh, also those of no triangle */
+SB_API int sb_surface_triangle_count(const sb_surface *surface);
+/* Nodes of a triangle, in the order of the mesh's numbering; the mesh's element it was cut from is returned. -1
+ * (nothing written) when there is no such triangle. nodes may be NULL. */
+SB_API int sb_surface_triangle(const sb_surface *surface, int triangle, int nodes[3]);
+/* Smallest box around the triangles (m). */
+SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *high);
+/* 1 when every edge is run through as often one way as the other: the surface then bounds a solid, its winding number
+ * is whole, and distances have an unquestionable sign. */
+SB_API int sb_surface_is_closed(const sb_surface *surface);
+/* Bytes of its block of memory. */
+SB_API size_t sb_surface_bytes(const sb_surface *surface);
+
+/* ---- one query ---------------------------------------------------------------------------------------------------
+ * A point with a NaN or an infinite coordinate, or 1e15 (float: 1e6) times as far off as the surface is large, finds
+ * nothing: result 0, signed distance infinite for a far point and NaN for one that is no number, winding number 0. */
+
+/* Closest point of the surface within max_distance (m, >= 0; SB_REAL_MAX: any). 1 and *hit, or 0 when nothing is as
+ * near or an argument is NULL or NaN. hit may be NULL: only whether. O(log triangles). */
+SB_API int sb_surface_closest(const sb_surface *surface, sb_vec3 point, sb_real max_distance, sb_surface_hit *hit);
+/* The same with a triangle that is likely to be near (that of the last query, or of a neighbour; any other number: no
+ * idea): the same answer, sooner. */
+SB_API int sb_surface_closest_from(const sb_surface *surface, sb_vec3 point, sb_real max_distance, int triangle,
+                                   sb_surface_hit *hit);
+
+/* First triangle that the ray from origin along direction (any length but 0) meets within max (m, >= 0; SB_REAL_MAX:
+ * any), from either side. 1 and *hit (or NULL), or 0. No ray slips through between triangles that share an edge or
+ * corner; triangles seen exactly edge-on are not met. Source: Woop, Benthin, Wald 2013. */
+SB_API int sb_surface_ray(const sb_surface *surface, sb_vec3 origin, sb_vec3 direction, sb_real max,
+                          sb_surface_hit *hit);
+/* All triangles that the ray meets within max: returns how many, and the first `capacity` of them in hits (may be NULL
+ * with capacity 0: only count), nearest first. A ray through an edge meets both its triangles. */
+SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3 direction, sb_real max,
+                              sb_surface_hit *hits, int capacity);
+
+/* Distance to the surface (m), negative inside. *hit (or NULL): the closest point. The sign is that of the
+ * angle-weighted pseudonormal at the closest point (Baerentzen, Aanaes 2005), exact for closed surfaces that do not
+ * cross themselves; where that normal means nothing (at degenerate triangles, edges of more or fewer than two
+ * triangles, corners where parts touch, folds), sb_surface_inside decides. On an open surface the sign says which side
+ * of the nearest triangle the point is on. */
+SB_API sb_real sb_surface_signed_distance(const sb_surface *surface, sb_vec3 point, sb_surface_hit *hit);
+/* The same with the sign from sb_surface_inside everywhere: for surfaces with holes, overlaps or loose parts. About
+ * twice the time. */
+SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_vec3 point, sb_surface_hit *hit);
+
+/* Generalised winding number: the solid angle under which the point sees the surface, over 4 pi. 1 inside a closed
+ * surface, 0 outside, in between near holes; 2 where two solids overlap. Near triangles are summed exactly, groups of
+ * far ones by their Taylor expansion to second order (Barill et al. 2018, beta 2): within 0.05 of the exact sum.
+ * O(log triangles). */
+SB_API sb_real sb_surface_winding_number(const sb_surface *surface, sb_vec3 point);
+/* Every triangle summed exactly. O(triangles). */
+SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec3 point);
+/* 1 where the winding number is 1/2 or more. */
+SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point);
+
+/* Unit pseudonormal at a hit, pointing outward: of the face, the mean of the two at an edge, angle-weighted at a
+ * corner; 0 where there is none (degenerate triangles) or for no hit. */
+SB_API sb_vec3 sb_surface_normal(const sb_surface *surface, const sb_surface_hit *hit);
+
+/* ---- many queries, in parallel on `jobs` (NULL: inline) ---------------------------------------------------------
+ * Each gives for points[count] what the single query gives, to the bit. Faster still when neighbours in the array are
+ * neighbours in space. Nothing happens for NULL or a count below 1. */
+SB_API void sb_surface_closest_batch(const sb_surface *surface, const sb_vec3 *points, int count, sb_real max_distance,
+                                     sb_surface_hit *hits, const sb_jobs *jobs);
+/* distances[count]; hits[count] or NULL. */
+SB_API void sb_surface_signed_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                             sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs);
+SB_API void sb_surface_signed_distance_winding_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                                     sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs);
+SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                            sb_real *numbers, const sb_jobs *jobs);
+SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
+                                    const sb_jobs *jobs);
+
+#endif /* SB_SURFACE_H */
+
+/* ==== src/softbody/stuffing.h ==== */
+/* stuffing: a tetrahedral mesh from any closed surface or signed distance, with bounded dihedral angles. Floor 2.
+ * Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice is laid over the shape, lattice points
+ * near the surface are moved onto it, and the tets that it still crosses are cut by stencils. No size of the input
+ * triangles, their quality or their number enters the mesh. */
+#ifndef SB_STUFFING_H
+#define SB_STUFFING_H
+
+
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. Only
+ * the sign and the zero set decide what is meshed; the values between steer how fast the surface is found. It must
+ * give the same value for the same point each time, also when called from several threads at once. */
+typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
+
+/* Shapes of one mesh, at most. */
+#define SB_STUFF_MAX_SHAPES 64
+
+/* One of the shapes that a mesh is made of: a surface, or a function. */
+typedef struct sb_stuff_shape {
+    const sb_surface *surface; /* closed, it may cross itself (inside is where the winding number says so); or NULL, then
+                                * `distance` is called. Borrowed for the call */
+    sb_distance distance;
+    void *user;                /* handed to `distance` */
+    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                                * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;                /* of the elements inside this shape and inside none that follows it */
+} sb_stuff_shape;
+
+/* What to mesh and how finely. Start from sb_default_stuff_def(), set shapes and cell, change what you like.
+ *
+ * The first shape is the body; what follows lies inside it, nested or side by side: skin, prostate, bone. Where shapes
+ * overlap the later one wins; what sticks out of the first is cut off. Regions share the nodes of the faces between
+ * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
+ * up to a cell; the outer boundary never does. */
+typedef struct sb_stuff_def {
+    const sb_stuff_shape *shapes; /* [shape_count] borrowed */
+    int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
+    sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
+                                   * surface, which brings its own */
+    sb_real cell;                 /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
+    int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
+    sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
+    int max_elements;             /* more than that are refused; default 20 million */
+    int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
+                                                   * a result other than 0 cancels. Default NULL */
+    void *progress_user;
+    sb_allocator allocator;       /* of the mesh and of all scratch; default malloc */
+    sb_jobs jobs;                 /* of sampling; default inline */
+    unsigned cookie;              /* set by sb_default_stuff_def; a def made without it is refused */
+} sb_stuff_def;
+
+/* What came out. */
+typedef struct sb_stuff_report {
+    int cells[3];            /* of the lattice, along x, y, z */
+    int node_count, element_count;
+    sb_real min_dihedral, max_dihedral; /* degrees */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
+                              * middles of edges and the centres of its triangles; functions: to where a few Newton
+                              * steps end */
+    sb_real volume;          /* m^3 */
+} sb_stuff_report;
+
+SB_API sb_stuff_def sb_default_stuff_def(void);
+
+/* Makes the mesh: positively oriented tets with regions, all nodes used, ready for sb_body_create.
+ *
+ * Every dihedral angle lies in 10.7 to 164.8 degrees, for one shape or several, with levels or without: what is cut or
+ * moved belongs to cells of the finest size only, and the tets between sizes have 45 to 120 degrees.
+ *
+ * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
+ * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
+ * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles. What is thinner than a cell may be
+ * missing, in part or as a whole, or join across a gap; parts that come loose stay (sb_mesh_components finds them).
+ *
+ * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
+ * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
+ * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
+ * not), SB_ERROR_MESH (nothing to mesh: the cell is too large, or the surface is inside out),
+ * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
+ * cell of the box, the rest O(mesh). */
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
+
+#endif /* SB_STUFFING_H */
 
 /* ==== src/softbody/material.h ==== */
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 1.
@@ -4608,9 +4857,37 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 {
     return sbi_element_make(mesh->element_type, mesh->table);
 }
+/* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
 SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
                               int with_regions, const sb_allocator *allocator);
+/* Faces, edges or whole elements as keys: their corners sorted ascending, with equal keys side by side. */
+typedef enum sbi_mesh_part {
+    SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
+    SBI_MESH_EDGES,
+    SBI_MESH_WHOLE
+} sbi_mesh_part;
+
+/* Parts of all elements; part p belongs to element p / per_element. */
+typedef struct sbi_mesh_keys {
+    int count; /* parts */
+    int per_element;
+    int width;  /* corners per part; a part with fewer repeats its highest */
+    int sorted; /* parts in `order`: those of elements that were not skipped */
+    int *keys;  /* [count][width] corner nodes, ascending */
+    int *order; /* [sorted] parts sorted by key, equal keys by part */
+} sbi_mesh_keys;
+
+/* Sorted keys of all parts of the elements that `skip` (may be NULL) does not mark; their indices are in
+ * range. 0 when memory is short or the parts do not fit an int. */
+SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
+                               const sb_allocator *allocator, sbi_mesh_keys *keys);
+SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys);
+/* End of the run of equal keys that begins at position `begin` of the order. */
+SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin);
+/* How a face is cut into triangles with its nodes as corners; returns how many. */
+SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 
 /* ==== src/softbody/material.h, internal ==== */
 /* ==== internal: shares of a material =====================================================================
@@ -4817,6 +5094,7 @@ SB_API const char *sb_result_string(sb_result result)
     case SB_ERROR_NOT_CONVERGED: return "SB_ERROR_NOT_CONVERGED";
     case SB_ERROR_INDEFINITE: return "SB_ERROR_INDEFINITE";
     case SB_ERROR_STATE: return "SB_ERROR_STATE";
+    case SB_ERROR_CANCELLED: return "SB_ERROR_CANCELLED";
     }
     return "unknown sb_result";
 }
@@ -6160,23 +6438,7 @@ SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 
 /* ---- keys: faces, edges and elements by their sorted corners ---- */
 
-typedef enum sbi_mesh_part {
-    SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
-    SBI_MESH_EDGES,
-    SBI_MESH_WHOLE
-} sbi_mesh_part;
-
-/* Parts of all elements; part p belongs to element p / per_element. */
-typedef struct sbi_mesh_keys {
-    int count; /* parts */
-    int per_element;
-    int width;  /* corners per part; a part with fewer repeats its highest */
-    int sorted; /* parts in `order`: those of elements that were not skipped */
-    int *keys;  /* [count][width] corner nodes, ascending */
-    int *order; /* [sorted] parts sorted by key, equal keys by part */
-} sbi_mesh_keys;
-
-static void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys)
+SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     sbi_free(allocator, keys->keys);
     sbi_free(allocator, keys->order);
@@ -6272,10 +6534,8 @@ static int sbi_mesh_keys_sort(const sb_allocator *allocator, sbi_mesh_keys *keys
     return ok;
 }
 
-/* Sorted keys of all parts of the elements that `skip` (may be NULL) does not mark; their indices are in
- * range. 0 when memory is short or the parts do not fit an int. */
-static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
-                              const sb_allocator *allocator, sbi_mesh_keys *keys)
+SBI_API int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
+                               const sb_allocator *allocator, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_NODES];
     sbi_element element = sbi_mesh_element_kind(mesh);
@@ -6297,8 +6557,7 @@ static int sbi_mesh_keys_make(const sb_mesh *mesh, sbi_mesh_part part, const uns
     return 0;
 }
 
-/* End of the run of equal keys that begins at position `begin` of the order. */
-static int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
+SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
 {
     size_t width = (size_t)keys->width;
     const int *key = keys->keys + (size_t)keys->order[begin] * width;
@@ -6701,6 +6960,48 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
         return 0;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_quality_of(mesh, &table, element);
+}
+
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
+    sb_real size[4];
+    normals[1] = sb_v3_cross(b, c);
+    normals[2] = sb_v3_cross(c, a);
+    normals[3] = sb_v3_cross(a, b);
+    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
+    *of_smallest = -1;
+    *of_largest = 1;
+    for (int i = 0; i < 4; i++)
+        size[i] = sb_v3_norm(normals[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = i + 1; j < 4; j++) {
+            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
+            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
+        }
+}
+
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
+{
+    const sb_real degrees = (sb_real)57.295779513082321;
+    sb_real sharp = -1, blunt = 1;
+    int is_tet = mesh && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10) && mesh->element_count > 0;
+    for (int e = 0; is_tet && e < mesh->element_count; e++) {
+        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+        sb_vec3 corners[4];
+        sb_real of_smallest, of_largest;
+        for (int a = 0; a < 4; a++)
+            corners[a] = mesh->nodes[nodes[a]];
+        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+        sharp = of_smallest <= sharp ? sharp : of_smallest;
+        blunt = of_largest >= blunt ? blunt : of_largest;
+    }
+    if (smallest)
+        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
+    if (largest)
+        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
 }
 
 /* ---- the report ---- */
@@ -7313,8 +7614,7 @@ static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, 
     return sbi_mesh_check_arrays(mesh, error);
 }
 
-/* How a face is cut into triangles with its nodes as corners; returns how many. */
-static int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
+SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
 {
     static const signed char tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
     static const signed char quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};
@@ -12793,6 +13093,4098 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     if (!result && sbi_reader_word(reader, &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face",
                                sbi_word_print(word, text));
+    return result;
+}
+
+/* ==== src/softbody/surface.c ==== */
+/* surface: a tree of boxes over triangles, and what is asked of it.
+ *
+ * Nodes of the tree have four children; a leaf holds up to four triangles. Boxes and leaves are kept as float, four side
+ * by side, so that compilers turn the loops over them into vector code. They only ever say "too far": they work in
+ * local coordinates (centred, scaled by a power of two so that half the surface's size is in [1, 2)), and a slack covers
+ * their rounding. What is left, a few triangles per query, is computed in sb_real from the nodes. So the answer is the
+ * smallest of all triangles' own distances whatever the tree looks like, and its bits depend on nothing else.
+ *
+ * sb_real positions are scaled by the same power of two (which is exact): no square under- or overflows at any size. */
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
+    SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
+    SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
+    SBI_SURFACE_KNOT = -2   /* mate of an edge of several triangles, or of two that disagree on its direction */
+};
+
+/* What a triangle is good for. */
+enum {
+    SBI_SURFACE_SOUND = 0,
+    SBI_SURFACE_THIN = 1, /* so thin that the usual formulas lose half their digits */
+    SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
+};
+
+#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
+#define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
+
+/* Children that are not there lie nowhere, so no query gets to them. */
+typedef struct sbi_surface_node {
+    float low[3][SBI_SURFACE_WIDTH], high[3][SBI_SURFACE_WIDTH];
+    int child[SBI_SURFACE_WIDTH]; /* node, or ~leaf */
+    int slot;                     /* of this node in its parent: 4 parent + child */
+    int unused[3];                /* two cache lines in all */
+} sbi_surface_node;
+
+/* A triangle ABC, AB its longest edge, in a frame of its own: origin A, axes along AB, to C's side, along the normal. */
+enum {
+    SBI_LEAF_ORIGIN = 0,
+    SBI_LEAF_ALONG = 3,
+    SBI_LEAF_ACROSS = 6,
+    SBI_LEAF_NORMAL = 9,
+    SBI_LEAF_AB = 12, /* length */
+    SBI_LEAF_AC = 13, /* direction in the plane, length */
+    SBI_LEAF_BC = 16, /* direction in the plane, length */
+    SBI_LEAF_SIZE = 19
+};
+typedef struct sbi_surface_leaf {
+    float f[SBI_LEAF_SIZE][SBI_SURFACE_WIDTH];
+    int triangle[SBI_SURFACE_WIDTH]; /* -1: none, a copy of another */
+} sbi_surface_leaf;
+
+/* The far field of a node's children: area vectors and their first moments around the centres of area. */
+enum {
+    SBI_CLUSTER_CENTRE = 0,
+    SBI_CLUSTER_RADIUS = 3,
+    SBI_CLUSTER_AREA = 4,
+    SBI_CLUSTER_DIPOLE = 5,
+    SBI_CLUSTER_MOMENT = 8, /* symmetric part: xx yy zz yz xz xy */
+    SBI_CLUSTER_SIZE = 14
+};
+typedef struct sbi_surface_cluster {
+    float f[SBI_CLUSTER_SIZE][SBI_SURFACE_WIDTH];
+} sbi_surface_cluster;
+
+struct sb_surface {
+    sb_allocator allocator;
+    size_t bytes;
+    int node_count, triangle_count, tree_count, leaf_count;
+    int unbalanced; /* edges not run through as often one way as the other */
+    sb_vec3 *nodes;        /* [node_count] scaled */
+    int (*corners)[3];     /* [triangle_count] */
+    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or KNOT */
+    int *element;          /* [triangle_count] */
+    unsigned char *shape;  /* [triangle_count] sound, thin or flat */
+    unsigned char *pinched;/* [node_count] 1: parts touch in this node */
+    int *fan_start;        /* [node_count + 1] */
+    int *fan;              /* [3 triangle_count] 3 triangle + corner, by node */
+    sb_vec3 *normal;       /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
+    sbi_surface_node *tree;
+    sbi_surface_cluster *cluster; /* [tree_count] */
+    sbi_surface_leaf *leaf;
+    int *leaf_slot;        /* [leaf_count] 4 parent + child */
+    sb_vec3 low, high;     /* m */
+    sb_vec3 centre;        /* scaled */
+    sb_real scale, inverse;
+};
+
+/* ---- triangles -------------------------------------------------------------------------------------------------- */
+
+static void sbi_surface_corners(const sb_surface *s, int triangle, sb_vec3 x[3])
+{
+    for (int i = 0; i < 3; i++)
+        x[i] = s->nodes[s->corners[triangle][i]];
+}
+
+static sb_vec3 sbi_surface_area_vector(const sb_vec3 x[3])
+{
+    return sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])); /* twice the area */
+}
+
+static unsigned char sbi_surface_shape_of(const sb_vec3 x[3])
+{
+    sb_real longest = 0, area;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 edge = sb_v3_sub(x[(i + 1) % 3], x[i]);
+        longest = sb_max(longest, sb_v3_dot(edge, edge));
+    }
+    area = sb_v3_norm(sbi_surface_area_vector(x));
+    if (!(area > 8 * SB_EPSILON * longest))
+        return SBI_SURFACE_FLAT;
+    return area * area < sb_sqrt(SB_EPSILON) * longest * longest ? SBI_SURFACE_THIN : SBI_SURFACE_SOUND;
+}
+
+/* Unit normal; 0 for a flat triangle. */
+static sb_vec3 sbi_surface_unit_normal(const sb_surface *s, int triangle)
+{
+    sb_vec3 x[3], n;
+    if (s->shape[triangle] == SBI_SURFACE_FLAT)
+        return sb_v3(0, 0, 0);
+    sbi_surface_corners(s, triangle, x);
+    n = sbi_surface_area_vector(x);
+    return sb_v3_scale((sb_real)1 / sb_v3_norm(n), n);
+}
+
+/* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
+typedef struct sbi_surface_spot {
+    sb_real square, v, w;
+    int feature, index;
+} sbi_surface_spot;
+
+static sbi_surface_spot sbi_surface_spot_make(sb_real v, sb_real w, int feature, int index)
+{
+    sbi_surface_spot spot;
+    spot.square = 0;
+    spot.v = v;
+    spot.w = w;
+    spot.feature = feature;
+    spot.index = index;
+    return spot;
+}
+
+/* Square of p - v ab - w ac: the offset of the point from its place on the triangle. */
+static sb_real sbi_surface_spot_square(const sbi_surface_spot *spot, sb_vec3 p, sb_vec3 ab, sb_vec3 ac)
+{
+    sb_vec3 d = sb_v3_madd(sb_v3_madd(p, -spot->v, ab), -spot->w, ac);
+    return sb_v3_dot(d, d);
+}
+
+/* Voronoi regions of corners, edges and face in turn (Ericson 2005, 5.1.5); p: relative to corner 0. */
+static sbi_surface_spot sbi_surface_spot_sound(sb_vec3 p, sb_vec3 ab, sb_vec3 ac)
+{
+    sb_real d1 = sb_v3_dot(ab, p), d2 = sb_v3_dot(ac, p), d3, d4, d5, d6, va, vb, vc, t;
+    sb_vec3 b, c;
+    if (d1 <= 0 && d2 <= 0)
+        return sbi_surface_spot_make(0, 0, SB_SURFACE_VERTEX, 0);
+    b = sb_v3_sub(p, ab);
+    d3 = sb_v3_dot(ab, b);
+    d4 = sb_v3_dot(ac, b);
+    if (d3 >= 0 && d4 <= d3)
+        return sbi_surface_spot_make(1, 0, SB_SURFACE_VERTEX, 1);
+    vc = d1 * d4 - d3 * d2;
+    if (vc <= 0 && d1 >= 0 && d3 <= 0)
+        return sbi_surface_spot_make(d1 / (d1 - d3), 0, SB_SURFACE_EDGE, 0);
+    c = sb_v3_sub(p, ac);
+    d5 = sb_v3_dot(ab, c);
+    d6 = sb_v3_dot(ac, c);
+    if (d6 >= 0 && d5 <= d6)
+        return sbi_surface_spot_make(0, 1, SB_SURFACE_VERTEX, 2);
+    vb = d5 * d2 - d1 * d6;
+    if (vb <= 0 && d2 >= 0 && d6 <= 0)
+        return sbi_surface_spot_make(0, d2 / (d2 - d6), SB_SURFACE_EDGE, 2);
+    va = d3 * d6 - d5 * d4;
+    if (va <= 0 && d4 >= d3 && d5 >= d6) {
+        t = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return sbi_surface_spot_make(1 - t, t, SB_SURFACE_EDGE, 1);
+    }
+    t = (sb_real)1 / (va + vb + vc);
+    return sbi_surface_spot_make(vb * t, vc * t, SB_SURFACE_FACE, 0); /* thin or far: weights may be noise, see below */
+}
+
+/* Place on the edge from corner i with offset `from` to the next along `edge`, seen from p relative to the corner. */
+static sbi_surface_spot sbi_surface_spot_edge(sb_vec3 p, sb_vec3 edge, int i)
+{
+    sb_real along = sb_v3_dot(p, edge), length = sb_v3_dot(edge, edge), t[3] = {0, 0, 0};
+    int next = (i + 1) % 3;
+    if (along <= 0 || !(length > 0))
+        t[i] = 1, next = -1;
+    else if (along >= length)
+        t[next] = 1, i = next, next = -1;
+    else
+        t[next] = along / length, t[i] = 1 - t[next];
+    return sbi_surface_spot_make(t[1], t[2], next < 0 ? SB_SURFACE_VERTEX : SB_SURFACE_EDGE, i);
+}
+
+static int sbi_surface_spot_is_outside(const sbi_surface_spot *spot)
+{
+    return !(spot->v >= 0 && spot->w >= 0 && spot->v + spot->w <= 1);
+}
+
+/* The nearest of what the face, if it has one, and the three edges give: cancellation in the weights, or a face that is
+ * none, then do no harm. */
+static sbi_surface_spot sbi_surface_spot_thin(sb_vec3 p, sb_vec3 ab, sb_vec3 ac, int flat)
+{
+    sb_vec3 corner[3], edge;
+    sbi_surface_spot best = sbi_surface_spot_make(0, 0, SB_SURFACE_VERTEX, 0), spot;
+    corner[0] = sb_v3(0, 0, 0), corner[1] = ab, corner[2] = ac;
+    if (!flat) {
+        spot = sbi_surface_spot_sound(p, ab, ac);
+        if (!sbi_surface_spot_is_outside(&spot))
+            best = spot;
+    }
+    best.square = sbi_surface_spot_square(&best, p, ab, ac);
+    for (int i = 0; i < 3; i++) {
+        edge = sb_v3_sub(corner[(i + 1) % 3], corner[i]);
+        spot = sbi_surface_spot_edge(sb_v3_sub(p, corner[i]), edge, i);
+        spot.square = sbi_surface_spot_square(&spot, p, ab, ac);
+        if (spot.square < best.square)
+            best = spot;
+    }
+    return best;
+}
+
+static sbi_surface_spot sbi_surface_spot_on(const sb_surface *s, int triangle, sb_vec3 point)
+{
+    const int *nodes = s->corners[triangle];
+    sb_vec3 a = s->nodes[nodes[0]], ab = sb_v3_sub(s->nodes[nodes[1]], a), ac = sb_v3_sub(s->nodes[nodes[2]], a);
+    sb_vec3 p = sb_v3_sub(point, a);
+    sbi_surface_spot spot;
+    if (s->shape[triangle] != SBI_SURFACE_SOUND)
+        return sbi_surface_spot_thin(p, ab, ac, s->shape[triangle] == SBI_SURFACE_FLAT);
+    spot = sbi_surface_spot_sound(p, ab, ac);
+    if (spot.feature == SB_SURFACE_FACE && sbi_surface_spot_is_outside(&spot))
+        return sbi_surface_spot_thin(p, ab, ac, 0);
+    spot.square = sbi_surface_spot_square(&spot, p, ab, ac);
+    return spot;
+}
+
+/* ---- refitting --------------------------------------------------------------------------------------------------- */
+
+static void sbi_surface_to_local(const sb_surface *s, sb_vec3 x, float p[3])
+{
+    p[0] = (float)(x.x - s->centre.x);
+    p[1] = (float)(x.y - s->centre.y);
+    p[2] = (float)(x.z - s->centre.z);
+}
+
+static void sbi_surface_put(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_vec3 v)
+{
+    f[0][lane] = (float)v.x;
+    f[1][lane] = (float)v.y;
+    f[2][lane] = (float)v.z;
+}
+
+/* Direction and length of the edge (x, y) in a triangle's plane. */
+static void sbi_surface_put_edge(float (*f)[SBI_SURFACE_WIDTH], int lane, sb_real x, sb_real y)
+{
+    sb_real length = sb_sqrt(x * x + y * y);
+    f[0][lane] = length > 0 ? (float)(x / length) : 1.0f;
+    f[1][lane] = length > 0 ? (float)(y / length) : 0.0f;
+    f[2][lane] = (float)length;
+}
+
+static int sbi_surface_longest_edge(const sb_vec3 x[3])
+{
+    sb_real longest = -1;
+    int first = 0;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 edge = sb_v3_sub(x[(i + 1) % 3], x[i]);
+        sb_real square = sb_v3_dot(edge, edge);
+        if (square > longest)
+            longest = square, first = i;
+    }
+    return first;
+}
+
+/* Writes a triangle (scaled corners) into a leaf. The frame is orthonormal also for flat triangles, whose height is
+ * noise: a bound must hold for them too. */
+static void sbi_surface_leaf_set(const sb_surface *s, sbi_surface_leaf *leaf, int lane, const sb_vec3 x[3])
+{
+    int first = sbi_surface_longest_edge(x);
+    sb_vec3 a = x[first], ab = sb_v3_sub(x[(first + 1) % 3], a), ac = sb_v3_sub(x[(first + 2) % 3], a);
+    sb_real length = sb_v3_norm(ab), along, height;
+    sb_vec3 ex = length > 0 ? sb_v3_scale((sb_real)1 / length, ab) : sb_v3(1, 0, 0), ey;
+    along = sb_v3_dot(ac, ex);
+    ey = sb_v3_madd(ac, -along, ex);
+    height = sb_v3_norm(ey);
+    if (height > 8 * SB_EPSILON * length) {
+        ey = sb_v3_scale((sb_real)1 / height, ey);
+        ey = sb_v3_madd(ey, -sb_v3_dot(ey, ex), ex);
+        ey = sb_v3_scale((sb_real)1 / sb_v3_norm(ey), ey);
+    } else {
+        ey = sb_v3_perpendicular(ex);
+    }
+    sbi_surface_put(leaf->f + SBI_LEAF_ORIGIN, lane, sb_v3_sub(a, s->centre));
+    sbi_surface_put(leaf->f + SBI_LEAF_ALONG, lane, ex);
+    sbi_surface_put(leaf->f + SBI_LEAF_ACROSS, lane, ey);
+    sbi_surface_put(leaf->f + SBI_LEAF_NORMAL, lane, sb_v3_cross(ex, ey));
+    leaf->f[SBI_LEAF_AB][lane] = (float)length;
+    sbi_surface_put_edge(leaf->f + SBI_LEAF_AC, lane, along, height);
+    sbi_surface_put_edge(leaf->f + SBI_LEAF_BC, lane, along - length, height);
+}
+
+/* Box of the triangle in local coordinates, widened by PAD. */
+static void sbi_surface_box_of(const sb_surface *s, const sb_vec3 x[3], float low[3], float high[3])
+{
+    float p[3];
+    for (int i = 0; i < 3; i++) {
+        sbi_surface_to_local(s, x[i], p);
+        for (int axis = 0; axis < 3; axis++) {
+            if (i == 0 || p[axis] < low[axis])
+                low[axis] = p[axis];
+            if (i == 0 || p[axis] > high[axis])
+                high[axis] = p[axis];
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        low[axis] -= SBI_SURFACE_PAD;
+        high[axis] += SBI_SURFACE_PAD;
+    }
+}
+
+static void sbi_surface_box_add(float low[3], float high[3], const float other_low[3], const float other_high[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        low[axis] = other_low[axis] < low[axis] ? other_low[axis] : low[axis];
+        high[axis] = other_high[axis] > high[axis] ? other_high[axis] : high[axis];
+    }
+}
+
+/* A far field in the making, in local coordinates. */
+typedef struct sbi_surface_field {
+    sb_vec3 centre, dipole;
+    sb_real radius, area, moment[6];
+} sbi_surface_field;
+
+/* Adds the moment of an area vector n at offset d from the centre. */
+static void sbi_surface_add_moment(sb_real moment[6], sb_vec3 d, sb_vec3 n)
+{
+    moment[0] += d.x * n.x;
+    moment[1] += d.y * n.y;
+    moment[2] += d.z * n.z;
+    moment[3] += (sb_real)0.5 * (d.y * n.z + d.z * n.y);
+    moment[4] += (sb_real)0.5 * (d.x * n.z + d.z * n.x);
+    moment[5] += (sb_real)0.5 * (d.x * n.y + d.y * n.x);
+}
+
+/* Joins far fields into one around their common centre of area; parts without area count as points for the radius. */
+static void sbi_surface_field_join(const sbi_surface_field *part, int count, sbi_surface_field *field)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0), mean = sum;
+    memset(field, 0, sizeof *field);
+    for (int i = 0; i < count; i++) {
+        field->area += part[i].area;
+        sum = sb_v3_madd(sum, part[i].area, part[i].centre);
+        mean = sb_v3_madd(mean, (sb_real)1 / (sb_real)count, part[i].centre);
+    }
+    field->centre = field->area > 0 ? sb_v3_scale((sb_real)1 / field->area, sum) : mean;
+    for (int i = 0; i < count; i++) {
+        sb_vec3 d = sb_v3_sub(part[i].centre, field->centre);
+        field->radius = sb_max(field->radius, sb_v3_norm(d) + part[i].radius);
+        field->dipole = sb_v3_add(field->dipole, part[i].dipole);
+        for (int k = 0; k < 6; k++)
+            field->moment[k] += part[i].moment[k];
+        sbi_surface_add_moment(field->moment, d, part[i].dipole);
+    }
+}
+
+/* The far field of one triangle is that of its centre: the first moment around it is 0. */
+static void sbi_surface_field_of(const sb_surface *s, int triangle, const sb_vec3 x[3], sbi_surface_field *field)
+{
+    memset(field, 0, sizeof *field);
+    field->centre = sb_v3_scale((sb_real)1 / 3, sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    for (int i = 0; i < 3; i++)
+        field->radius = sb_max(field->radius, sb_v3_norm(sb_v3_sub(x[i], field->centre)));
+    field->centre = sb_v3_sub(field->centre, s->centre);
+    if (s->shape[triangle] == SBI_SURFACE_FLAT)
+        return;
+    field->dipole = sb_v3_scale((sb_real)0.5, sbi_surface_area_vector(x));
+    field->area = sb_v3_norm(field->dipole);
+}
+
+static void sbi_surface_field_store(const sbi_surface_field *field, sbi_surface_cluster *cluster, int lane)
+{
+    sbi_surface_put(cluster->f + SBI_CLUSTER_CENTRE, lane, field->centre);
+    cluster->f[SBI_CLUSTER_RADIUS][lane] = (float)field->radius;
+    cluster->f[SBI_CLUSTER_AREA][lane] = (float)field->area;
+    sbi_surface_put(cluster->f + SBI_CLUSTER_DIPOLE, lane, field->dipole);
+    for (int k = 0; k < 6; k++)
+        cluster->f[SBI_CLUSTER_MOMENT + k][lane] = (float)field->moment[k];
+}
+
+static void sbi_surface_field_load(const sbi_surface_cluster *cluster, int lane, sbi_surface_field *field)
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
+    field->centre = sb_v3((sb_real)f[0][lane], (sb_real)f[1][lane], (sb_real)f[2][lane]);
+    field->radius = (sb_real)f[SBI_CLUSTER_RADIUS][lane];
+    field->area = (sb_real)f[SBI_CLUSTER_AREA][lane];
+    field->dipole = sb_v3((sb_real)f[SBI_CLUSTER_DIPOLE][lane], (sb_real)f[SBI_CLUSTER_DIPOLE + 1][lane],
+                          (sb_real)f[SBI_CLUSTER_DIPOLE + 2][lane]);
+    for (int k = 0; k < 6; k++)
+        field->moment[k] = (sb_real)f[SBI_CLUSTER_MOMENT + k][lane];
+}
+
+static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const float low[3], const float high[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        node->low[axis][lane] = low[axis];
+        node->high[axis][lane] = high[axis];
+    }
+}
+
+/* Recomputes a leaf from the nodes, and its box and far field in its parent. */
+static void sbi_surface_refit_leaf(sb_surface *s, int index)
+{
+    sbi_surface_leaf *leaf = s->leaf + index;
+    sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    float low[3], high[3], box_low[3], box_high[3];
+    int parent = s->leaf_slot[index] / SBI_SURFACE_WIDTH, lane = s->leaf_slot[index] % SBI_SURFACE_WIDTH, count = 0;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        int triangle = leaf->triangle[k];
+        sb_vec3 x[3];
+        sbi_surface_corners(s, triangle < 0 ? leaf->triangle[0] : triangle, x);
+        sbi_surface_leaf_set(s, leaf, k, x);
+        if (triangle < 0)
+            continue;
+        s->shape[triangle] = sbi_surface_shape_of(x);
+        sbi_surface_box_of(s, x, low, high);
+        if (count == 0)
+            memcpy(box_low, low, sizeof low), memcpy(box_high, high, sizeof high);
+        sbi_surface_box_add(box_low, box_high, low, high);
+        sbi_surface_field_of(s, triangle, x, part + count++);
+    }
+    sbi_surface_set_child_box(s->tree + parent, lane, box_low, box_high);
+    sbi_surface_field_join(part, count, &field);
+    sbi_surface_field_store(&field, s->cluster + parent, lane);
+}
+
+static int sbi_surface_child_count(const sbi_surface_node *node)
+{
+    int count = 0;
+    while (count < SBI_SURFACE_WIDTH && node->low[0][count] < SBI_SURFACE_FAR)
+        count++;
+    return count;
+}
+
+/* Passes the boxes and far fields of a node's children on to its own parent. */
+static void sbi_surface_refit_node(sb_surface *s, int index)
+{
+    const sbi_surface_node *node = s->tree + index;
+    sbi_surface_field part[SBI_SURFACE_WIDTH], field;
+    float low[3], high[3];
+    int parent = node->slot / SBI_SURFACE_WIDTH, lane = node->slot % SBI_SURFACE_WIDTH;
+    int count = sbi_surface_child_count(node);
+    for (int axis = 0; axis < 3; axis++) {
+        low[axis] = node->low[axis][0];
+        high[axis] = node->high[axis][0];
+        for (int k = 1; k < count; k++) {
+            low[axis] = node->low[axis][k] < low[axis] ? node->low[axis][k] : low[axis];
+            high[axis] = node->high[axis][k] > high[axis] ? node->high[axis][k] : high[axis];
+        }
+    }
+    for (int k = 0; k < count; k++)
+        sbi_surface_field_load(s->cluster + index, k, part + k);
+    sbi_surface_set_child_box(s->tree + parent, lane, low, high);
+    sbi_surface_field_join(part, count, &field);
+    sbi_surface_field_store(&field, s->cluster + parent, lane);
+}
+
+/* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how
+ * much the faces agree. 0 where it means nothing: flat triangles, knots and pinched nodes. */
+static void sbi_surface_refit_normal(sb_surface *s, int node)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    sb_real angles = 0;
+    int sound = !s->pinched[node];
+    for (int i = s->fan_start[node]; sound && i < s->fan_start[node + 1]; i++) {
+        int triangle = s->fan[i] / 3, corner = s->fan[i] % 3;
+        const int *nodes = s->corners[triangle];
+        sb_vec3 x = s->nodes[node], n;
+        sb_vec3 a = sb_v3_sub(s->nodes[nodes[(corner + 1) % 3]], x), b = sb_v3_sub(s->nodes[nodes[(corner + 2) % 3]], x);
+        sb_real area, angle;
+        n = sb_v3_cross(a, b);
+        area = sb_v3_norm(n);
+        sound = s->shape[triangle] != SBI_SURFACE_FLAT && area > 0;
+        if (sound) {
+            angle = sb_atan2(area, sb_v3_dot(a, b));
+            sum = sb_v3_madd(sum, angle / area, n);
+            angles += angle;
+        }
+    }
+    s->normal[node] = sound && angles > 0 ? sb_v3_scale((sb_real)1 / angles, sum) : sb_v3(0, 0, 0);
+}
+
+static void sbi_surface_leaf_task(void *user, int block)
+{
+    sb_surface *s = (sb_surface *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = sbi_min_int(begin + SBI_SURFACE_BLOCK, s->leaf_count);
+    for (int i = begin; i < end; i++)
+        sbi_surface_refit_leaf(s, i);
+}
+
+static void sbi_surface_normal_task(void *user, int block)
+{
+    sb_surface *s = (sb_surface *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = sbi_min_int(begin + SBI_SURFACE_BLOCK, s->node_count);
+    for (int i = begin; i < end; i++)
+        sbi_surface_refit_normal(s, i);
+}
+
+static int sbi_surface_blocks(int count) { return (count - 1) / SBI_SURFACE_BLOCK + 1; }
+
+/* Box around the nodes that triangles use. */
+static void sbi_surface_measure(const sb_surface *s, const sb_vec3 *nodes, sb_vec3 *low, sb_vec3 *high)
+{
+    *low = *high = nodes[s->corners[0][0]];
+    for (int v = 0; v < s->node_count; v++) {
+        if (s->fan_start[v] == s->fan_start[v + 1])
+            continue;
+        *low = sb_v3(sb_min(low->x, nodes[v].x), sb_min(low->y, nodes[v].y), sb_min(low->z, nodes[v].z));
+        *high = sb_v3(sb_max(high->x, nodes[v].x), sb_max(high->y, nodes[v].y), sb_max(high->z, nodes[v].z));
+    }
+}
+
+/* The scale brings half the longest side into [1, 2); never so large that coordinates far from the origin overflow. */
+static void sbi_surface_set_frame(sb_surface *s, sb_vec3 low, sb_vec3 high)
+{
+    sb_real side[3], corner[6], size, coordinate;
+    side[0] = high.x - low.x, side[1] = high.y - low.y, side[2] = high.z - low.z;
+    corner[0] = low.x, corner[1] = low.y, corner[2] = low.z;
+    corner[3] = high.x, corner[4] = high.y, corner[5] = high.z;
+    size = (sb_real)0.5 * sbi_dense_max_abs(side, 3);
+    coordinate = sbi_dense_max_abs(corner, 6);
+    size = sb_max(size, SB_EPSILON * coordinate);
+    s->scale = s->inverse = 1;
+    if (size > 0)
+        sbi_dense_scale(size, &s->scale, &s->inverse);
+    s->low = low;
+    s->high = high;
+    low = sb_v3_scale(s->scale, low);
+    high = sb_v3_scale(s->scale, high);
+    s->centre = sb_v3_madd(low, (sb_real)0.5, sb_v3_sub(high, low));
+}
+
+static sb_result sbi_surface_check_extent(const sb_surface *s, const sb_vec3 *nodes, sb_error *error)
+{
+    sb_vec3 low, high;
+    for (int v = 0; v < s->node_count; v++)
+        if (!sb_v3_is_finite(nodes[v]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d has a coordinate that is not finite", v);
+    sbi_surface_measure(s, nodes, &low, &high);
+    if (!sb_v3_is_finite(sb_v3_sub(high, low)))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the surface is too large: its size is not finite");
+    return SB_OK;
+}
+
+/* Takes over checked node positions. */
+static void sbi_surface_refit(sb_surface *s, const sb_vec3 *nodes, const sb_jobs *jobs)
+{
+    sb_vec3 low, high;
+    sbi_surface_measure(s, nodes, &low, &high);
+    sbi_surface_set_frame(s, low, high);
+    for (int v = 0; v < s->node_count; v++)
+        s->nodes[v] = sb_v3_scale(s->scale, nodes[v]);
+    sbi_run(jobs, sbi_surface_leaf_task, s, sbi_surface_blocks(s->leaf_count));
+    for (int i = s->tree_count - 1; i > 0; i--) /* children come after their parents */
+        sbi_surface_refit_node(s, i);
+    sbi_run(jobs, sbi_surface_normal_task, s, sbi_surface_blocks(s->node_count));
+}
+
+SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, const sb_jobs *jobs, sb_error *error)
+{
+    sb_result result;
+    if (!surface || !nodes)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", surface ? "nodes" : "surface");
+    result = sbi_surface_check_extent(surface, nodes, error);
+    if (result == SB_OK)
+        sbi_surface_refit(surface, nodes, jobs);
+    return result;
+}
+
+/* ---- the shape of the tree ------------------------------------------------------------------------------------- */
+
+/* Scratch of building: triangles in an order that puts those of a leaf side by side. */
+typedef struct sbi_surface_build {
+    int count;
+    float (*box)[6];  /* [count] low and high, in any units */
+    int *order;       /* [count] */
+    int (*child)[SBI_SURFACE_WIDTH]; /* [count] nodes: child node, ~leaf or INT_MAX: none */
+    int *slot;        /* [count] of each node in its parent */
+    int (*leaf)[2];   /* [count] places in the order: from, to */
+    int tree_count, leaf_count;
+} sbi_surface_build;
+
+typedef struct sbi_surface_bins {
+    float low[SBI_SURFACE_BINS][3], high[SBI_SURFACE_BINS][3];
+    int count[SBI_SURFACE_BINS];
+} sbi_surface_bins;
+
+static float sbi_surface_half_area(const float low[3], const float high[3])
+{
+    float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
+    return x * y + y * z + z * x;
+}
+
+/* Twice the centre of a triangle's box along an axis. */
+static float sbi_surface_middle(const sbi_surface_build *b, int triangle, int axis)
+{
+    return b->box[triangle][axis] + b->box[triangle][axis + 3];
+}
+
+/* Box of the middles of a range. */
+static void sbi_surface_middles(const sbi_surface_build *b, int begin, int end, float low[3], float high[3])
+{
+    for (int i = begin; i < end; i++) {
+        for (int axis = 0; axis < 3; axis++) {
+            float m = sbi_surface_middle(b, b->order[i], axis);
+            if (i == begin || m < low[axis])
+                low[axis] = m;
+            if (i == begin || m > high[axis])
+                high[axis] = m;
+        }
+    }
+}
+
+static int sbi_surface_bin(float middle, float low, float per_unit)
+{
+    return sbi_min_int((int)((middle - low) * per_unit), SBI_SURFACE_BINS - 1);
+}
+
+static void sbi_surface_fill_bins(const sbi_surface_build *b, int begin, int end, int axis, float low, float per_unit,
+                                  sbi_surface_bins *bins)
+{
+    for (int k = 0; k < SBI_SURFACE_BINS; k++) {
+        bins->count[k] = 0;
+        for (int i = 0; i < 3; i++) {
+            bins->low[k][i] = SBI_SURFACE_NOWHERE;
+            bins->high[k][i] = -SBI_SURFACE_NOWHERE;
+        }
+    }
+    for (int i = begin; i < end; i++) {
+        const float *box = b->box[b->order[i]];
+        int k = sbi_surface_bin(box[axis] + box[axis + 3], low, per_unit);
+        bins->count[k]++;
+        sbi_surface_box_add(bins->low[k], bins->high[k], box, box + 3);
+    }
+}
+
+/* Leaves that `count` triangles need. */
+static float sbi_surface_leaves(int count) { return (float)((count + SBI_SURFACE_WIDTH - 1) / SBI_SURFACE_WIDTH); }
+
+/* Surface area heuristic over the cuts after each bin: returns the cost of the best one and its bin, or a negative
+ * number when the bins cannot be cut. */
+static float sbi_surface_best_cut(const sbi_surface_bins *bins, int count, int *cut)
+{
+    float right[SBI_SURFACE_BINS], low[3], high[3], best = -1.0f;
+    int left = 0;
+    memcpy(low, bins->low[SBI_SURFACE_BINS - 1], sizeof low);
+    memcpy(high, bins->high[SBI_SURFACE_BINS - 1], sizeof high);
+    for (int k = SBI_SURFACE_BINS - 1; k > 0; k--) {
+        sbi_surface_box_add(low, high, bins->low[k], bins->high[k]);
+        right[k] = sbi_surface_half_area(low, high);
+    }
+    memcpy(low, bins->low[0], sizeof low);
+    memcpy(high, bins->high[0], sizeof high);
+    for (int k = 0; k + 1 < SBI_SURFACE_BINS; k++) {
+        float cost;
+        left += bins->count[k];
+        sbi_surface_box_add(low, high, bins->low[k], bins->high[k]);
+        if (left == 0 || left == count)
+            continue;
+        cost = sbi_surface_half_area(low, high) * sbi_surface_leaves(left) +
+               right[k + 1] * sbi_surface_leaves(count - left);
+        if (best < 0 || cost < best)
+            best = cost, *cut = k;
+    }
+    return best;
+}
+
+/* Brings the triangles of bins up to `cut` to the front of the range; returns where the others begin. */
+static int sbi_surface_partition(sbi_surface_build *b, int begin, int end, int axis, float low, float per_unit, int cut)
+{
+    int front = begin, back = end;
+    while (front < back) {
+        int triangle = b->order[front];
+        if (sbi_surface_bin(sbi_surface_middle(b, triangle, axis), low, per_unit) <= cut) {
+            front++;
+        } else {
+            b->order[front] = b->order[--back];
+            b->order[back] = triangle;
+        }
+    }
+    return front;
+}
+
+/* Cuts a range of two triangles or more in two; returns where the second begins. */
+static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth)
+{
+    float low[3], high[3], best = -1.0f, best_per_unit = 0.0f;
+    int best_axis = 0, best_cut = 0;
+    sbi_surface_bins bins;
+    if (depth > SBI_SURFACE_DEEP)
+        return begin + (end - begin) / 2;
+    sbi_surface_middles(b, begin, end, low, high);
+    for (int axis = 0; axis < 3; axis++) {
+        float size = high[axis] - low[axis], per_unit, cost;
+        int cut = 0;
+        per_unit = (float)SBI_SURFACE_BINS / size;
+        if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
+            continue;
+        sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
+        cost = sbi_surface_best_cut(&bins, end - begin, &cut);
+        if (cost >= 0 && (best < 0 || cost < best))
+            best = cost, best_axis = axis, best_cut = cut, best_per_unit = per_unit;
+    }
+    if (best < 0)
+        return begin + (end - begin) / 2;
+    return sbi_surface_partition(b, begin, end, best_axis, low[best_axis], best_per_unit, best_cut);
+}
+
+/* A range of triangles that becomes a node. */
+typedef struct sbi_surface_range {
+    int begin, end, slot, depth;
+} sbi_surface_range;
+
+/* Cuts the range into up to four, always the longest one; returns how many. bound: [5] their ends. */
+static int sbi_surface_cut_in_four(sbi_surface_build *b, const sbi_surface_range *range, int bound[5])
+{
+    int count = 1;
+    bound[0] = range->begin;
+    bound[1] = range->end;
+    while (count < SBI_SURFACE_WIDTH) {
+        int longest = 0, middle;
+        for (int k = 1; k < count; k++)
+            if (bound[k + 1] - bound[k] > bound[longest + 1] - bound[longest])
+                longest = k;
+        if (bound[longest + 1] - bound[longest] <= SBI_SURFACE_WIDTH)
+            break;
+        middle = sbi_surface_split(b, bound[longest], bound[longest + 1], range->depth);
+        for (int k = count; k > longest; k--)
+            bound[k + 1] = bound[k];
+        bound[longest + 1] = middle;
+        count++;
+    }
+    return count;
+}
+
+/* Fills child, slot and leaf, parents before their children. */
+static void sbi_surface_build_tree(sbi_surface_build *b)
+{
+    sbi_surface_range stack[SBI_SURFACE_STACK], range;
+    int top = 0, bound[5];
+    range.begin = 0, range.end = b->count, range.slot = 0, range.depth = 0;
+    stack[top++] = range;
+    while (top > 0) {
+        int node = b->tree_count++, count;
+        range = stack[--top];
+        if (node > 0)
+            b->child[range.slot / SBI_SURFACE_WIDTH][range.slot % SBI_SURFACE_WIDTH] = node;
+        b->slot[node] = range.slot;
+        count = sbi_surface_cut_in_four(b, &range, bound);
+        for (int k = SBI_SURFACE_WIDTH - 1; k >= 0; k--) {
+            b->child[node][k] = INT_MAX;
+            if (k < count && bound[k + 1] - bound[k] <= SBI_SURFACE_WIDTH) {
+                b->child[node][k] = ~b->leaf_count;
+                b->leaf[b->leaf_count][0] = bound[k];
+                b->leaf[b->leaf_count++][1] = bound[k + 1];
+            } else if (k < count) {
+                stack[top].begin = bound[k];
+                stack[top].end = bound[k + 1];
+                stack[top].slot = node * SBI_SURFACE_WIDTH + k;
+                stack[top++].depth = range.depth + 1;
+            }
+        }
+    }
+}
+
+static void sbi_surface_build_free(const sb_allocator *allocator, sbi_surface_build *b)
+{
+    sbi_free(allocator, b->box);
+    sbi_free(allocator, b->order);
+    sbi_free(allocator, b->child);
+    sbi_free(allocator, b->slot);
+    sbi_free(allocator, b->leaf);
+}
+
+static int sbi_surface_build_allocate(const sb_allocator *allocator, int count, sbi_surface_build *b)
+{
+    size_t n = (size_t)count;
+    memset(b, 0, sizeof *b);
+    b->count = count;
+    b->box = (float(*)[6])sbi_alloc(allocator, n, sizeof *b->box);
+    b->order = (int *)sbi_alloc(allocator, n, sizeof(int));
+    b->child = (int(*)[SBI_SURFACE_WIDTH])sbi_alloc(allocator, n, sizeof *b->child);
+    b->slot = (int *)sbi_alloc(allocator, n, sizeof(int));
+    b->leaf = (int(*)[2])sbi_alloc(allocator, n, sizeof *b->leaf);
+    return b->box && b->order && b->child && b->slot && b->leaf;
+}
+
+/* Boxes in units of about the surface's size, which float can hold. */
+static void sbi_surface_build_boxes(const sb_mesh *triangles, sbi_surface_build *b)
+{
+    sb_vec3 low = triangles->nodes[triangles->elements[0]], high = low;
+    sb_real side[3], scale = 1, inverse = 1, size;
+    for (size_t i = 0; i < 3 * (size_t)b->count; i++) {
+        sb_vec3 x = triangles->nodes[triangles->elements[i]];
+        low = sb_v3(sb_min(low.x, x.x), sb_min(low.y, x.y), sb_min(low.z, x.z));
+        high = sb_v3(sb_max(high.x, x.x), sb_max(high.y, x.y), sb_max(high.z, x.z));
+    }
+    side[0] = high.x - low.x, side[1] = high.y - low.y, side[2] = high.z - low.z;
+    size = sbi_dense_max_abs(side, 3);
+    if (size > 0)
+        sbi_dense_scale(size, &scale, &inverse);
+    for (int t = 0; t < b->count; t++) {
+        const int *nodes = triangles->elements + 3 * (size_t)t;
+        float *box = b->box[t];
+        for (int i = 0; i < 3; i++) {
+            sb_vec3 x = sb_v3_scale(scale, sb_v3_sub(triangles->nodes[nodes[i]], low));
+            float p[3];
+            p[0] = (float)x.x, p[1] = (float)x.y, p[2] = (float)x.z;
+            for (int axis = 0; axis < 3; axis++) {
+                box[axis] = i == 0 || p[axis] < box[axis] ? p[axis] : box[axis];
+                box[axis + 3] = i == 0 || p[axis] > box[axis + 3] ? p[axis] : box[axis + 3];
+            }
+        }
+        b->order[t] = t;
+    }
+}
+
+/* ---- creation ---------------------------------------------------------------------------------------------------- */
+
+/* Sizes and, with arena->base, places of all arrays; leaves and tree counts are known. */
+static sb_surface *sbi_surface_layout(const sb_surface *size, sbi_arena *arena)
+{
+    size_t nodes = (size_t)size->node_count, triangles = (size_t)size->triangle_count;
+    size_t tree = (size_t)size->tree_count, leaves = (size_t)size->leaf_count;
+    sb_surface made = *size, *s = (sb_surface *)sbi_arena_take(arena, 1, sizeof *s);
+    made.tree = (sbi_surface_node *)sbi_arena_take(arena, tree, sizeof *made.tree);
+    made.cluster = (sbi_surface_cluster *)sbi_arena_take(arena, tree, sizeof *made.cluster);
+    made.leaf = (sbi_surface_leaf *)sbi_arena_take(arena, leaves, sizeof *made.leaf);
+    made.leaf_slot = (int *)sbi_arena_take(arena, leaves, sizeof(int));
+    made.nodes = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    made.normal = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    made.pinched = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    made.fan_start = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
+    made.fan = (int *)sbi_arena_take(arena, triangles, 3 * sizeof(int));
+    made.corners = (int(*)[3])sbi_arena_take(arena, triangles, sizeof *made.corners);
+    made.mate = (int(*)[3])sbi_arena_take(arena, triangles, sizeof *made.mate);
+    made.element = (int *)sbi_arena_take(arena, triangles, sizeof(int));
+    made.shape = (unsigned char *)sbi_arena_take(arena, triangles, 1);
+    if (s)
+        *s = made;
+    return s;
+}
+
+/* Tree, leaves and clusters as they were built; the refit fills in the numbers. */
+static void sbi_surface_adopt_tree(sb_surface *s, const sbi_surface_build *b)
+{
+    memset(s->cluster, 0, sizeof *s->cluster * (size_t)s->tree_count);
+    for (int i = 0; i < s->tree_count; i++) {
+        sbi_surface_node *node = s->tree + i;
+        memset(node, 0, sizeof *node);
+        node->slot = b->slot[i];
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+            int child = b->child[i][k];
+            node->child[k] = child == INT_MAX ? 0 : child;
+            for (int axis = 0; axis < 3; axis++) {
+                node->low[axis][k] = child == INT_MAX ? SBI_SURFACE_NOWHERE : 0.0f;
+                node->high[axis][k] = child == INT_MAX ? SBI_SURFACE_NOWHERE : 0.0f;
+            }
+            if (child < 0)
+                s->leaf_slot[~child] = i * SBI_SURFACE_WIDTH + k;
+        }
+    }
+    for (int i = 0; i < s->leaf_count; i++) {
+        int begin = b->leaf[i][0], count = b->leaf[i][1] - begin;
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+            s->leaf[i].triangle[k] = k < count ? b->order[begin + k] : -1;
+    }
+}
+
+static int sbi_surface_ascends(const int nodes[3], int edge) { return nodes[edge] < nodes[(edge + 1) % 3]; }
+
+/* Neighbours across edges, and how many edges are out of balance. `edges`: those of triangles with three different
+ * nodes; the others have knots all round. */
+static void sbi_surface_find_mates(sb_surface *s, const sbi_mesh_keys *edges)
+{
+    for (int t = 0; t < s->triangle_count; t++)
+        for (int i = 0; i < 3; i++)
+            s->mate[t][i] = SBI_SURFACE_KNOT;
+    s->unbalanced = 0;
+    for (int begin = 0, end; begin < edges->sorted; begin = end) {
+        int p = edges->order[begin], q, up, balance = 0;
+        end = sbi_mesh_run_end(edges, begin);
+        for (int i = begin; i < end; i++) {
+            up = sbi_surface_ascends(s->corners[edges->order[i] / 3], edges->order[i] % 3);
+            balance += up ? 1 : -1;
+        }
+        s->unbalanced += balance != 0;
+        q = edges->order[end - 1];
+        if (end == begin + 1)
+            s->mate[p / 3][p % 3] = SBI_SURFACE_OPEN;
+        if (end == begin + 2 && balance == 0)
+            s->mate[p / 3][p % 3] = q / 3, s->mate[q / 3][q % 3] = p / 3;
+    }
+}
+
+/* Corners of each node. */
+static void sbi_surface_find_fans(sb_surface *s)
+{
+    int total = 3 * s->triangle_count;
+    memset(s->fan_start, 0, sizeof(int) * ((size_t)s->node_count + 1));
+    for (int i = 0; i < total; i++)
+        s->fan_start[s->corners[i / 3][i % 3] + 1]++;
+    for (int v = 0; v < s->node_count; v++)
+        s->fan_start[v + 1] += s->fan_start[v];
+    for (int i = 0; i < total; i++)
+        s->fan[s->fan_start[s->corners[i / 3][i % 3]]++] = i;
+    memmove(s->fan_start + 1, s->fan_start, sizeof(int) * (size_t)s->node_count); /* filling moved each to its end */
+    s->fan_start[0] = 0;
+}
+
+/* Corner of triangle `to` that is the same node as `node`. */
+static int sbi_surface_corner_at(const sb_surface *s, int to, int node)
+{
+    return s->corners[to][0] == node ? 0 : s->corners[to][1] == node ? 1 : 2;
+}
+
+/* Triangles that can be reached from corner c of triangle t by turning round its node, itself included; at most
+ * `limit`. */
+static int sbi_surface_turn(const sb_surface *s, int t, int c, int limit)
+{
+    int node = s->corners[t][c], count = 1;
+    for (int way = 0; way < 2; way++) {
+        int now = t, corner = c;
+        while (count < limit) {
+            int next = s->mate[now][way == 0 ? corner : (corner + 2) % 3];
+            if (next < 0 || next == t)
+                break;
+            now = next, corner = sbi_surface_corner_at(s, now, node);
+            count++;
+        }
+        if (count < limit && s->mate[now][way == 0 ? corner : (corner + 2) % 3] == t && now != t)
+            break; /* once round */
+    }
+    return count;
+}
+
+/* A node is pinched when its triangles are not one fan, or an edge there is a knot. */
+static void sbi_surface_find_pinched(sb_surface *s)
+{
+    for (int v = 0; v < s->node_count; v++) {
+        int begin = s->fan_start[v], count = s->fan_start[v + 1] - begin;
+        s->pinched[v] = 0;
+        for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
+            const int *mate = s->mate[s->fan[i] / 3];
+            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+        }
+        if (count > 0 && !s->pinched[v])
+            s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
+    }
+}
+
+/* Triangles and their elements. `triangles` only lends its pointers: nothing in it is to be released. */
+typedef struct sbi_surface_cut {
+    sb_mesh triangles;
+    int *corners; /* [count][3] */
+    int *element; /* [count] */
+} sbi_surface_cut;
+
+/* Cuts the faces of a checked mesh; 0 when memory is short. */
+static int sbi_surface_cut_faces(const sb_mesh *mesh, const sb_allocator *allocator, int per, sbi_surface_cut *cut)
+{
+    const signed char(*local)[3] = NULL;
+    int count = mesh->element_count * per;
+    cut->corners = (int *)sbi_alloc(allocator, (size_t)count, 3 * sizeof(int));
+    cut->element = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
+    if (!cut->corners || !cut->element)
+        return 0;
+    sbi_mesh_face_triangles(mesh->element_type, &local);
+    for (int t = 0; t < count; t++) {
+        const int *nodes = mesh->elements + (size_t)(t / per) * (size_t)sb_mesh_element_width(mesh);
+        cut->element[t] = t / per;
+        for (int i = 0; i < 3; i++)
+            cut->corners[3 * (size_t)t + (size_t)i] = nodes[local[t % per][i]];
+    }
+    memset(&cut->triangles, 0, sizeof cut->triangles);
+    cut->triangles.node_count = mesh->node_count;
+    cut->triangles.nodes = mesh->nodes;
+    cut->triangles.element_type = SB_TRI3;
+    cut->triangles.element_count = count;
+    cut->triangles.elements = cut->corners;
+    return 1;
+}
+
+static int sbi_surface_repeats(const int *nodes)
+{
+    return nodes[0] == nodes[1] || nodes[1] == nodes[2] || nodes[2] == nodes[0];
+}
+
+/* The surface of what is known by now; NULL when memory is short. */
+static sb_surface *sbi_surface_make(const sbi_surface_cut *cut, const sbi_surface_build *b, const sbi_mesh_keys *edges,
+                                    const sb_allocator *allocator)
+{
+    sb_surface size, *s;
+    sbi_arena arena;
+    memset(&size, 0, sizeof size);
+    if (allocator)
+        size.allocator = *allocator;
+    size.node_count = cut->triangles.node_count;
+    size.triangle_count = cut->triangles.element_count;
+    size.tree_count = b->tree_count;
+    size.leaf_count = b->leaf_count;
+    memset(&arena, 0, sizeof arena);
+    sbi_surface_layout(&size, &arena);
+    size.bytes = arena.used;
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
+    arena.used = 0;
+    if (!arena.base)
+        return NULL;
+    s = sbi_surface_layout(&size, &arena);
+    memcpy(s->corners, cut->corners, sizeof *s->corners * (size_t)s->triangle_count);
+    memcpy(s->element, cut->element, sizeof(int) * (size_t)s->triangle_count);
+    sbi_surface_find_mates(s, edges);
+    sbi_surface_find_fans(s);
+    sbi_surface_find_pinched(s);
+    sbi_surface_adopt_tree(s, b);
+    return s;
+}
+
+/* Builds from faces already cut; NULL when memory is short. */
+static sb_surface *sbi_surface_from_cut(const sbi_surface_cut *cut, const sb_allocator *allocator)
+{
+    int count = cut->triangles.element_count;
+    unsigned char *skip = (unsigned char *)sbi_alloc(allocator, (size_t)count, 1);
+    sb_surface *s = NULL;
+    sbi_surface_build build;
+    sbi_mesh_keys edges;
+    memset(&edges, 0, sizeof edges);
+    for (int t = 0; skip && t < count; t++)
+        skip[t] = (unsigned char)sbi_surface_repeats(cut->corners + 3 * (size_t)t);
+    if (sbi_surface_build_allocate(allocator, count, &build) && skip &&
+        sbi_mesh_keys_make(&cut->triangles, SBI_MESH_SIDES, skip, allocator, &edges)) {
+        sbi_surface_build_boxes(&cut->triangles, &build);
+        sbi_surface_build_tree(&build);
+        s = sbi_surface_make(cut, &build, &edges, allocator);
+    }
+    sbi_surface_build_free(allocator, &build);
+    sbi_mesh_keys_free(allocator, &edges);
+    sbi_free(allocator, skip);
+    return s;
+}
+
+static sb_result sbi_surface_check_mesh(const sb_mesh *mesh, int *per, sb_error *error)
+{
+    const signed char(*local)[3] = NULL;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) != 2)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface; take its boundary",
+                        sb_element_name(mesh->element_type));
+    *per = sbi_mesh_face_triangles(mesh->element_type, &local);
+    if (mesh->element_count > INT_MAX / 3 / *per)
+        return sbi_fail(error, SB_ERROR_MESH, "the surface has too many triangles: %d faces", mesh->element_count);
+    return SB_OK;
+}
+
+SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
+                                   sb_error *error)
+{
+    sbi_surface_cut cut;
+    sb_surface *made = NULL;
+    int per = 0;
+    sb_result result;
+    if (!surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "surface is NULL");
+    result = sbi_surface_check_mesh(mesh, &per, error);
+    if (result != SB_OK)
+        return result;
+    memset(&cut, 0, sizeof cut);
+    if (sbi_surface_cut_faces(mesh, allocator, per, &cut))
+        made = sbi_surface_from_cut(&cut, allocator);
+    sbi_free(allocator, cut.corners);
+    sbi_free(allocator, cut.element);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a surface of %d faces", mesh->element_count);
+    result = sbi_surface_check_extent(made, mesh->nodes, error);
+    if (result != SB_OK) {
+        sb_surface_destroy(made);
+        return result;
+    }
+    sbi_surface_refit(made, mesh->nodes, NULL);
+    *surface = made;
+    return SB_OK;
+}
+
+SB_API void sb_surface_destroy(sb_surface *surface)
+{
+    sb_allocator allocator;
+    if (!surface)
+        return;
+    allocator = surface->allocator;
+    sbi_free(&allocator, surface);
+}
+
+/* ---- what it is made of ----------------------------------------------------------------------------------------- */
+
+SB_API int sb_surface_node_count(const sb_surface *surface) { return surface ? surface->node_count : 0; }
+SB_API int sb_surface_triangle_count(const sb_surface *surface) { return surface ? surface->triangle_count : 0; }
+SB_API int sb_surface_is_closed(const sb_surface *surface) { return surface && surface->unbalanced == 0; }
+SB_API size_t sb_surface_bytes(const sb_surface *surface) { return surface ? surface->bytes : 0; }
+
+SB_API int sb_surface_triangle(const sb_surface *surface, int triangle, int nodes[3])
+{
+    if (!surface || triangle < 0 || triangle >= surface->triangle_count)
+        return -1;
+    if (nodes)
+        memcpy(nodes, surface->corners[triangle], 3 * sizeof(int));
+    return surface->element[triangle];
+}
+
+SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *high)
+{
+    if (low)
+        *low = surface ? surface->low : sb_v3(0, 0, 0);
+    if (high)
+        *high = surface ? surface->high : sb_v3(0, 0, 0);
+}
+
+/* ---- closest point ----------------------------------------------------------------------------------------------- */
+
+/* The state of a search: everything scaled. */
+typedef struct sbi_surface_search {
+    sb_vec3 point;
+    float p[3];     /* local */
+    sb_real slack;  /* how much a leaf's or box's distance may be too large */
+    float limit;    /* square of best distance and slack: what is above cannot win */
+    int triangle;   /* best so far, or -1 */
+    sbi_surface_spot best;
+} sbi_surface_search;
+
+static void sbi_surface_set_limit(sbi_surface_search *q)
+{
+    sb_real reach = sb_sqrt(q->best.square) + q->slack;
+    sb_real limit = reach * reach * (sb_real)1.00001;
+    q->limit = limit < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)limit : SBI_SURFACE_NO_LIMIT;
+}
+
+/* Computes the triangle and keeps it when it is nearer, or as near with a lower number. */
+static void sbi_surface_try(const sb_surface *s, sbi_surface_search *q, int triangle)
+{
+    sbi_surface_spot spot = sbi_surface_spot_on(s, triangle, q->point);
+    if (spot.square > q->best.square || !(spot.square >= 0) ||
+        (spot.square == q->best.square && q->triangle >= 0 && q->triangle <= triangle))
+        return;
+    q->best = spot;
+    q->triangle = triangle;
+    sbi_surface_set_limit(q);
+}
+
+/* Squares of the distances to the four boxes of a node. */
+static void sbi_surface_box_squares(const sbi_surface_node *node, const float p[3], float square[SBI_SURFACE_WIDTH])
+{
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        float x0 = node->low[0][k] - p[0], x1 = p[0] - node->high[0][k], x = x0 > x1 ? x0 : x1;
+        float y0 = node->low[1][k] - p[1], y1 = p[1] - node->high[1][k], y = y0 > y1 ? y0 : y1;
+        float z0 = node->low[2][k] - p[2], z1 = p[2] - node->high[2][k], z = z0 > z1 ? z0 : z1;
+        x = x > 0.0f ? x : 0.0f;
+        y = y > 0.0f ? y : 0.0f;
+        z = z > 0.0f ? z : 0.0f;
+        square[k] = x * x + y * y + z * z;
+    }
+}
+
+SBI_FORCE_INLINE float sbi_surface_clamp(float x, float high)
+{
+    float positive = x > 0.0f ? x : 0.0f;
+    return positive < high ? positive : high;
+}
+
+/* Squares of the distances to the four triangles of a leaf: in each one's plane the point is inside, where only the
+ * height counts, or nearest to one of the edges. */
+static void sbi_surface_leaf_squares(const sbi_surface_leaf *leaf, const float p[3], float square[SBI_SURFACE_WIDTH])
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = leaf->f;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        float dx = p[0] - f[0][k], dy = p[1] - f[1][k], dz = p[2] - f[2][k];
+        float x = dx * f[3][k] + dy * f[4][k] + dz * f[5][k];
+        float y = dx * f[6][k] + dy * f[7][k] + dz * f[8][k];
+        float z = dx * f[9][k] + dy * f[10][k] + dz * f[11][k];
+        float length = f[SBI_LEAF_AB][k], u = x - length;
+        float ac_along = f[13][k] * x + f[14][k] * y, ac_across = f[13][k] * y - f[14][k] * x;
+        float bc_along = f[16][k] * u + f[17][k] * y, bc_across = f[16][k] * y - f[17][k] * u;
+        float ab_off = x - sbi_surface_clamp(x, length);
+        float ac_off = ac_along - sbi_surface_clamp(ac_along, f[15][k]);
+        float bc_off = bc_along - sbi_surface_clamp(bc_along, f[18][k]);
+        float ab = y * y + ab_off * ab_off, ac = ac_across * ac_across + ac_off * ac_off;
+        float bc = bc_across * bc_across + bc_off * bc_off;
+        float outside = -y > ac_across ? -y : ac_across, plane = ab < ac ? ab : ac;
+        outside = outside > -bc_across ? outside : -bc_across;
+        plane = plane < bc ? plane : bc;
+        plane = outside > 0.0f ? plane : 0.0f;
+        square[k] = z * z + plane;
+    }
+}
+
+static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, sbi_surface_search *q)
+{
+    float square[SBI_SURFACE_WIDTH];
+    sbi_surface_leaf_squares(leaf, q->p, square);
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+        if (square[k] <= q->limit && leaf->triangle[k] >= 0)
+            sbi_surface_try(s, q, leaf->triangle[k]);
+}
+
+/* A child to visit: its distance's bits above its number, so that sorting needs no branches. */
+static uint64_t sbi_surface_visit(float square, int child)
+{
+    uint32_t bits;
+    memcpy(&bits, &square, sizeof bits);
+    return (uint64_t)bits << 32 | (uint32_t)child;
+}
+static float sbi_surface_visit_square(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)(visit >> 32);
+    float square;
+    memcpy(&square, &bits, sizeof square);
+    return square;
+}
+static int sbi_surface_visit_child(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)visit;
+    int child;
+    memcpy(&child, &bits, sizeof child);
+    return child;
+}
+
+SBI_FORCE_INLINE void sbi_surface_order(uint64_t *far, uint64_t *near)
+{
+    uint64_t a = *far, b = *near;
+    *far = a > b ? a : b;
+    *near = a > b ? b : a;
+}
+
+/* Pushes the children of a node that may win, the nearest last; returns the new top. */
+static int sbi_surface_push(const sbi_surface_node *node, const sbi_surface_search *q, uint64_t *stack, int top)
+{
+    float square[SBI_SURFACE_WIDTH];
+    uint64_t visit[SBI_SURFACE_WIDTH];
+    sbi_surface_box_squares(node, q->p, square);
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+        visit[k] = sbi_surface_visit(square[k], node->child[k]);
+    sbi_surface_order(visit, visit + 1);
+    sbi_surface_order(visit + 2, visit + 3);
+    sbi_surface_order(visit, visit + 2);
+    sbi_surface_order(visit + 1, visit + 3);
+    sbi_surface_order(visit + 1, visit + 2);
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        stack[top] = visit[k];
+        top += sbi_surface_visit_square(visit[k]) <= q->limit;
+    }
+    return top;
+}
+
+static void sbi_surface_search_tree(const sb_surface *s, sbi_surface_search *q)
+{
+    uint64_t stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH];
+    int top = 0;
+    stack[top++] = sbi_surface_visit(0.0f, 0);
+    while (top > 0) {
+        uint64_t visit = stack[--top];
+        int child = sbi_surface_visit_child(visit);
+        if (sbi_surface_visit_square(visit) > q->limit)
+            continue;
+        if (child < 0)
+            sbi_surface_search_leaf(s, s->leaf + ~child, q);
+        else
+            top = sbi_surface_push(s->tree + child, q, stack, top);
+    }
+}
+
+/* Largest distance from the centre along an axis; NaN for a point that is not finite. */
+static sb_real sbi_surface_far(const sb_surface *s, sb_vec3 scaled)
+{
+    sb_real d[3];
+    d[0] = scaled.x - s->centre.x, d[1] = scaled.y - s->centre.y, d[2] = scaled.z - s->centre.z;
+    return sbi_dense_max_abs(d, 3);
+}
+
+/* Farthest point, in local units, that is looked at: its squares are finite. */
+static sb_real sbi_surface_horizon(void) { return SB_REAL_IS_FLOAT ? (sb_real)1.0e6 : (sb_real)1.0e15; }
+
+/* Finds the closest triangle within the square distance q->best.square, which the caller has set. */
+static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_surface_search *q)
+{
+    sb_real far;
+    q->triangle = -1;
+    q->point = sb_v3_scale(s->scale, point);
+    far = sbi_surface_far(s, q->point);
+    if (!(far <= sbi_surface_horizon()))
+        return;
+    q->slack = (sb_real)SBI_SURFACE_SLACK * (far + 1);
+    sbi_surface_set_limit(q);
+    if (hint >= 0 && hint < s->triangle_count)
+        sbi_surface_try(s, q, hint);
+    if (far > (sb_real)SBI_SURFACE_FAR) {
+        for (int t = 0; t < s->triangle_count; t++)
+            sbi_surface_try(s, q, t);
+        return;
+    }
+    sbi_surface_to_local(s, q->point, q->p);
+    sbi_surface_search_tree(s, q);
+}
+
+static sb_real sbi_surface_infinity(void) { return (sb_real)INFINITY; }
+
+static void sbi_surface_miss(sb_surface_hit *hit)
+{
+    memset(hit, 0, sizeof *hit);
+    hit->triangle = hit->element = -1;
+    hit->distance = sbi_surface_infinity();
+}
+
+/* Place, point and weights of a spot. */
+static void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit)
+{
+    sb_vec3 x[3], point;
+    sbi_surface_corners(s, triangle, x);
+    hit->triangle = triangle;
+    hit->element = s->element[triangle];
+    hit->feature = spot->feature == SB_SURFACE_FACE   ? SB_SURFACE_FACE
+                   : spot->feature == SB_SURFACE_EDGE ? SB_SURFACE_EDGE
+                                                      : SB_SURFACE_VERTEX;
+    hit->index = spot->index;
+    hit->weights[0] = 1 - spot->v - spot->w;
+    hit->weights[1] = spot->v;
+    hit->weights[2] = spot->w;
+    if (spot->feature == SB_SURFACE_VERTEX)
+        point = x[spot->index];
+    else
+        point = sb_v3_madd(sb_v3_madd(x[0], spot->v, sb_v3_sub(x[1], x[0])), spot->w, sb_v3_sub(x[2], x[0]));
+    hit->point = sb_v3_scale(s->inverse, point);
+    hit->distance = s->inverse * sb_sqrt(spot->square);
+}
+
+SB_API int sb_surface_closest_from(const sb_surface *surface, sb_vec3 point, sb_real max_distance, int triangle,
+                                   sb_surface_hit *hit)
+{
+    sbi_surface_search q;
+    if (hit)
+        sbi_surface_miss(hit);
+    if (!surface || !(max_distance >= 0))
+        return 0;
+    max_distance *= surface->scale;
+    q.best.square = max_distance * max_distance;
+    sbi_surface_find(surface, point, triangle, &q);
+    if (q.triangle < 0)
+        return 0;
+    if (hit)
+        sbi_surface_report(surface, q.triangle, &q.best, hit);
+    return 1;
+}
+
+SB_API int sb_surface_closest(const sb_surface *surface, sb_vec3 point, sb_real max_distance, sb_surface_hit *hit)
+{
+    return sb_surface_closest_from(surface, point, max_distance, -1, hit);
+}
+
+/* ---- normals and signs --------------------------------------------------------------------------------------------- */
+
+/* Pseudonormal at a place; its length says how much the faces there agree, 0 that it means nothing. */
+static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int feature, int index)
+{
+    sb_vec3 n;
+    int mate;
+    if (feature == SB_SURFACE_VERTEX)
+        return s->normal[s->corners[triangle][index]];
+    n = sbi_surface_unit_normal(s, triangle);
+    if (feature == SB_SURFACE_FACE)
+        return n;
+    mate = s->mate[triangle][index];
+    if (mate == SBI_SURFACE_OPEN)
+        return n;
+    if (mate == SBI_SURFACE_KNOT || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
+        return sb_v3(0, 0, 0);
+    return sb_v3_scale((sb_real)0.5, sb_v3_add(n, sbi_surface_unit_normal(s, mate)));
+}
+
+SB_API sb_vec3 sb_surface_normal(const sb_surface *surface, const sb_surface_hit *hit)
+{
+    sb_vec3 n = sb_v3(0, 0, 0);
+    sb_real length;
+    if (!surface || !hit || hit->triangle < 0 || hit->triangle >= surface->triangle_count || hit->index < 0 ||
+        hit->index > 2)
+        return n;
+    n = sbi_surface_pseudonormal(surface, hit->triangle, (int)hit->feature, hit->index);
+    length = sb_v3_norm(n);
+    return length > 0 ? sb_v3_scale((sb_real)1 / length, n) : n;
+}
+
+/* 1 inside, 0 outside, -1: the pseudonormal cannot tell. */
+static int sbi_surface_side(const sb_surface *s, const sbi_surface_search *q)
+{
+    sb_vec3 x[3], n = sbi_surface_pseudonormal(s, q->triangle, q->best.feature, q->best.index), d;
+    sb_real along;
+    sbi_surface_corners(s, q->triangle, x);
+    d = sb_v3_sub(q->point, x[0]);
+    if (q->best.feature == SB_SURFACE_FACE) {
+        along = sb_v3_dot(d, n);
+        return along < 0;
+    }
+    d = sb_v3_madd(sb_v3_madd(d, -q->best.v, sb_v3_sub(x[1], x[0])), -q->best.w, sb_v3_sub(x[2], x[0]));
+    along = sb_v3_dot(d, n);
+    if (along * along > SB_EPSILON * q->best.square)
+        return along < 0;
+    return -1;
+}
+
+/* Closest point and unsigned distance, from the hint; returns 0 and writes *distance where there is none. */
+static int sbi_surface_nearest(const sb_surface *s, sb_vec3 point, int hint, sbi_surface_search *q, sb_surface_hit *hit,
+                               sb_real *distance)
+{
+    if (hit)
+        sbi_surface_miss(hit);
+    q->triangle = -1;
+    q->best.square = sbi_surface_infinity();
+    *distance = sb_v3_is_finite(point) ? sbi_surface_infinity() : (sb_real)NAN;
+    if (!s)
+        return 0;
+    sbi_surface_find(s, point, hint, q);
+    if (q->triangle < 0)
+        return 0;
+    *distance = s->inverse * sb_sqrt(q->best.square);
+    if (hit)
+        sbi_surface_report(s, q->triangle, &q->best, hit);
+    return 1;
+}
+
+/* Gives the distance its sign, also in the hit. 0 has none. */
+static sb_real sbi_surface_signed(sb_real distance, int inside, sb_surface_hit *hit)
+{
+    if (inside && distance > 0)
+        distance = -distance;
+    if (hit)
+        hit->distance = distance;
+    return distance;
+}
+
+/* Signed distance by one of the two rules; *triangle: hint, then the one found (or -1). */
+static sb_real sbi_surface_distance(const sb_surface *s, sb_vec3 point, int by_winding, int *triangle,
+                                    sb_surface_hit *hit)
+{
+    sbi_surface_search q;
+    sb_real distance;
+    int inside;
+    if (!sbi_surface_nearest(s, point, *triangle, &q, hit, &distance))
+        return distance;
+    *triangle = q.triangle;
+    inside = by_winding ? -1 : sbi_surface_side(s, &q);
+    if (inside < 0)
+        inside = sb_surface_inside(s, point);
+    return sbi_surface_signed(distance, inside, hit);
+}
+
+SB_API sb_real sb_surface_signed_distance(const sb_surface *surface, sb_vec3 point, sb_surface_hit *hit)
+{
+    int triangle = -1;
+    return sbi_surface_distance(surface, point, 0, &triangle, hit);
+}
+
+SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_vec3 point, sb_surface_hit *hit)
+{
+    int triangle = -1;
+    return sbi_surface_distance(surface, point, 1, &triangle, hit);
+}
+
+/* ---- winding number ------------------------------------------------------------------------------------------------ */
+
+/* A sum of angles as the argument of a product of complex numbers, and whole turns: one arctangent in all. */
+typedef struct sbi_surface_angle {
+    double re, im;
+    int turns;
+} sbi_surface_angle;
+
+static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
+{
+    double size = (re < 0 ? -re : re) + (im < 0 ? -im : im), x, y;
+    if (!(size > 0))
+        return; /* the point is a corner, or 0 times infinity */
+    re /= size;
+    im /= size;
+    x = sum->re * re - sum->im * im;
+    y = sum->re * im + sum->im * re;
+    if (sum->im >= 0 && im >= 0 && y < 0)
+        sum->turns++;
+    if (sum->im < 0 && im < 0 && y > 0)
+        sum->turns--;
+    sum->re = x;
+    sum->im = y;
+    if (x * x + y * y < 1e-100) {
+        sum->re *= 1e100;
+        sum->im *= 1e100;
+    }
+}
+
+/* Adds half the solid angle of a triangle (Van Oosterom, Strackee 1983); its corners are relative to the eye. */
+static void sbi_surface_angle_of(const sb_surface *s, int triangle, sb_vec3 eye, sbi_surface_angle *sum)
+{
+    sb_vec3 x[3], a, b, c;
+    double la, lb, lc;
+    if (s->shape[triangle] == SBI_SURFACE_FLAT)
+        return;
+    sbi_surface_corners(s, triangle, x);
+    a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
+    la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
+    sbi_surface_angle_add(sum,
+                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
+                              (double)sb_v3_dot(c, a) * lb,
+                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+}
+
+static double sbi_surface_angle_turns(const sbi_surface_angle *sum)
+{
+    return (double)sum->turns + sbi_dense_atan2(sum->im, sum->re) / 6.283185307179586;
+}
+
+/* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
+ * 9); near[k] > 0 where the child is closer than twice its radius. */
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3], float number[SBI_SURFACE_WIDTH],
+                                   float near[SBI_SURFACE_WIDTH])
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
+        float inverse = 1.0f / square, cube = inverse * (float)sqrt((double)inverse);
+        float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
+        float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
+                      2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
+        number[k] = (dipole + trace - 3.0f * twist * inverse) * cube * 0.079577472f; /* 1 / (4 pi) */
+        near[k] = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] - square;
+    }
+}
+
+static double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
+{
+    sbi_surface_angle angle;
+    float p[3], number[SBI_SURFACE_WIDTH], near[SBI_SURFACE_WIDTH];
+    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0, count;
+    double far = 0;
+    angle.re = 1, angle.im = 0, angle.turns = 0;
+    sbi_surface_to_local(s, eye, p);
+    stack[top++] = 0;
+    while (top > 0) {
+        int child = stack[--top];
+        if (child < 0) {
+            const int *triangle = s->leaf[~child].triangle;
+            for (int k = 0; k < SBI_SURFACE_WIDTH && triangle[k] >= 0; k++)
+                sbi_surface_angle_of(s, triangle[k], eye, &angle);
+            continue;
+        }
+        sbi_surface_far_fields(s->cluster + child, p, number, near);
+        count = sbi_surface_child_count(s->tree + child);
+        for (int k = 0; k < count; k++) {
+            if (near[k] < 0)
+                far += (double)number[k];
+            else
+                stack[top++] = s->tree[child].child[k];
+        }
+    }
+    return far + sbi_surface_angle_turns(&angle);
+}
+
+/* Scales a point; 0 where a surface has no winding number to speak of. */
+static int sbi_surface_eye(const sb_surface *s, sb_vec3 point, sb_vec3 *eye)
+{
+    if (!s)
+        return 0;
+    *eye = sb_v3_scale(s->scale, point);
+    return sbi_surface_far(s, *eye) <= (sb_real)SBI_SURFACE_FAR;
+}
+
+SB_API sb_real sb_surface_winding_number(const sb_surface *surface, sb_vec3 point)
+{
+    sb_vec3 eye;
+    return sbi_surface_eye(surface, point, &eye) ? (sb_real)sbi_surface_winding(surface, eye) : 0;
+}
+
+SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec3 point)
+{
+    sbi_surface_angle angle;
+    sb_vec3 eye;
+    if (!sbi_surface_eye(surface, point, &eye))
+        return 0;
+    angle.re = 1, angle.im = 0, angle.turns = 0;
+    for (int t = 0; t < surface->triangle_count; t++)
+        sbi_surface_angle_of(surface, t, eye, &angle);
+    return (sb_real)sbi_surface_angle_turns(&angle);
+}
+
+SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
+{
+    return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
+}
+
+/* ---- rays ---------------------------------------------------------------------------------------------------------- */
+
+/* A ray in scaled coordinates. The tree is entered at `start` along the ray, near the surface, where float coordinates
+ * are good. */
+typedef struct sbi_surface_beam {
+    sb_vec3 origin, direction; /* unit */
+    sb_real best, start;
+    int axis[3];               /* axis[2]: where the direction is largest */
+    sb_real shear[3];
+    float p[3], inverse[3];    /* local start; 1 / direction, or huge */
+    float reach;               /* best beyond start, rounded up */
+    int triangle;              /* or -1 */
+    sb_real weight[2];         /* of corners 1 and 2 */
+    sb_surface_hit *hits;      /* all hits, a list of the nearest; NULL: first hit only */
+    int count, capacity, all;
+} sbi_surface_beam;
+
+static sb_real sbi_surface_component(sb_vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
+
+static void sbi_surface_beam_reach(sbi_surface_beam *beam)
+{
+    sb_real reach = (beam->best - beam->start) * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
+    beam->reach = reach < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)reach : SBI_SURFACE_NO_LIMIT;
+}
+
+/* Directions are sheared so that the ray runs along axis[2]; edges shared by two triangles then give the same numbers
+ * with opposite signs, and no ray passes between them. */
+static void sbi_surface_beam_shear(sbi_surface_beam *beam)
+{
+    sb_vec3 d = beam->direction;
+    sb_real x = sb_abs(d.x), y = sb_abs(d.y), z = sb_abs(d.z), largest;
+    beam->axis[2] = x > y ? (x > z ? 0 : 2) : (y > z ? 1 : 2);
+    beam->axis[0] = (beam->axis[2] + 1) % 3;
+    beam->axis[1] = (beam->axis[2] + 2) % 3;
+    largest = sbi_surface_component(d, beam->axis[2]);
+    beam->shear[0] = sbi_surface_component(d, beam->axis[0]) / largest;
+    beam->shear[1] = sbi_surface_component(d, beam->axis[1]) / largest;
+    beam->shear[2] = (sb_real)1 / largest;
+}
+
+/* 1 / x, with a huge number for what is 0 in float: 0 times it stays 0. */
+static float sbi_surface_slope(sb_real x)
+{
+    float f = (float)x;
+    if (f > 1.0e-30f || f < -1.0e-30f)
+        return 1.0f / f;
+    return 1.0e30f;
+}
+
+/* Sets up a ray; 0 when it has no direction or passes the surface by. */
+static int sbi_surface_beam_make(const sb_surface *s, sb_vec3 origin, sb_vec3 direction, sb_real max,
+                                 sbi_surface_beam *beam)
+{
+    sb_real d[3], size, along;
+    sb_vec3 to_centre, start;
+    d[0] = direction.x, d[1] = direction.y, d[2] = direction.z;
+    size = sbi_dense_max_abs(d, 3);
+    memset(beam, 0, sizeof *beam);
+    if (!(max >= 0) || !(size > 0))
+        return 0;
+    direction = sb_v3(direction.x / size, direction.y / size, direction.z / size);
+    beam->direction = sb_v3_scale((sb_real)1 / sb_v3_norm(direction), direction);
+    beam->origin = sb_v3_scale(s->scale, origin);
+    beam->best = max * s->scale;
+    beam->triangle = -1;
+    if (!(sbi_surface_far(s, beam->origin) <= sbi_surface_horizon()))
+        return 0;
+    to_centre = sb_v3_sub(s->centre, beam->origin);
+    along = sb_v3_dot(to_centre, beam->direction);
+    if (along < -4) /* the surface's radius is below 2 sqrt 3 */
+        return 0;
+    beam->start = sb_max(along - 4, 0);
+    start = sb_v3_madd(beam->origin, beam->start, beam->direction);
+    if (!(sbi_surface_far(s, start) <= 16))
+        return 0;
+    sbi_surface_to_local(s, start, beam->p);
+    beam->inverse[0] = sbi_surface_slope(beam->direction.x);
+    beam->inverse[1] = sbi_surface_slope(beam->direction.y);
+    beam->inverse[2] = sbi_surface_slope(beam->direction.z);
+    sbi_surface_beam_shear(beam);
+    sbi_surface_beam_reach(beam);
+    return 1;
+}
+
+/* Where the ray is inside each of a node's boxes: from enter to leave, both relative to start. */
+static void sbi_surface_beam_boxes(const sbi_surface_node *node, const sbi_surface_beam *beam,
+                                   float enter[SBI_SURFACE_WIDTH], float leave[SBI_SURFACE_WIDTH])
+{
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+        enter[k] = 0.0f, leave[k] = beam->reach;
+    for (int axis = 0; axis < 3; axis++) {
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+            float a = (node->low[axis][k] - beam->p[axis]) * beam->inverse[axis];
+            float b = (node->high[axis][k] - beam->p[axis]) * beam->inverse[axis];
+            float first = a < b ? a : b, last = a < b ? b : a;
+            last += 1.0e-6f * (last < 0.0f ? -last : last); /* both roundings, and that of the direction */
+            enter[k] = first > enter[k] ? first : enter[k];
+            leave[k] = last < leave[k] ? last : leave[k];
+        }
+    }
+}
+
+/* Coordinates of a corner relative to the ray. */
+static void sbi_surface_beam_corner(const sbi_surface_beam *beam, sb_vec3 corner, sb_real x[3])
+{
+    sb_vec3 d = sb_v3_sub(corner, beam->origin);
+    sb_real depth = sbi_surface_component(d, beam->axis[2]);
+    x[0] = sbi_surface_component(d, beam->axis[0]) - beam->shear[0] * depth;
+    x[1] = sbi_surface_component(d, beam->axis[1]) - beam->shear[1] * depth;
+    x[2] = beam->shear[2] * depth;
+}
+
+/* 1 when the ray meets the triangle in front of its origin: *t and weights of corners 1 and 2. */
+static int sbi_surface_beam_meets(const sb_surface *s, const sbi_surface_beam *beam, int triangle, sb_real *t,
+                                  sb_real weight[2])
+{
+    sb_vec3 x[3];
+    sb_real a[3], b[3], c[3], u, v, w, det;
+    sbi_surface_corners(s, triangle, x);
+    sbi_surface_beam_corner(beam, x[0], a);
+    sbi_surface_beam_corner(beam, x[1], b);
+    sbi_surface_beam_corner(beam, x[2], c);
+    u = c[0] * b[1] - c[1] * b[0];
+    v = a[0] * c[1] - a[1] * c[0];
+    w = b[0] * a[1] - b[1] * a[0];
+    if ((u < 0 || v < 0 || w < 0) && (u > 0 || v > 0 || w > 0))
+        return 0;
+    det = u + v + w;
+    if (det == 0)
+        return 0;
+    *t = (u * a[2] + v * b[2] + w * c[2]) / det;
+    weight[0] = v / det;
+    weight[1] = w / det;
+    return *t >= 0;
+}
+
+static void sbi_surface_beam_report(const sb_surface *s, int triangle, sb_real t, const sb_real weight[2],
+                                    sb_surface_hit *hit)
+{
+    sbi_surface_spot spot = sbi_surface_spot_make(weight[0], weight[1], SB_SURFACE_FACE, 0);
+    sbi_surface_report(s, triangle, &spot, hit);
+    hit->distance = s->inverse * t;
+}
+
+/* Puts a hit where it belongs among the nearest so far. */
+static void sbi_surface_beam_insert(const sb_surface *s, sbi_surface_beam *beam, const sb_surface_hit *hit)
+{
+    int i = sbi_min_int(beam->count, beam->capacity);
+    (void)s;
+    beam->count++;
+    while (i > 0 && (beam->hits[i - 1].distance > hit->distance ||
+                     (beam->hits[i - 1].distance == hit->distance && beam->hits[i - 1].triangle > hit->triangle))) {
+        if (i < beam->capacity)
+            beam->hits[i] = beam->hits[i - 1];
+        i--;
+    }
+    if (i < beam->capacity)
+        beam->hits[i] = *hit;
+}
+
+static void sbi_surface_beam_try(const sb_surface *s, sbi_surface_beam *beam, int triangle)
+{
+    sb_real t, weight[2];
+    if (!sbi_surface_beam_meets(s, beam, triangle, &t, weight) || t > beam->best)
+        return;
+    if (beam->all) {
+        sb_surface_hit hit;
+        sbi_surface_beam_report(s, triangle, t, weight, &hit);
+        sbi_surface_beam_insert(s, beam, &hit);
+    } else if (beam->triangle < 0 || t < beam->best || triangle < beam->triangle) {
+        beam->best = t;
+        beam->triangle = triangle;
+        beam->weight[0] = weight[0];
+        beam->weight[1] = weight[1];
+        sbi_surface_beam_reach(beam);
+    }
+}
+
+/* Pushes the children that the ray goes through, the first last. */
+static int sbi_surface_beam_push(const sbi_surface_node *node, const sbi_surface_beam *beam, uint64_t *stack, int top)
+{
+    float enter[SBI_SURFACE_WIDTH], leave[SBI_SURFACE_WIDTH];
+    int bottom = top;
+    sbi_surface_beam_boxes(node, beam, enter, leave);
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        uint64_t visit = sbi_surface_visit(enter[k], node->child[k]);
+        int i = top;
+        if (!(enter[k] <= leave[k]) || !(node->low[0][k] < SBI_SURFACE_FAR))
+            continue;
+        for (; i > bottom && stack[i - 1] < visit; i--)
+            stack[i] = stack[i - 1];
+        stack[i] = visit;
+        top++;
+    }
+    return top;
+}
+
+static void sbi_surface_beam_run(const sb_surface *s, sbi_surface_beam *beam)
+{
+    uint64_t stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH];
+    int top = 0;
+    stack[top++] = sbi_surface_visit(0.0f, 0);
+    while (top > 0) {
+        uint64_t visit = stack[--top];
+        int child = sbi_surface_visit_child(visit);
+        if (sbi_surface_visit_square(visit) > beam->reach)
+            continue;
+        if (child >= 0) {
+            top = sbi_surface_beam_push(s->tree + child, beam, stack, top);
+            continue;
+        }
+        for (int k = 0; k < SBI_SURFACE_WIDTH && s->leaf[~child].triangle[k] >= 0; k++)
+            sbi_surface_beam_try(s, beam, s->leaf[~child].triangle[k]);
+    }
+}
+
+SB_API int sb_surface_ray(const sb_surface *surface, sb_vec3 origin, sb_vec3 direction, sb_real max,
+                          sb_surface_hit *hit)
+{
+    sbi_surface_beam beam;
+    if (hit)
+        sbi_surface_miss(hit);
+    if (!surface || !sbi_surface_beam_make(surface, origin, direction, max, &beam))
+        return 0;
+    sbi_surface_beam_run(surface, &beam);
+    if (beam.triangle < 0)
+        return 0;
+    if (hit)
+        sbi_surface_beam_report(surface, beam.triangle, beam.best, beam.weight, hit);
+    return 1;
+}
+
+SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3 direction, sb_real max,
+                              sb_surface_hit *hits, int capacity)
+{
+    sbi_surface_beam beam;
+    if (!surface || !sbi_surface_beam_make(surface, origin, direction, max, &beam))
+        return 0;
+    beam.all = 1;
+    beam.hits = hits;
+    beam.capacity = hits ? sbi_max_int(capacity, 0) : 0;
+    sbi_surface_beam_run(surface, &beam);
+    return beam.count;
+}
+
+/* ---- batches ------------------------------------------------------------------------------------------------------- */
+
+typedef struct sbi_surface_batch {
+    const sb_surface *surface;
+    const sb_vec3 *points;
+    int count, by_winding;
+    sb_real max_distance;
+    sb_real *numbers;
+    sb_surface_hit *hits;
+    unsigned char *inside;
+} sbi_surface_batch;
+
+/* Points come in blocks; within one, the last triangle found is the first guess for the next point. */
+static void sbi_surface_closest_task(void *user, int block)
+{
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    int triangle = -1;
+    for (int i = begin; i < end; i++) {
+        sb_surface_hit *hit = batch->hits + i;
+        if (sb_surface_closest_from(batch->surface, batch->points[i], batch->max_distance, triangle, hit))
+            triangle = hit->triangle;
+    }
+}
+
+static void sbi_surface_distance_task(void *user, int block)
+{
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    int triangle = -1;
+    for (int i = begin; i < end; i++)
+        batch->numbers[i] = sbi_surface_distance(batch->surface, batch->points[i], batch->by_winding, &triangle,
+                                                 batch->hits ? batch->hits + i : NULL);
+}
+
+static void sbi_surface_winding_task(void *user, int block)
+{
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    for (int i = begin; i < end; i++) {
+        sb_real number = sb_surface_winding_number(batch->surface, batch->points[i]);
+        if (batch->numbers)
+            batch->numbers[i] = number;
+        else
+            batch->inside[i] = number >= (sb_real)0.5;
+    }
+}
+
+static void sbi_surface_run_batch(sbi_surface_batch *batch, sb_task task, const sb_jobs *jobs)
+{
+    if (batch->surface && batch->points && batch->count > 0)
+        sbi_run(jobs, task, batch, sbi_surface_blocks(batch->count));
+}
+
+static sbi_surface_batch sbi_surface_batch_make(const sb_surface *surface, const sb_vec3 *points, int count)
+{
+    sbi_surface_batch batch;
+    memset(&batch, 0, sizeof batch);
+    batch.surface = surface;
+    batch.points = points;
+    batch.count = count;
+    return batch;
+}
+
+SB_API void sb_surface_closest_batch(const sb_surface *surface, const sb_vec3 *points, int count, sb_real max_distance,
+                                     sb_surface_hit *hits, const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.max_distance = max_distance;
+    batch.hits = hits;
+    if (hits)
+        sbi_surface_run_batch(&batch, sbi_surface_closest_task, jobs);
+}
+
+static void sbi_surface_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count, int by_winding,
+                                       sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.by_winding = by_winding;
+    batch.numbers = distances;
+    batch.hits = hits;
+    if (distances)
+        sbi_surface_run_batch(&batch, sbi_surface_distance_task, jobs);
+}
+
+SB_API void sb_surface_signed_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                             sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
+{
+    sbi_surface_distance_batch(surface, points, count, 0, distances, hits, jobs);
+}
+
+SB_API void sb_surface_signed_distance_winding_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                                     sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
+{
+    sbi_surface_distance_batch(surface, points, count, 1, distances, hits, jobs);
+}
+
+SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                            sb_real *numbers, const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.numbers = numbers;
+    if (numbers)
+        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
+}
+
+SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
+                                    const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.inside = inside;
+    if (inside)
+        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
+}
+
+/* ==== src/softbody/stuffing.c ==== */
+/* stuffing: isosurface stuffing with several shapes and graded cells.
+ *
+ * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
+ * Every tet of the lattice joins the centres of two cells that share a face with an edge of that face. Corners and
+ * centres each are a cubic grid of "long" edges (one cell); "short" edges (sqrt(3)/2) run between the two kinds.
+ *
+ *   1. label     the shape that each point lies in, 0 outside: a byte per point, space far from surfaces in one go
+ *   2. octree    cells round a change of label stay small, others merge; enumerate the tets
+ *   3. cut       where edges between labels cross the surface, by root finding
+ *   4. warp      points close to a cut move onto it and belong to both sides from then on ("zero" points)
+ *   5. stencils  what is still cut falls into tets of one label each
+ *
+ * Several labels. The stencils know two sides, so every tet must see two labels at most, zeros not counted. A tet
+ * with a point outside sees the outside and the rest: the outer boundary is always exact. In it, and in tets that see
+ * three labels or more, points become zeros where they are until the rule holds; this shifts the face between inner
+ * regions, by less than a cell, and no angle is worse for it: a zero at its lattice point is one of the cases that
+ * the angles' bounds were found over. What a point counts as in a face depends on the points of that face and on
+ * nothing else that the two tets at the face do not share; so they cut it alike.
+ *
+ * Source: Labelle and Shewchuk, Isosurface stuffing, 2007; for the parity rule that lets both sides match, the order of
+ * prisms and the lengths of warps: own derivation, checked over all patterns. */
+
+#include <limits.h>
+#include <string.h>
+
+#define SBI_STUFF_COOKIE 0x53545546u
+#define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
+#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285)   /* parts of an edge within which its end is warped to the cut */
+#define SBI_STUFF_ALPHA_SHORT ((sb_real)0.3975)
+#define SBI_STUFF_SHORT ((sb_real)0.8660254037844386) /* length of a short edge in cells */
+#define SBI_STUFF_MAX_LEVELS 8
+#define SBI_STUFF_EDGES 7          /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
+#define SBI_STUFF_CHUNK 128        /* surface points per task */
+
+/* A set of lattice points that numbers its members in lattice order: count before each word, and bits within it. */
+typedef struct sbi_stuffing_set {
+    uint64_t *words;
+    int *before;
+    size_t word_count;
+    int count;
+} sbi_stuffing_set;
+
+typedef enum sbi_stuffing_state {
+    SBI_STUFF_STRICT = 0, /* lies in the region of its label */
+    SBI_STUFF_OUTER = 1,  /* on the outer boundary */
+    SBI_STUFF_INNER = 2   /* on a face between regions */
+} sbi_stuffing_state;
+
+/* A point with an edge to another label. */
+typedef struct sbi_stuffing_point {
+    int half[3];
+    int active;             /* its number among the points of the mesh */
+    unsigned char label, state;
+    sb_real moved;          /* distance from its place in the lattice, in cells */
+    sb_real cut[SBI_STUFF_EDGES]; /* fraction along each owned edge to where the label changes; -1: it does not */
+} sbi_stuffing_point;
+
+typedef struct sbi_stuffing_failure {
+    int shape; /* whose distance was not finite; -1: none */
+    sb_vec3 at;
+} sbi_stuffing_failure;
+
+typedef struct sbi_stuffing {
+    const sb_stuff_def *def;
+    sb_error *error;
+    sb_vec3 low, high, origin;
+    sb_real half;                 /* m, half a cell */
+    int n[3];                     /* cells, multiples of 2^levels */
+    size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
+    size_t point_count;           /* of the lattice: two per cell, cells of the last layer half used */
+    unsigned char *labels;        /* [point_count] 1 + shape, 0 outside */
+    unsigned char *split[SBI_STUFF_MAX_LEVELS + 1]; /* 1: this cell of size 2^level is made of smaller ones */
+    sbi_stuffing_set surface, active;
+    int tet_count;
+    int *tets;                    /* [tet_count][4] active points */
+    sb_vec3 *positions;           /* [active.count] */
+    unsigned char *active_label;  /* [active.count] */
+    int *point_of;                /* [active.count] surface point, or -1 */
+    sbi_stuffing_point *points;   /* [surface.count] */
+    sb_real *values;              /* [surface.count][shapes] distances, where an edge needs them */
+    sbi_stuffing_failure *failures; /* one per task of a slice */
+    int first;                    /* first block or point of the slice that tasks work on */
+    /* what the stencils make */
+    int *cut_node;                /* [surface.count][7] node of the cut, -1: none yet */
+    sb_vec3 *cut_positions;
+    int cut_count;
+    int *elements;                /* [element_count][4] active points, then cuts */
+    unsigned char *element_labels;
+    int element_count, element_capacity;
+} sbi_stuffing;
+
+SB_API sb_stuff_def sb_default_stuff_def(void)
+{
+    sb_stuff_def def;
+    memset(&def, 0, sizeof def);
+    def.type = SB_TET4;
+    def.max_elements = 20000000;
+    def.cookie = SBI_STUFF_COOKIE;
+    return def;
+}
+
+/* ---- shapes ---- */
+
+/* Signed distance of a shape; the first one is cut off at its box. The sign of a surface's is that of the nearest
+ * triangle's side: right but where the surface crosses itself. */
+static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    sb_real value;
+    if (g->surface)
+        return sb_surface_signed_distance(g->surface, p, NULL);
+    value = g->distance(g->user, p);
+    if (shape == 0 && sb_is_finite(value)) {
+        value = sb_max(value, sb_max(s->low.x - p.x, p.x - s->high.x));
+        value = sb_max(value, sb_max(s->low.y - p.y, p.y - s->high.y));
+        value = sb_max(value, sb_max(s->low.z - p.z, p.z - s->high.z));
+    }
+    return value;
+}
+
+/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
+static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
+}
+
+static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    return g->surface ? sb_surface_inside(g->surface, p) : sbi_stuffing_value(s, shape, p) < 0;
+}
+
+/* Largest slope of a shape's function, 0: unknown. */
+static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    if (g->surface)
+        return 1;
+    return shape == 0 && g->max_slope > 0 ? sb_max(g->max_slope, 1) : g->max_slope;
+}
+
+/* The label that follows from the shapes a point lies in. */
+static unsigned char sbi_stuffing_label(uint64_t inside)
+{
+    unsigned char label = 0;
+    if (!(inside & 1))
+        return 0;
+    for (; inside; inside >>= 1)
+        label++;
+    return label;
+}
+
+static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
+{
+    if (!sbi_stuffing_is_inside(s, 0, p))
+        return 0;
+    for (int shape = s->def->shape_count - 1; shape > 0; shape--)
+        if (sbi_stuffing_is_inside(s, shape, p))
+            return (unsigned char)(shape + 1);
+    return 1;
+}
+
+/* The shape whose surface separates two labels: the outer one, or the one that wins. */
+static int sbi_stuffing_separator(int a, int b)
+{
+    return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
+}
+
+/* ---- the lattice ---- */
+
+static sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
+{
+    return sb_v3(s->origin.x + s->half * (sb_real)half[0], s->origin.y + s->half * (sb_real)half[1],
+                 s->origin.z + s->half * (sb_real)half[2]);
+}
+
+static size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
+{
+    return 2 * ((size_t)(half[0] >> 1) + s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1)) +
+           (size_t)(half[0] & 1);
+}
+
+/* Inverse of sbi_stuffing_index. */
+static void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3])
+{
+    size_t cell = index >> 1;
+    int odd = (int)(index & 1);
+    half[0] = 2 * (int)(cell % s->stride[1]) + odd;
+    half[1] = 2 * (int)(cell % s->stride[2] / s->stride[1]) + odd;
+    half[2] = 2 * (int)(cell / s->stride[2]) + odd;
+}
+
+/* Step from a point along one of its own edges. */
+static void sbi_stuffing_step(int edge, int step[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        step[axis] = edge < 3 ? 2 * (edge == axis) : axis == 2 ? 1 : (edge - 3) >> axis & 1 ? 1 : -1;
+}
+
+static int sbi_stuffing_is_in(const sbi_stuffing *s, const int half[3])
+{
+    int odd = half[0] & 1;
+    for (int axis = 0; axis < 3; axis++)
+        if (half[axis] < 0 || half[axis] + odd > 2 * s->n[axis])
+            return 0;
+    return 1;
+}
+
+/* ---- sets ---- */
+
+static int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
+{
+    set->word_count = s->point_count / 64 + 1;
+    set->words = (uint64_t *)sbi_alloc_zeroed(&s->def->allocator, set->word_count, sizeof *set->words);
+    set->before = (int *)sbi_alloc(&s->def->allocator, set->word_count, sizeof *set->before);
+    return set->words && set->before;
+}
+
+static void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set)
+{
+    sbi_free(&s->def->allocator, set->words);
+    sbi_free(&s->def->allocator, set->before);
+}
+
+static void sbi_stuffing_set_add(sbi_stuffing_set *set, size_t index)
+{
+    set->words[index >> 6] |= (uint64_t)1 << (index & 63);
+}
+
+static int sbi_stuffing_set_has(const sbi_stuffing_set *set, size_t index)
+{
+    return (int)(set->words[index >> 6] >> (index & 63) & 1);
+}
+
+static int sbi_stuffing_bit_count(uint64_t word)
+{
+    word -= word >> 1 & 0x5555555555555555u;
+    word = (word & 0x3333333333333333u) + (word >> 2 & 0x3333333333333333u);
+    word = (word + (word >> 4)) & 0x0f0f0f0f0f0f0f0fu;
+    return (int)(word * 0x0101010101010101u >> 56);
+}
+
+/* Numbers the members. 0 when there are more than an int counts. */
+static int sbi_stuffing_set_number(sbi_stuffing_set *set)
+{
+    int64_t count = 0;
+    for (size_t w = 0; w < set->word_count; w++) {
+        set->before[w] = (int)count;
+        count += sbi_stuffing_bit_count(set->words[w]);
+        if (count > INT_MAX)
+            return 0;
+    }
+    set->count = (int)count;
+    return 1;
+}
+
+static int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
+{
+    uint64_t below = set->words[index >> 6] & (((uint64_t)1 << (index & 63)) - 1);
+    return set->before[index >> 6] + sbi_stuffing_bit_count(below);
+}
+
+/* ---- checks and set-up ---- */
+
+static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
+{
+    const sb_stuff_shape *g = def->shapes + shape;
+    if (!g->surface == !g->distance)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
+    if (!sb_is_finite(g->max_slope))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "max_slope of shape %d is not finite", shape);
+    if (g->max_slope < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_slope of shape %d is negative: %g", shape, (double)g->max_slope);
+    return SB_OK;
+}
+
+static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = SB_OK;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    if (def->cookie != SBI_STUFF_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_stuff_def");
+    if (!def->shapes || def->shape_count < 1 || def->shape_count > SB_STUFF_MAX_SHAPES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing needs 1 to %d shapes, not %d", SB_STUFF_MAX_SHAPES,
+                        def->shapes ? def->shape_count : 0);
+    for (int shape = 0; shape < def->shape_count && result == SB_OK; shape++)
+        result = sbi_stuffing_check_shape(def, shape, error);
+    if (result != SB_OK)
+        return result;
+    if (!sb_is_finite(def->cell))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "cell is not finite");
+    if (!(def->cell > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
+    if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels, SBI_STUFF_MAX_LEVELS);
+    if (def->type != SB_TET4 && def->type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
+    if (def->max_elements < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
+    return SB_OK;
+}
+
+/* Lays the lattice round the first shape, with two cells or more of empty space on each side. */
+static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
+{
+    const sb_stuff_def *def = s->def;
+    double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
+    s->low = def->low;
+    s->high = def->high;
+    if (def->shapes[0].surface)
+        sb_surface_bounds(def->shapes[0].surface, &s->low, &s->high);
+    if (!sb_v3_is_finite(s->low) || !sb_v3_is_finite(s->high))
+        return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the box from low to high is not finite");
+    if (!(s->low.x < s->high.x && s->low.y < s->high.y && s->low.z < s->high.z))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "the box is empty: low must lie below high along x, y and z");
+    size[0] = (double)s->high.x - (double)s->low.x;
+    size[1] = (double)s->high.y - (double)s->low.y;
+    size[2] = (double)s->high.z - (double)s->low.z;
+    for (int axis = 0; axis < 3; axis++) {
+        cells[axis] = unit * ceil((ceil(size[axis] / (double)def->cell) + 4) / unit);
+        total *= cells[axis] + 1;
+    }
+    if (!(total <= 8.0 * def->max_elements) || total > 0.25 * (double)((size_t)-1) || total > 1e9 * unit * unit)
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT,
+                        "cells of %g m make a lattice of %.3g cells: more than 8 for each of max_elements (%d)",
+                        (double)def->cell, total, def->max_elements);
+    for (int axis = 0; axis < 3; axis++) {
+        s->n[axis] = (int)cells[axis];
+        start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
+    }
+    s->half = (sb_real)0.5 * def->cell;
+    s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
+    s->stride[0] = 1;
+    s->stride[1] = (size_t)s->n[0] + 1;
+    s->stride[2] = s->stride[1] * ((size_t)s->n[1] + 1);
+    s->point_count = 2 * s->stride[2] * ((size_t)s->n[2] + 1);
+    return SB_OK;
+}
+
+static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
+{
+    return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
+                    s->n[2]);
+}
+
+static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
+{
+    if (s->def->progress && s->def->progress(s->def->progress_user, fraction))
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * fraction);
+    return SB_OK;
+}
+
+/* Runs tasks, one failure record each, and reports the first failure. */
+static sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
+{
+    for (int i = 0; i < count; i++)
+        s->failures[i].shape = -1;
+    sbi_run(&s->def->jobs, task, s, count);
+    for (int i = 0; i < count; i++)
+        if (s->failures[i].shape >= 0) {
+            const sbi_stuffing_failure *f = s->failures + i;
+            return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the distance of shape %d is not finite at (%g, %g, %g)",
+                            f->shape, (double)f->at.x, (double)f->at.y, (double)f->at.z);
+        }
+    return SB_OK;
+}
+
+/* ---- 1. labels ---- */
+
+/* A cube of the lattice on its way down to single cells: which shapes are decided, and which contain it. */
+typedef struct sbi_stuffing_cube {
+    int low[3], size; /* half cells; points lie in [low, low + size - 1] */
+    uint64_t known, inside;
+} sbi_stuffing_cube;
+
+/* Whether a shape contains a point, told only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
+ * -1: not told; -2: the distance is not finite. */
+static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
+{
+    const sb_stuff_shape *g = s->def->shapes + shape;
+    sb_real slope = sbi_stuffing_slope(s, shape), value;
+    if (g->surface)
+        return reach > 0 && sb_surface_closest(g->surface, p, reach, NULL) ? -1 : sb_surface_inside(g->surface, p);
+    if (reach > 0 && slope == 0)
+        return -1;
+    value = sbi_stuffing_value(s, shape, p);
+    if (!sb_is_finite(value))
+        return -2;
+    return reach > 0 && sb_abs(value) <= slope * reach ? -1 : value < 0;
+}
+
+/* Asks the shapes that are not decided yet; `reach` is how far the cube's points lie from p. */
+static void sbi_stuffing_ask(const sbi_stuffing *s, sb_vec3 p, sb_real reach, sbi_stuffing_cube *cube,
+                             sbi_stuffing_failure *failure)
+{
+    for (int shape = 0; shape < s->def->shape_count; shape++) {
+        uint64_t bit = (uint64_t)1 << shape;
+        int inside = cube->known & bit ? -1 : sbi_stuffing_contains(s, shape, p, reach);
+        if (inside == -2) {
+            failure->shape = shape;
+            failure->at = p;
+            return;
+        }
+        if (inside < 0)
+            continue;
+        cube->known |= bit;
+        cube->inside |= inside ? bit : 0;
+        if (shape == 0 && !inside) { /* the others do not matter */
+            cube->known = ~(uint64_t)0;
+            return;
+        }
+    }
+}
+
+static void sbi_stuffing_fill(sbi_stuffing *s, const sbi_stuffing_cube *cube, const int high[3])
+{
+    unsigned char label = sbi_stuffing_label(cube->inside);
+    int half[3];
+    for (half[2] = cube->low[2]; half[2] < high[2]; half[2] += 2)
+        for (half[1] = cube->low[1]; half[1] < high[1]; half[1] += 2) {
+            half[0] = cube->low[0];
+            memset(s->labels + sbi_stuffing_index(s, half), label, (size_t)(high[0] - half[0]));
+        }
+}
+
+/* One cell: its lower corner and its centre. The rim of the lattice stays outside whatever the distance says. */
+static void sbi_stuffing_label_cell(sbi_stuffing *s, const sbi_stuffing_cube *cube, sbi_stuffing_failure *failure)
+{
+    for (int odd = 0; odd < 2; odd++) {
+        sbi_stuffing_cube point = *cube;
+        int inner = 1;
+        for (int axis = 0; axis < 3; axis++) {
+            point.low[axis] += odd;
+            inner = inner && point.low[axis] > 1 && point.low[axis] < 2 * s->n[axis] - 1;
+        }
+        if (!inner)
+            continue;
+        sbi_stuffing_ask(s, sbi_stuffing_position(s, point.low), 0, &point, failure);
+        s->labels[sbi_stuffing_index(s, point.low)] = sbi_stuffing_label(point.inside);
+    }
+}
+
+static void sbi_stuffing_label_cube(sbi_stuffing *s, sbi_stuffing_cube cube, sbi_stuffing_failure *failure)
+{
+    uint64_t all = ~(uint64_t)0 >> (64 - s->def->shape_count);
+    int high[3];
+    if (failure->shape >= 0)
+        return;
+    for (int axis = 0; axis < 3; axis++) {
+        high[axis] = sbi_min_int(cube.low[axis] + cube.size, 2 * s->n[axis] + 2);
+        if (cube.low[axis] >= high[axis])
+            return;
+    }
+    if (cube.size == 2) {
+        sbi_stuffing_label_cell(s, &cube, failure);
+        return;
+    }
+    if ((cube.known & all) != all) {
+        int middle[3];
+        for (int axis = 0; axis < 3; axis++)
+            middle[axis] = cube.low[axis] + cube.size / 2;
+        /* half the diagonal, and a little for rounding; no point is farther from the middle */
+        sbi_stuffing_ask(s, sbi_stuffing_position(s, middle), (sb_real)0.8661 * s->half * (sb_real)cube.size, &cube,
+                         failure);
+    }
+    if ((cube.known & all) == all) {
+        sbi_stuffing_fill(s, &cube, high);
+        return;
+    }
+    for (int child = 0; child < 8; child++) {
+        sbi_stuffing_cube part = cube;
+        part.size = cube.size / 2;
+        for (int axis = 0; axis < 3; axis++)
+            part.low[axis] += child >> axis & 1 ? part.size : 0;
+        sbi_stuffing_label_cube(s, part, failure);
+    }
+}
+
+static int sbi_stuffing_blocks(const sbi_stuffing *s, int axis)
+{
+    return (2 * s->n[axis] + 2 + SBI_STUFF_BLOCK - 1) / SBI_STUFF_BLOCK;
+}
+
+static void sbi_stuffing_label_task(void *user, int index)
+{
+    sbi_stuffing *s = (sbi_stuffing *)user;
+    sbi_stuffing_cube cube;
+    int along = sbi_stuffing_blocks(s, 0);
+    cube.size = SBI_STUFF_BLOCK;
+    cube.low[0] = SBI_STUFF_BLOCK * (index % along);
+    cube.low[1] = SBI_STUFF_BLOCK * (index / along);
+    cube.low[2] = SBI_STUFF_BLOCK * s->first;
+    cube.known = cube.inside = 0;
+    sbi_stuffing_label_cube(s, cube, s->failures + index);
+}
+
+static sb_result sbi_stuffing_sample(sbi_stuffing *s)
+{
+    int layers = sbi_stuffing_blocks(s, 2), count = sbi_stuffing_blocks(s, 0) * sbi_stuffing_blocks(s, 1);
+    sb_result result = SB_OK;
+    s->labels = (unsigned char *)sbi_alloc_zeroed(&s->def->allocator, s->point_count, 1);
+    s->failures = (sbi_stuffing_failure *)sbi_alloc(&s->def->allocator, (size_t)sbi_max_int(count, 64),
+                                                    sizeof *s->failures);
+    if (!s->labels || !s->failures)
+        return sbi_stuffing_no_memory(s);
+    for (s->first = 0; s->first < layers && result == SB_OK; s->first++) {
+        result = sbi_stuffing_progress(s, 0.5 * s->first / layers);
+        if (result == SB_OK)
+            result = sbi_stuffing_run(s, sbi_stuffing_label_task, count);
+    }
+    return result;
+}
+
+/* ---- 2. octree and tets ---- */
+
+/* Finds the points with an edge to another label. */
+static sb_result sbi_stuffing_find_surface(sbi_stuffing *s)
+{
+    ptrdiff_t offset[2][SBI_STUFF_EDGES];
+    size_t begin = 2 * (s->stride[2] + s->stride[1] + 1), end = s->point_count - begin;
+    if (!sbi_stuffing_set_make(s, &s->surface))
+        return sbi_stuffing_no_memory(s);
+    for (int odd = 0; odd < 2; odd++)
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
+            int from[3] = {2 + odd, 2 + odd, 2 + odd}, step[3];
+            ptrdiff_t start = (ptrdiff_t)sbi_stuffing_index(s, from);
+            sbi_stuffing_step(edge, step);
+            for (int axis = 0; axis < 3; axis++)
+                from[axis] += step[axis];
+            offset[odd][edge] = (ptrdiff_t)sbi_stuffing_index(s, from) - start;
+        }
+    for (size_t p = begin; p < end; p++) /* the rim has one label: nothing to find there, and none beyond it */
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
+            size_t q = (size_t)((ptrdiff_t)p + offset[p & 1][edge]);
+            if (s->labels[p] != s->labels[q]) {
+                sbi_stuffing_set_add(&s->surface, p);
+                sbi_stuffing_set_add(&s->surface, q);
+            }
+        }
+    if (!sbi_stuffing_set_number(&s->surface))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make too many nodes", (double)s->def->cell);
+    return SB_OK;
+}
+
+static size_t sbi_stuffing_cell_index(const sbi_stuffing *s, int level, const int cell[3])
+{
+    size_t nx = (size_t)(s->n[0] >> level), ny = (size_t)(s->n[1] >> level);
+    return (size_t)cell[0] + nx * ((size_t)cell[1] + ny * (size_t)cell[2]);
+}
+
+static int sbi_stuffing_cell_is_in(const sbi_stuffing *s, int level, const int cell[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        if (cell[axis] < 0 || cell[axis] >= s->n[axis] >> level)
+            return 0;
+    return 1;
+}
+
+static int sbi_stuffing_is_split(const sbi_stuffing *s, int level, const int cell[3])
+{
+    return level > 0 && s->split[level][sbi_stuffing_cell_index(s, level, cell)];
+}
+
+/* Whether the cell is there at all: a leaf or split, not part of a larger leaf. */
+static int sbi_stuffing_exists(const sbi_stuffing *s, int level, const int cell[3])
+{
+    int parent[3];
+    for (int axis = 0; axis < 3; axis++)
+        parent[axis] = cell[axis] >> 1;
+    return level == s->def->levels || sbi_stuffing_is_split(s, level + 1, parent);
+}
+
+/* Sees to it that a cell of this level exists. */
+static void sbi_stuffing_need(sbi_stuffing *s, int level, const int cell[3])
+{
+    int parent[3];
+    if (level >= s->def->levels || !sbi_stuffing_cell_is_in(s, level, cell))
+        return;
+    for (int axis = 0; axis < 3; axis++)
+        parent[axis] = cell[axis] >> 1;
+    s->split[level + 1][sbi_stuffing_cell_index(s, level + 1, parent)] = 1;
+}
+
+/* All tets at a point that is cut or may be warped must be of the smallest cells: those round a corner, or the cell of
+ * a centre and its six neighbours. */
+static void sbi_stuffing_need_around(sbi_stuffing *s, const int half[3])
+{
+    int cell[3];
+    if (half[0] & 1) {
+        for (int axis = 0; axis < 3; axis++)
+            cell[axis] = half[axis] >> 1;
+        sbi_stuffing_need(s, 0, cell);
+        for (int face = 0; face < 6; face++) {
+            cell[face >> 1] += face & 1 ? 1 : -1;
+            sbi_stuffing_need(s, 0, cell);
+            cell[face >> 1] -= face & 1 ? 1 : -1;
+        }
+        return;
+    }
+    for (int c = 0; c < 8; c++) {
+        for (int axis = 0; axis < 3; axis++)
+            cell[axis] = (half[axis] >> 1) - (c >> axis & 1);
+        sbi_stuffing_need(s, 0, cell);
+    }
+}
+
+/* Splits what must be split for one level: the parents of split cells, and, so that leaves which share an edge differ
+ * by a factor of two at most, the parents of the 18 cells round them. */
+static void sbi_stuffing_balance(sbi_stuffing *s, int level)
+{
+    int cell[3], near_by[3];
+    for (cell[2] = 0; cell[2] < s->n[2] >> level; cell[2]++)
+        for (cell[1] = 0; cell[1] < s->n[1] >> level; cell[1]++)
+            for (cell[0] = 0; cell[0] < s->n[0] >> level; cell[0]++) {
+                if (!sbi_stuffing_is_split(s, level, cell))
+                    continue;
+                for (int d = 0; d < 27; d++) {
+                    int step[3] = {d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1};
+                    if (step[0] && step[1] && step[2])
+                        continue;
+                    for (int axis = 0; axis < 3; axis++)
+                        near_by[axis] = cell[axis] + step[axis];
+                    sbi_stuffing_need(s, level, near_by);
+                }
+            }
+}
+
+static sb_result sbi_stuffing_grade(sbi_stuffing *s)
+{
+    for (int level = 1; level <= s->def->levels; level++) {
+        size_t count = (size_t)(s->n[0] >> level) * (size_t)(s->n[1] >> level) * (size_t)(s->n[2] >> level);
+        s->split[level] = (unsigned char *)sbi_alloc_zeroed(&s->def->allocator, count, 1);
+        if (!s->split[level])
+            return sbi_stuffing_no_memory(s);
+    }
+    for (size_t w = 0; s->def->levels > 0 && w < s->surface.word_count; w++)
+        for (int bit = 0; bit < 64 && s->surface.words[w]; bit++)
+            if (s->surface.words[w] >> bit & 1) {
+                int half[3];
+                sbi_stuffing_coordinates(s, 64 * w + (size_t)bit, half);
+                sbi_stuffing_need_around(s, half);
+            }
+    for (int level = 1; level < s->def->levels; level++)
+        sbi_stuffing_balance(s, level);
+    return SB_OK;
+}
+
+/* Takes a tet of the lattice in, unless it lies outside: counts it and its points in the first pass, stores it in the
+ * second. */
+static void sbi_stuffing_add_tet(sbi_stuffing *s, const int *a, const int *b, const int *c, const int *d)
+{
+    size_t p[4];
+    p[0] = sbi_stuffing_index(s, a);
+    p[1] = sbi_stuffing_index(s, b);
+    p[2] = sbi_stuffing_index(s, c);
+    p[3] = sbi_stuffing_index(s, d);
+    if (!(s->labels[p[0]] | s->labels[p[1]] | s->labels[p[2]] | s->labels[p[3]]))
+        return;
+    for (int i = 0; i < 4; i++) {
+        if (s->tets)
+            s->tets[4 * (size_t)s->tet_count + (size_t)i] = sbi_stuffing_set_rank(&s->active, p[i]);
+        else
+            sbi_stuffing_set_add(&s->active, p[i]);
+    }
+    s->tet_count += s->tet_count < INT_MAX;
+}
+
+/* A face of a leaf: its cell, the direction it looks in, and the axes along it. */
+typedef struct sbi_stuffing_face {
+    int level, size; /* of the cell; half cells */
+    int cell[3], beyond[3];
+    int axis, side, t1, t2;
+    int centre[3], low[3]; /* of the cell; of the face */
+} sbi_stuffing_face;
+
+/* Corner (i, j) of a face, in units of half its edge: 0, 1, 2. */
+static void sbi_stuffing_on_face(const sbi_stuffing_face *f, int i, int j, int half[3])
+{
+    half[f->axis] = f->low[f->axis];
+    half[f->t1] = f->low[f->t1] + i * f->size / 2;
+    half[f->t2] = f->low[f->t2] + j * f->size / 2;
+}
+
+/* The neighbour is larger: two half pyramids, cut from the middle of its face to its corner. */
+static void sbi_stuffing_half_pyramids(sbi_stuffing *s, const sbi_stuffing_face *f)
+{
+    int i = f->cell[f->t1] & 1 ? 0 : 2, j = f->cell[f->t2] & 1 ? 0 : 2; /* corner at the middle of the large face */
+    int middle[3], corner[3], side[3];
+    sbi_stuffing_on_face(f, i, j, middle);
+    sbi_stuffing_on_face(f, 2 - i, 2 - j, corner);
+    sbi_stuffing_on_face(f, 2 - i, j, side);
+    sbi_stuffing_add_tet(s, f->centre, middle, corner, side);
+    sbi_stuffing_on_face(f, i, 2 - j, side);
+    sbi_stuffing_add_tet(s, f->centre, middle, corner, side);
+}
+
+/* The neighbours are smaller: eight tets round the middle of the face. */
+static void sbi_stuffing_pyramid_of_eight(sbi_stuffing *s, const sbi_stuffing_face *f)
+{
+    static const int ring[9][2] = {{0, 0}, {1, 0}, {2, 0}, {2, 1}, {2, 2}, {1, 2}, {0, 2}, {0, 1}, {0, 0}};
+    int middle[3], a[3], b[3];
+    sbi_stuffing_on_face(f, 1, 1, middle);
+    for (int k = 0; k < 8; k++) {
+        sbi_stuffing_on_face(f, ring[k][0], ring[k][1], a);
+        sbi_stuffing_on_face(f, ring[k + 1][0], ring[k + 1][1], b);
+        sbi_stuffing_add_tet(s, f->centre, middle, a, b);
+    }
+}
+
+/* Whether smaller cells put a point in the middle of the edge of a face at side +-1 along t1 (or t2). */
+static int sbi_stuffing_has_midpoint(const sbi_stuffing *s, const sbi_stuffing_face *f, int tangent, int side)
+{
+    int a[3], b[3];
+    if (f->level == 0)
+        return 0;
+    memcpy(a, f->cell, sizeof a);
+    memcpy(b, f->beyond, sizeof b);
+    a[tangent] += side;
+    b[tangent] += side;
+    return (sbi_stuffing_cell_is_in(s, f->level, a) && sbi_stuffing_is_split(s, f->level, a)) ||
+           (sbi_stuffing_cell_is_in(s, f->level, b) && sbi_stuffing_is_split(s, f->level, b));
+}
+
+/* The neighbour is as large: a tet from centre to centre and each edge of the face, or two where the edge is halved. */
+static void sbi_stuffing_between_centres(sbi_stuffing *s, const sbi_stuffing_face *f)
+{
+    int other[3], a[3], b[3], middle[3];
+    memcpy(other, f->centre, sizeof other);
+    other[f->axis] += f->side * f->size;
+    for (int k = 0; k < 4; k++) {
+        int along_t2 = k >> 1, end = k & 1 ? 2 : 0; /* the edge at `end` of the axis that it does not run along */
+        sbi_stuffing_on_face(f, along_t2 ? end : 0, along_t2 ? 0 : end, a);
+        sbi_stuffing_on_face(f, along_t2 ? end : 2, along_t2 ? 2 : end, b);
+        if (!sbi_stuffing_has_midpoint(s, f, along_t2 ? f->t1 : f->t2, end - 1)) {
+            sbi_stuffing_add_tet(s, f->centre, other, a, b);
+            continue;
+        }
+        for (int axis = 0; axis < 3; axis++)
+            middle[axis] = (a[axis] + b[axis]) / 2;
+        sbi_stuffing_add_tet(s, f->centre, other, a, middle);
+        sbi_stuffing_add_tet(s, f->centre, other, middle, b);
+    }
+}
+
+static void sbi_stuffing_face_tets(sbi_stuffing *s, int level, const int cell[3], int axis, int side)
+{
+    sbi_stuffing_face f;
+    f.level = level;
+    f.size = 2 << level;
+    f.axis = axis;
+    f.side = side;
+    f.t1 = (axis + 1) % 3;
+    f.t2 = (axis + 2) % 3;
+    memcpy(f.cell, cell, sizeof f.cell);
+    memcpy(f.beyond, cell, sizeof f.beyond);
+    f.beyond[axis] += side;
+    if (!sbi_stuffing_cell_is_in(s, level, f.beyond))
+        return;
+    for (int i = 0; i < 3; i++) {
+        f.low[i] = f.size * cell[i];
+        f.centre[i] = f.low[i] + f.size / 2;
+    }
+    f.low[axis] += side > 0 ? f.size : 0;
+    if (!sbi_stuffing_exists(s, level, f.beyond))
+        sbi_stuffing_half_pyramids(s, &f);
+    else if (sbi_stuffing_is_split(s, level, f.beyond))
+        sbi_stuffing_pyramid_of_eight(s, &f);
+    else if (side > 0)
+        sbi_stuffing_between_centres(s, &f);
+}
+
+/* All tets of the leaves. */
+static void sbi_stuffing_walk(sbi_stuffing *s)
+{
+    s->tet_count = 0;
+    for (int level = 0; level <= s->def->levels; level++) {
+        int cell[3];
+        for (cell[2] = 0; cell[2] < s->n[2] >> level; cell[2]++)
+            for (cell[1] = 0; cell[1] < s->n[1] >> level; cell[1]++)
+                for (cell[0] = 0; cell[0] < s->n[0] >> level; cell[0]++) {
+                    if (!sbi_stuffing_exists(s, level, cell) || sbi_stuffing_is_split(s, level, cell))
+                        continue;
+                    for (int face = 0; face < 6; face++)
+                        sbi_stuffing_face_tets(s, level, cell, face >> 1, face & 1 ? 1 : -1);
+                }
+    }
+}
+
+/* Visits the members of a set in order: position, label and surface point of each active point. */
+static void sbi_stuffing_place_points(sbi_stuffing *s)
+{
+    int next = 0, surface = 0;
+    for (size_t p = 0; p < s->point_count; p++) {
+        int half[3];
+        if (s->active.words[p >> 6] == 0) {
+            p |= 63;
+            continue;
+        }
+        if (!sbi_stuffing_set_has(&s->active, p))
+            continue;
+        sbi_stuffing_coordinates(s, p, half);
+        s->positions[next] = sbi_stuffing_position(s, half);
+        s->active_label[next] = s->labels[p];
+        s->point_of[next] = -1;
+        if (sbi_stuffing_set_has(&s->surface, p)) {
+            sbi_stuffing_point *point = s->points + surface;
+            memset(point, 0, sizeof *point);
+            memcpy(point->half, half, sizeof half);
+            point->label = s->labels[p];
+            point->active = next;
+            s->point_of[next] = surface++;
+        }
+        next++;
+    }
+}
+
+static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    size_t shapes = (size_t)s->def->shape_count, points;
+    if (!sbi_stuffing_set_make(s, &s->active))
+        return sbi_stuffing_no_memory(s);
+    sbi_stuffing_walk(s);
+    if (s->tet_count == 0)
+        return sbi_fail(s->error, SB_ERROR_MESH,
+                        "nothing to mesh: no point of a lattice of cells of %g m lies inside the first shape",
+                        (double)s->def->cell);
+    if (s->tet_count / 4 > s->def->max_elements || !sbi_stuffing_set_number(&s->active))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
+                        (double)s->def->cell, s->def->max_elements);
+    points = (size_t)s->active.count;
+    s->tets = (int *)sbi_alloc(allocator, (size_t)s->tet_count, 4 * sizeof(int));
+    s->positions = (sb_vec3 *)sbi_alloc(allocator, points, sizeof(sb_vec3));
+    s->active_label = (unsigned char *)sbi_alloc(allocator, points, 1);
+    s->point_of = (int *)sbi_alloc(allocator, points, sizeof(int));
+    s->points = (sbi_stuffing_point *)sbi_alloc(allocator, (size_t)s->surface.count, sizeof *s->points);
+    s->values = (sb_real *)sbi_alloc(allocator, (size_t)s->surface.count, shapes * sizeof(sb_real));
+    if (!s->tets || !s->positions || !s->active_label || !s->point_of || !s->points || !s->values)
+        return sbi_stuffing_no_memory(s);
+    sbi_stuffing_walk(s);
+    sbi_stuffing_place_points(s);
+    return SB_OK;
+}
+
+/* ---- 3. cuts ---- */
+
+/* The surface point at the other end of an edge of a surface point; own 1: one it owns. -1 when there is none. */
+static int sbi_stuffing_neighbour(const sbi_stuffing *s, const sbi_stuffing_point *point, int edge, int own)
+{
+    int half[3], step[3];
+    size_t index;
+    sbi_stuffing_step(edge, step);
+    for (int axis = 0; axis < 3; axis++)
+        half[axis] = point->half[axis] + (own ? step[axis] : -step[axis]);
+    if (!sbi_stuffing_is_in(s, half))
+        return -1;
+    index = sbi_stuffing_index(s, half);
+    return sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
+}
+
+static void sbi_stuffing_value_task(void *user, int index)
+{
+    sbi_stuffing *s = (sbi_stuffing *)user;
+    int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
+    for (int i = begin; i < end; i++) {
+        const sbi_stuffing_point *point = s->points + i;
+        uint64_t needed = 0;
+        for (int k = 0; k < 2 * SBI_STUFF_EDGES; k++) {
+            int j = sbi_stuffing_neighbour(s, point, k >> 1, k & 1);
+            if (j >= 0 && s->points[j].label != point->label)
+                needed |= (uint64_t)1 << sbi_stuffing_separator(s->points[j].label, point->label);
+        }
+        for (int shape = 0; shape < s->def->shape_count; shape++)
+            if (needed >> shape & 1) {
+                sb_vec3 p = sbi_stuffing_position(s, point->half);
+                sb_real value = sbi_stuffing_value(s, shape, p);
+                if (s->def->shapes[shape].surface) /* the label knows better, see sbi_stuffing_value */
+                    value = point->label && point->label >= shape + 1 ? -sb_abs(value) : sb_abs(value);
+                s->values[(size_t)i * (size_t)s->def->shape_count + (size_t)shape] = value;
+                if (!sb_is_finite(value)) {
+                    s->failures[index].shape = shape;
+                    s->failures[index].at = p;
+                    return;
+                }
+            }
+    }
+}
+
+/* Where an edge crosses a shape's surface: its ends, the values there, and what is asked in between. */
+typedef struct sbi_stuffing_crossing {
+    const sbi_stuffing *s;
+    int shape;
+    int sure; /* 1: sbi_stuffing_sure_value */
+    sb_vec3 from, edge;
+    sb_real f0, f1;
+} sbi_stuffing_crossing;
+
+/* Fraction of the edge at which the function changes sign: regula falsi after Illinois, with a bisection now and then
+ * for functions that are far from straight. *residual: the function there, or not finite at the fraction returned. */
+static sb_real sbi_stuffing_root(const sbi_stuffing_crossing *c, sb_real *residual)
+{
+    const sb_real tolerance = sb_max((sb_real)1.5e-8, 32 * SB_EPSILON);
+    sb_real ta = 0, tb = 1, t = 0, fa = c->f0, fb = c->f1, enough = tolerance * (sb_abs(fa) + sb_abs(fb));
+    int last = 0;
+    *residual = 0;
+    if (fa == 0 || fb == 0)
+        return fa == 0 ? (sb_real)0 : (sb_real)1;
+    for (int i = 0; i < 80 && tb - ta > tolerance; i++) {
+        sb_real f;
+        sb_vec3 p;
+        t = i % 4 == 3 ? (sb_real)0.5 * (ta + tb) : ta + (tb - ta) * (fa / (fa - fb));
+        p = sb_v3_madd(c->from, t, c->edge);
+        f = c->sure ? sbi_stuffing_sure_value(c->s, c->shape, p) : sbi_stuffing_value(c->s, c->shape, p);
+        *residual = f;
+        if (!sb_is_finite(f) || sb_abs(f) <= enough)
+            return t;
+        if ((f < 0) == (fa < 0)) {
+            fb *= last == 1 ? (sb_real)0.5 : (sb_real)1;
+            ta = t;
+            fa = f;
+            last = 1;
+        } else {
+            fa *= last == 2 ? (sb_real)0.5 : (sb_real)1;
+            tb = t;
+            fb = f;
+            last = 2;
+        }
+    }
+    return t;
+}
+
+/* The cut between two surface points. The quick sign of surfaces can change where there is none (see
+ * sbi_stuffing_value): then the surface is not near, and the sure one looks again. */
+static sb_real sbi_stuffing_cut_at(const sbi_stuffing *s, int i, int j, sbi_stuffing_failure *failure)
+{
+    int shape = sbi_stuffing_separator(s->points[i].label, s->points[j].label);
+    size_t shapes = (size_t)s->def->shape_count;
+    sbi_stuffing_crossing c;
+    sb_real t, residual;
+    c.s = s;
+    c.shape = shape;
+    c.sure = 0;
+    c.from = sbi_stuffing_position(s, s->points[i].half);
+    c.edge = sb_v3_sub(sbi_stuffing_position(s, s->points[j].half), c.from);
+    c.f0 = s->values[(size_t)i * shapes + (size_t)shape];
+    c.f1 = s->values[(size_t)j * shapes + (size_t)shape];
+    t = sbi_stuffing_root(&c, &residual);
+    if (s->def->shapes[shape].surface && sb_abs(residual) > (sb_real)1e-3 * s->half) {
+        c.sure = 1;
+        t = sbi_stuffing_root(&c, &residual);
+    }
+    if (!sb_is_finite(residual)) {
+        failure->shape = shape;
+        failure->at = sb_v3_madd(c.from, t, c.edge);
+    }
+    return t;
+}
+
+static void sbi_stuffing_cut_task(void *user, int index)
+{
+    sbi_stuffing *s = (sbi_stuffing *)user;
+    int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
+    for (int i = begin; i < end; i++)
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++) {
+            sbi_stuffing_point *point = s->points + i;
+            int j = sbi_stuffing_neighbour(s, point, edge, 1);
+            point->cut[edge] = -1;
+            if (j < 0 || s->points[j].label == point->label)
+                continue;
+            point->cut[edge] = sbi_stuffing_cut_at(s, i, j, s->failures + index);
+            if (s->failures[index].shape >= 0)
+                return;
+        }
+}
+
+/* Runs a task over all surface points, in slices that let progress be told. */
+static sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to)
+{
+    sb_result result = SB_OK;
+    for (s->first = 0; s->first < s->surface.count && result == SB_OK;) {
+        int chunks = (s->surface.count - s->first - 1) / SBI_STUFF_CHUNK + 1;
+        chunks = sbi_min_int(chunks, 64);
+        result = sbi_stuffing_progress(s, from + (to - from) * s->first / s->surface.count);
+        if (result == SB_OK)
+            result = sbi_stuffing_run(s, task, chunks);
+        if (chunks * SBI_STUFF_CHUNK >= s->surface.count - s->first)
+            break;
+        s->first += chunks * SBI_STUFF_CHUNK;
+    }
+    return result;
+}
+
+/* ---- 4. warping ---- */
+
+/* One edge of a surface point, seen from it. */
+typedef struct sbi_stuffing_edge {
+    int other;       /* surface point */
+    sb_real fraction, length; /* of the cut from the point; of the edge in cells */
+    sb_real alpha;
+    int inner;       /* 1: between two regions; 0: to the outside */
+} sbi_stuffing_edge;
+
+/* Edge k in [0, 14) of a surface point; 0 when no cut is left on it. A cut to the outside lives while its outer end is
+ * strict and its inner end is not on the boundary; one between regions lives while both ends are strict. */
+static int sbi_stuffing_live_edge(const sbi_stuffing *s, int i, int k, sbi_stuffing_edge *e)
+{
+    const sbi_stuffing_point *a = s->points + i, *b;
+    int own = k < SBI_STUFF_EDGES, edge = k % SBI_STUFF_EDGES;
+    e->other = sbi_stuffing_neighbour(s, a, edge, own);
+    if (e->other < 0 || s->points[e->other].label == a->label)
+        return 0;
+    b = s->points + e->other;
+    e->inner = a->label != 0 && b->label != 0;
+    if (a->state == SBI_STUFF_OUTER || b->state == SBI_STUFF_OUTER || (e->inner && (a->state || b->state)))
+        return 0;
+    e->fraction = own ? a->cut[edge] : 1 - b->cut[edge];
+    e->length = edge < 3 ? (sb_real)1 : SBI_STUFF_SHORT;
+    e->alpha = edge < 3 ? SBI_STUFF_ALPHA_LONG : SBI_STUFF_ALPHA_SHORT;
+    return 1;
+}
+
+/* Makes a point a zero, and moves it to a cut on the edge when there is one. */
+static void sbi_stuffing_make_zero(sbi_stuffing *s, int i, sbi_stuffing_state state, const sbi_stuffing_edge *to)
+{
+    sbi_stuffing_point *point = s->points + i;
+    point->state = (unsigned char)state;
+    if (to) {
+        sb_vec3 a = sbi_stuffing_position(s, point->half), b = sbi_stuffing_position(s, s->points[to->other].half);
+        s->positions[point->active] = sb_v3_madd(a, to->fraction, sb_v3_sub(b, a));
+        point->moved = to->fraction * to->length;
+    }
+}
+
+/* Inside, with an edge to the outside: the tets there take it for a point in its place. */
+static int sbi_stuffing_is_pinned(const sbi_stuffing *s, int i)
+{
+    sbi_stuffing_edge e;
+    if (s->points[i].label == 0)
+        return 0;
+    for (int k = 0; k < 2 * SBI_STUFF_EDGES; k++)
+        if (sbi_stuffing_live_edge(s, i, k, &e) && !e.inner)
+            return 1;
+    return 0;
+}
+
+/* The nearest cut of a point towards the outside or between regions, among those within alpha, or any. */
+static int sbi_stuffing_nearest_cut(const sbi_stuffing *s, int i, int inner, int any, sbi_stuffing_edge *nearest)
+{
+    sbi_stuffing_edge e;
+    int found = 0;
+    for (int k = 0; k < 2 * SBI_STUFF_EDGES; k++) {
+        if (!sbi_stuffing_live_edge(s, i, k, &e) || e.inner != inner || (!any && !(e.fraction < e.alpha)))
+            continue;
+        if (!found || e.fraction * e.length < nearest->fraction * nearest->length)
+            *nearest = e;
+        found = 1;
+    }
+    return found;
+}
+
+/* Warps the points to their nearest cut within alpha: those to the outside first, then those between regions. */
+static void sbi_stuffing_warp(sbi_stuffing *s, int inner)
+{
+    for (int i = 0; i < s->surface.count; i++) {
+        sbi_stuffing_edge to;
+        if (s->points[i].state != SBI_STUFF_STRICT || !sbi_stuffing_nearest_cut(s, i, inner, 0, &to))
+            continue;
+        if (inner)
+            sbi_stuffing_make_zero(s, i, SBI_STUFF_INNER, sbi_stuffing_is_pinned(s, i) ? NULL : &to);
+        else
+            sbi_stuffing_make_zero(s, i, SBI_STUFF_OUTER, &to);
+    }
+}
+
+/* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
+typedef struct sbi_stuffing_view {
+    const int *nodes;  /* active points */
+    int point[4];
+    int label[4];      /* -1: a zero */
+    int outside;       /* a strict point lies outside: the regions count as one side */
+    int zeros, inner_zeros;
+    int a, b;          /* two different labels among the strict, not outside; -1: none */
+    int more;          /* 1: there are further labels */
+} sbi_stuffing_view;
+
+static void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v)
+{
+    v->nodes = nodes;
+    v->outside = v->zeros = v->inner_zeros = v->more = 0;
+    v->a = v->b = -1;
+    for (int i = 0; i < 4; i++) {
+        int point = s->point_of[nodes[i]], state = point < 0 ? 0 : s->points[point].state;
+        v->point[i] = point;
+        v->label[i] = state ? -1 : s->active_label[nodes[i]];
+        v->zeros += state != SBI_STUFF_STRICT;
+        v->inner_zeros += state == SBI_STUFF_INNER;
+        v->outside |= v->label[i] == 0;
+        if (v->label[i] <= 0 || v->label[i] == v->a || v->label[i] == v->b)
+            continue;
+        if (v->a < 0)
+            v->a = v->label[i];
+        else if (v->b < 0)
+            v->b = v->label[i];
+        else
+            v->more = 1;
+    }
+}
+
+/* Makes zeros of inner points, the nearest to a face between regions first, until the tet sees two labels at most. */
+static void sbi_stuffing_settle_tet(sbi_stuffing *s, const int *nodes)
+{
+    sbi_stuffing_view v;
+    for (;;) {
+        int chosen = -1;
+        sb_real nearest = SB_REAL_MAX;
+        sbi_stuffing_look(s, nodes, &v);
+        if (!(v.outside ? v.b >= 0 : v.more))
+            return;
+        for (int i = 0; i < 4; i++) {
+            sbi_stuffing_edge e;
+            if (v.label[i] > 0 && sbi_stuffing_nearest_cut(s, v.point[i], 1, 1, &e) &&
+                e.fraction * e.length < nearest) {
+                nearest = e.fraction * e.length;
+                chosen = v.point[i];
+            }
+        }
+        sbi_stuffing_make_zero(s, chosen, SBI_STUFF_INNER, NULL);
+    }
+}
+
+static void sbi_stuffing_settle(sbi_stuffing *s)
+{
+    for (int t = 0; t < s->tet_count; t++)
+        sbi_stuffing_settle_tet(s, s->tets + 4 * (size_t)t);
+}
+
+/* Whether a tet has angles within those of the stencils. */
+static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
+{
+    const sb_real cos_10_7 = (sb_real)0.98260, cos_164_8 = (sb_real)-0.96500;
+    sb_real of_smallest, of_largest;
+    sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+    return of_smallest <= cos_10_7 && of_largest >= cos_164_8;
+}
+
+static sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
+{
+    return sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(corners[0], corners[1]), sb_v3_add(corners[2], corners[3])));
+}
+
+/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
+ * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
+static int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
+{
+    sb_vec3 corners[4];
+    int label, inner = 0, highest = 0;
+    for (int i = 0; i < 4; i++) {
+        const sbi_stuffing_point *point = s->points + points[i];
+        corners[i] = sbi_stuffing_position(s, point->half);
+        inner |= point->state == SBI_STUFF_INNER;
+        highest = sbi_max_int(highest, point->label);
+    }
+    if (highest == 0) /* not among the tets */
+        return 0;
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    return inner && label == 0 ? highest : label;
+}
+
+/* A tet of four zeros can be flat. Where one is needed its most displaced point goes half of the way back to its place
+ * in the lattice. Any place on the way is one of the cases that the angles' bounds were found over, so no other tet
+ * leaves them; only this point leaves the surface. Returns 1 when it moved one. */
+static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
+{
+    sbi_stuffing_view v;
+    sbi_stuffing_point *worst = NULL;
+    sb_vec3 place, corners[4], *now;
+    sbi_stuffing_look(s, nodes, &v);
+    if (v.zeros < 4)
+        return 0;
+    for (int i = 0; i < 4; i++)
+        corners[i] = s->positions[nodes[i]];
+    if (sbi_stuffing_is_well_shaped(corners) || sbi_stuffing_label_of_four(s, v.point) == 0)
+        return 0;
+    for (int i = 0; i < 4; i++)
+        if (!worst || s->points[v.point[i]].moved > worst->moved)
+            worst = s->points + v.point[i];
+    place = sbi_stuffing_position(s, worst->half);
+    now = s->positions + worst->active;
+    worst->moved *= (sb_real)0.5;
+    *now = sb_v3_madd(place, (sb_real)0.5, sb_v3_sub(*now, place));
+    return 1;
+}
+
+/* ---- 4a. a manifold boundary ----
+ * Where the shape is about as thin as a cell, parts of it can come to touch at a zero or along an edge of zeros. A zero
+ * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles that
+ * have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero is
+ * freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
+ * bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have manifold
+ * boundaries: this ends. */
+
+typedef struct sbi_stuffing_link {
+    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int triangle[24][3];
+    int beside[24][3];     /* triangle across the edge opposite corner i */
+} sbi_stuffing_link;
+
+static int sbi_stuffing_has_corner(const int triangle[3], int corner)
+{
+    return triangle[0] == corner || triangle[1] == corner || triangle[2] == corner;
+}
+
+static void sbi_stuffing_make_link(sbi_stuffing_link *link)
+{
+    int count = 0;
+    for (int k = 0; k < 14; k++)
+        for (int axis = 0; axis < 3; axis++)
+            link->step[k][axis] = k < 6 ? (k >> 1 == axis ? (k & 1 ? 2 : -2) : 0) : (k - 6) >> axis & 1 ? 1 : -1;
+    for (int l = 0; l < 6; l++) /* a long edge and two short ones that lean its way and differ along one axis */
+        for (int a = 6; a < 14; a++)
+            for (int b = a + 1; b < 14; b++) {
+                int axis = l >> 1, bit = 1 << axis, differ = (a - 6) ^ (b - 6);
+                if (((a - 6) >> axis & 1) != (l & 1) || (differ & bit) || (differ & (differ - 1)))
+                    continue;
+                link->triangle[count][0] = l;
+                link->triangle[count][1] = a;
+                link->triangle[count++][2] = b;
+            }
+    for (int t = 0; t < 24; t++)
+        for (int i = 0; i < 3; i++)
+            for (int u = 0; u < 24; u++)
+                if (u != t && sbi_stuffing_has_corner(link->triangle[u], link->triangle[t][(i + 1) % 3]) &&
+                    sbi_stuffing_has_corner(link->triangle[u], link->triangle[t][(i + 2) % 3]))
+                    link->beside[t][i] = u;
+}
+
+/* Sides of the 14 neighbours of a zero: +1 inside, -1 outside, 0 on the boundary; `points` holds their surface points. */
+static void sbi_stuffing_link_sides(const sbi_stuffing *s, const sbi_stuffing_link *link, int i, int points[14],
+                                    int sides[14])
+{
+    for (int k = 0; k < 14; k++) {
+        int half[3];
+        size_t index;
+        for (int axis = 0; axis < 3; axis++)
+            half[axis] = s->points[i].half[axis] + link->step[k][axis];
+        index = sbi_stuffing_index(s, half);
+        points[k] = sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
+        sides[k] = points[k] >= 0 && s->points[points[k]].state == SBI_STUFF_OUTER ? 0 : s->labels[index] ? 1 : -1;
+    }
+}
+
+/* Parts of one side that hang together round a zero. Corners on that side stand for the triangles they belong to;
+ * triangles of zeros (bit 14 + t) stand for themselves. */
+static int sbi_stuffing_count_parts(const sbi_stuffing_link *link, const int sides[14], const int side_of_triangle[24],
+                                    int side)
+{
+    uint64_t near_by[38], left = 0;
+    int parts = 0;
+    memset(near_by, 0, sizeof near_by);
+    for (int t = 0; t < 24; t++) {
+        const int *corner = link->triangle[t];
+        int zeros = sides[corner[0]] == 0 && sides[corner[1]] == 0 && sides[corner[2]] == 0;
+        for (int i = 0; i < 3; i++) {
+            int a = corner[(i + 1) % 3], b = corner[(i + 2) % 3], u = link->beside[t][i], mine, other = 0;
+            if (sides[corner[i]] == side)
+                left |= (uint64_t)1 << corner[i];
+            if (sides[a] == side && sides[b] == side) {
+                near_by[a] |= (uint64_t)1 << b;
+                near_by[b] |= (uint64_t)1 << a;
+            }
+            if (sides[a] != 0 || sides[b] != 0)
+                continue;
+            while (link->triangle[u][other] == a || link->triangle[u][other] == b)
+                other++;
+            other = link->triangle[u][other];
+            mine = zeros ? 14 + t : corner[i];
+            if ((zeros ? side_of_triangle[t] : sides[mine]) != side)
+                continue;
+            left |= (uint64_t)1 << mine;
+            if (sides[other] == side)
+                near_by[mine] |= (uint64_t)1 << other;
+            else if (sides[other] == 0 && side_of_triangle[u] == side)
+                near_by[mine] |= (uint64_t)1 << (14 + u);
+        }
+    }
+    for (; left; parts++) {
+        uint64_t reached = left & (~left + 1), before = 0;
+        while (reached != before) {
+            before = reached;
+            for (int k = 0; k < 38; k++)
+                reached |= reached >> k & 1 ? near_by[k] : 0;
+        }
+        left &= ~reached;
+    }
+    return parts;
+}
+
+static int sbi_stuffing_is_sheet(const sbi_stuffing *s, const sbi_stuffing_link *link, int i)
+{
+    int points[14], sides[14], side_of_triangle[24];
+    sbi_stuffing_link_sides(s, link, i, points, sides);
+    for (int t = 0; t < 24; t++) {
+        const int *corner = link->triangle[t];
+        int tet[4];
+        side_of_triangle[t] = 0;
+        if (sides[corner[0]] || sides[corner[1]] || sides[corner[2]])
+            continue;
+        tet[0] = i;
+        for (int k = 0; k < 3; k++)
+            tet[1 + k] = points[corner[k]];
+        side_of_triangle[t] = sbi_stuffing_label_of_four(s, tet) ? 1 : -1;
+    }
+    return sbi_stuffing_count_parts(link, sides, side_of_triangle, 1) <= 1 &&
+           sbi_stuffing_count_parts(link, sides, side_of_triangle, -1) <= 1;
+}
+
+static void sbi_stuffing_free_pinches(sbi_stuffing *s)
+{
+    sbi_stuffing_link link;
+    int changed = 1;
+    sbi_stuffing_make_link(&link);
+    while (changed) {
+        changed = 0;
+        for (int i = 0; i < s->surface.count; i++) {
+            sbi_stuffing_point *point = s->points + i;
+            if (point->state != SBI_STUFF_OUTER || sbi_stuffing_is_sheet(s, &link, i))
+                continue;
+            point->state = SBI_STUFF_STRICT;
+            point->moved = 0;
+            s->positions[point->active] = sbi_stuffing_position(s, point->half);
+            changed = 1;
+        }
+    }
+}
+
+/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
+ * four zeros near their places make a regular tet. */
+static void sbi_stuffing_place_zeros(sbi_stuffing *s)
+{
+    int changed = 1;
+    sbi_stuffing_warp(s, 0);
+    sbi_stuffing_free_pinches(s);
+    if (s->def->shape_count > 1) {
+        sbi_stuffing_settle(s);
+        sbi_stuffing_warp(s, 1);
+        sbi_stuffing_settle(s);
+    }
+    while (changed) {
+        changed = 0;
+        for (int t = 0; t < s->tet_count; t++)
+            changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
+    }
+}
+
+/* ---- 5. stencils ---- */
+
+/* Which of a tet's points are on the side that is cut out (+1), on the other (-1), on the surface (0). */
+typedef struct sbi_stuffing_stencil {
+    const sbi_stuffing_view *view;
+    int p[4], n[4], z[4]; /* local indices of each kind */
+    int p_count, n_count, z_count;
+    int label;
+} sbi_stuffing_stencil;
+
+static int sbi_stuffing_is_long(const sbi_stuffing *s, int a, int b)
+{
+    return ((s->points[a].half[0] ^ s->points[b].half[0]) & 1) == 0;
+}
+
+/* Whether the diagonal of the quadrilateral p1, p2 and their cuts towards n starts at p1, that is, ends at the cut of
+ * p2. The three are surface points. Long edges p1-p2 decide by parity, so that the faces round them take turns. */
+static int sbi_stuffing_starts_at_first(const sbi_stuffing *s, int p1, int p2, int n)
+{
+    const int *a = s->points[p1].half, *b = s->points[p2].half, *c = s->points[n].half;
+    int odd = a[0] & 1, sign = 1, from_lower, first_is_lower;
+    if (sbi_stuffing_is_long(s, p1, n))
+        return 0;
+    if (sbi_stuffing_is_long(s, p2, n))
+        return 1;
+    first_is_lower = a[0] + a[1] + a[2] < b[0] + b[1] + b[2];
+    for (int axis = 0; axis < 3; axis++)
+        if (a[axis] == b[axis])
+            sign *= c[axis] > a[axis] ? 1 : -1;
+    from_lower = (sign > 0) != odd;
+    return from_lower == first_is_lower;
+}
+
+static void sbi_stuffing_put_element(sbi_stuffing *s, int label, int a, int b, int c, int d)
+{
+    int *nodes = s->elements + 4 * (size_t)s->element_count;
+    if (s->element_count < s->element_capacity) {
+        nodes[0] = a;
+        nodes[1] = b;
+        nodes[2] = c;
+        nodes[3] = d;
+        s->element_labels[s->element_count] = (unsigned char)label;
+    }
+    s->element_count++;
+}
+
+/* Node of the cut between two surface points. */
+static int sbi_stuffing_cut_between(sbi_stuffing *s, int i, int j)
+{
+    const int *a = s->points[i].half, *b = s->points[j].half;
+    int edge = 0, owner = i, other = j;
+    int *node;
+    if (sbi_stuffing_is_long(s, i, j)) {
+        while (a[edge] == b[edge])
+            edge++;
+        if (a[edge] > b[edge])
+            owner = j;
+    } else {
+        if (a[2] > b[2])
+            owner = j;
+        other = owner == i ? j : i;
+        edge = 3 + (s->points[other].half[0] > s->points[owner].half[0]) +
+               2 * (s->points[other].half[1] > s->points[owner].half[1]);
+    }
+    other = owner == i ? j : i;
+    node = s->cut_node + (size_t)owner * SBI_STUFF_EDGES + edge;
+    if (*node < 0) {
+        sb_vec3 from = sbi_stuffing_position(s, s->points[owner].half);
+        sb_vec3 to = sbi_stuffing_position(s, s->points[other].half);
+        sb_real alpha = edge < 3 ? SBI_STUFF_ALPHA_LONG : SBI_STUFF_ALPHA_SHORT;
+        sb_real fraction = sb_min(sb_max(s->points[owner].cut[edge], alpha), 1 - alpha); /* beyond: freed points only */
+        s->cut_positions[s->cut_count] = sb_v3_madd(from, fraction, sb_v3_sub(to, from));
+        *node = s->active.count + s->cut_count++;
+    }
+    return *node;
+}
+
+/* A prism with bottom b and top t, cut so that the diagonal between columns i and j runs from b_i to t_j when before[i]
+ * < before[j]. */
+static void sbi_stuffing_put_prism(sbi_stuffing *s, int label, const int *b, const int *t, const int *order)
+{
+    int i = order[0], j = order[1], k = order[2];
+    sbi_stuffing_put_element(s, label, b[i], b[j], b[k], t[k]);
+    sbi_stuffing_put_element(s, label, b[i], b[j], t[j], t[k]);
+    sbi_stuffing_put_element(s, label, b[i], t[i], t[j], t[k]);
+}
+
+/* Order of three columns from which of each pair comes first; acyclic for all patterns of the lattice. */
+static void sbi_stuffing_order(int first01, int first02, int first12, int order[3])
+{
+    int rank[3];
+    rank[0] = !first01 + !first02;
+    rank[1] = first01 + !first12;
+    rank[2] = first02 + first12;
+    for (int i = 0; i < 3; i++)
+        order[rank[i]] = i;
+}
+
+/* +++-: the prism between the three points and their cuts. */
+static void sbi_stuffing_cut_corner(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int bottom[3], top[3], order[3], p[3], n = c->view->point[c->n[0]];
+    for (int i = 0; i < 3; i++) {
+        p[i] = c->view->point[c->p[i]];
+        bottom[i] = c->view->nodes[c->p[i]];
+        top[i] = sbi_stuffing_cut_between(s, p[i], n);
+    }
+    sbi_stuffing_order(sbi_stuffing_starts_at_first(s, p[0], p[1], n), sbi_stuffing_starts_at_first(s, p[0], p[2], n),
+                       sbi_stuffing_starts_at_first(s, p[1], p[2], n), order);
+    sbi_stuffing_put_prism(s, c->label, bottom, top, order);
+}
+
+/* ++--: the prism along the edge of the two points, with a triangle of cuts at each end. The two faces at that edge
+ * decide in opposite ways, so the free quadrilateral of four cuts has no choice left. */
+static void sbi_stuffing_cut_half(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int bottom[3], top[3], order[3], p[2], n[2], first01, first02;
+    for (int i = 0; i < 2; i++) {
+        p[i] = c->view->point[c->p[i]];
+        n[i] = c->view->point[c->n[i]];
+    }
+    bottom[0] = c->view->nodes[c->p[0]];
+    top[0] = c->view->nodes[c->p[1]];
+    for (int i = 0; i < 2; i++) {
+        bottom[1 + i] = sbi_stuffing_cut_between(s, p[0], n[i]);
+        top[1 + i] = sbi_stuffing_cut_between(s, p[1], n[i]);
+    }
+    first01 = sbi_stuffing_starts_at_first(s, p[0], p[1], n[0]);
+    first02 = sbi_stuffing_starts_at_first(s, p[0], p[1], n[1]);
+    sbi_stuffing_order(first01, first02, first02, order);
+    sbi_stuffing_put_prism(s, c->label, bottom, top, order);
+}
+
+/* ++-0: the pyramid over the two points and their cuts. */
+static void sbi_stuffing_cut_pyramid(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int p1 = c->view->point[c->p[0]], p2 = c->view->point[c->p[1]], n = c->view->point[c->n[0]];
+    int a = c->view->nodes[c->p[0]], b = c->view->nodes[c->p[1]], apex = c->view->nodes[c->z[0]];
+    int ca = sbi_stuffing_cut_between(s, p1, n), cb = sbi_stuffing_cut_between(s, p2, n);
+    if (sbi_stuffing_starts_at_first(s, p1, p2, n)) {
+        sbi_stuffing_put_element(s, c->label, a, b, cb, apex);
+        sbi_stuffing_put_element(s, c->label, a, cb, ca, apex);
+    } else {
+        sbi_stuffing_put_element(s, c->label, b, a, ca, apex);
+        sbi_stuffing_put_element(s, c->label, b, ca, cb, apex);
+    }
+}
+
+/* One point: the tet to its cuts and the zeros. */
+static void sbi_stuffing_cut_tip(sbi_stuffing *s, const sbi_stuffing_stencil *c)
+{
+    int nodes[4];
+    memcpy(nodes, c->view->nodes, sizeof nodes);
+    for (int i = 0; i < c->n_count; i++)
+        nodes[c->n[i]] = sbi_stuffing_cut_between(s, c->view->point[c->p[0]], c->view->point[c->n[i]]);
+    sbi_stuffing_put_element(s, c->label, nodes[0], nodes[1], nodes[2], nodes[3]);
+}
+
+static void sbi_stuffing_apply(sbi_stuffing *s, const sbi_stuffing_view *view, const int sides[4], int sign, int label)
+{
+    sbi_stuffing_stencil c;
+    memset(&c, 0, sizeof c);
+    c.view = view;
+    c.label = label;
+    for (int i = 0; i < 4; i++) {
+        if (sides[i] == 0)
+            c.z[c.z_count++] = i;
+        else if (sides[i] == sign)
+            c.p[c.p_count++] = i;
+        else
+            c.n[c.n_count++] = i;
+    }
+    if (c.p_count == 0)
+        return;
+    if (c.n_count == 0)
+        sbi_stuffing_put_element(s, label, view->nodes[0], view->nodes[1], view->nodes[2], view->nodes[3]);
+    else if (c.p_count == 1)
+        sbi_stuffing_cut_tip(s, &c);
+    else if (c.p_count == 3)
+        sbi_stuffing_cut_corner(s, &c);
+    else if (c.n_count == 2)
+        sbi_stuffing_cut_half(s, &c);
+    else
+        sbi_stuffing_cut_pyramid(s, &c);
+}
+
+/* Region of the inner part of a tet at the outside whose inner points are all zeros between regions. */
+static int sbi_stuffing_label_of_zeros(const sbi_stuffing *s, const int *nodes)
+{
+    sb_vec3 corners[4];
+    int label;
+    for (int i = 0; i < 4; i++)
+        corners[i] = s->positions[nodes[i]];
+    label = sbi_stuffing_label_at(s, sbi_stuffing_centroid(corners));
+    for (int i = 0; i < 4 && label == 0; i++)
+        label = s->active_label[nodes[i]];
+    return label;
+}
+
+static void sbi_stuffing_cut_tet(sbi_stuffing *s, const int *nodes)
+{
+    sbi_stuffing_view v;
+    int sides[4];
+    sbi_stuffing_look(s, nodes, &v);
+    if (v.zeros == 4) {
+        int label = sbi_stuffing_label_of_four(s, v.point);
+        if (label > 0)
+            sbi_stuffing_put_element(s, label, nodes[0], nodes[1], nodes[2], nodes[3]);
+        return;
+    }
+    for (int i = 0; i < 4; i++) {
+        int state = v.point[i] < 0 ? 0 : s->points[v.point[i]].state;
+        if (v.outside)
+            sides[i] = state == SBI_STUFF_OUTER ? 0 : state == SBI_STUFF_STRICT && v.label[i] == 0 ? -1 : 1;
+        else
+            sides[i] = state ? 0 : v.label[i] == v.a ? 1 : -1;
+    }
+    if (v.outside) {
+        int label = v.a > 0 ? v.a : sbi_stuffing_label_of_zeros(s, nodes);
+        sbi_stuffing_apply(s, &v, sides, 1, label);
+        return;
+    }
+    sbi_stuffing_apply(s, &v, sides, 1, v.a);
+    if (v.b > 0)
+        sbi_stuffing_apply(s, &v, sides, -1, v.b);
+}
+
+static sb_result sbi_stuffing_cut(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    size_t edges = (size_t)s->surface.count * SBI_STUFF_EDGES, cuts = 0;
+    for (int i = 0; i < s->surface.count; i++)
+        for (int edge = 0; edge < SBI_STUFF_EDGES; edge++)
+            cuts += s->points[i].cut[edge] >= 0;
+    s->cut_node = (int *)sbi_alloc(allocator, edges, sizeof(int));
+    s->cut_positions = (sb_vec3 *)sbi_alloc(allocator, cuts, sizeof(sb_vec3));
+    if (!s->cut_node || !s->cut_positions || cuts > (size_t)(INT_MAX - s->active.count))
+        return sbi_stuffing_no_memory(s);
+    memset(s->cut_node, 0xff, edges * sizeof(int)); /* all -1 */
+    for (int pass = 0; pass < 2; pass++) { /* count, then fill */
+        s->element_count = 0;
+        for (int t = 0; t < s->tet_count && s->element_count < INT_MAX - 8; t++)
+            sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);
+        if (pass == 1)
+            break;
+        if (s->element_count == 0)
+            return sbi_fail(s->error, SB_ERROR_MESH,
+                            "nothing to mesh: the first shape is much thinner than cells of %g m everywhere",
+                            (double)s->def->cell);
+        if (s->element_count > s->def->max_elements)
+            return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
+                            (double)s->def->cell, s->def->max_elements);
+        s->element_capacity = s->element_count;
+        s->elements = (int *)sbi_alloc(allocator, (size_t)s->element_count, 4 * sizeof(int));
+        s->element_labels = (unsigned char *)sbi_alloc(allocator, (size_t)s->element_count, 1);
+        if (!s->elements || !s->element_labels)
+            return sbi_stuffing_no_memory(s);
+    }
+    return SB_OK;
+}
+
+/* ---- the mesh ---- */
+
+static sb_vec3 sbi_stuffing_node(const sbi_stuffing *s, int node)
+{
+    return node < s->active.count ? s->positions[node] : s->cut_positions[node - s->active.count];
+}
+
+/* Copies elements and the nodes they use into the mesh, each tet turned so that its volume is positive. */
+static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
+{
+    int total = s->active.count + s->cut_count, used = 0;
+    int *map = (int *)sbi_alloc_zeroed(&s->def->allocator, (size_t)total, sizeof(int));
+    if (!map)
+        return sbi_stuffing_no_memory(s);
+    for (size_t i = 0; i < 4 * (size_t)s->element_count; i++)
+        map[s->elements[i]] = 1;
+    for (int node = 0; node < total; node++)
+        used += map[node];
+    if (!sbi_mesh_allocate(mesh, SB_TET4, used, s->element_count, 1, &s->def->allocator)) {
+        sbi_free(&s->def->allocator, map);
+        return sbi_stuffing_no_memory(s);
+    }
+    used = 0;
+    for (int node = 0; node < total; node++)
+        if (map[node]) {
+            mesh->nodes[used] = sbi_stuffing_node(s, node);
+            map[node] = used++;
+        }
+    for (int e = 0; e < s->element_count; e++) {
+        int *nodes = mesh->elements + 4 * (size_t)e, *x = s->elements + 4 * (size_t)e;
+        for (int i = 0; i < 4; i++)
+            nodes[i] = map[x[i]];
+        if (sb_mesh_element_volume(mesh, e) < 0) {
+            int swap = nodes[2];
+            nodes[2] = nodes[3];
+            nodes[3] = swap;
+        }
+        mesh->regions[e] = s->def->shapes[s->element_labels[e] - 1].region;
+    }
+    sbi_free(&s->def->allocator, map);
+    return SB_OK;
+}
+
+/* ---- 6. the boundary ----
+ * Its nodes lie on the surface, but a triangle between them cuts the corner at ridges and thin parts. Where it leaves
+ * the surface by more than SBI_STUFF_FAR its nodes slide along the surface towards what it misses, as long as all tets
+ * at them keep angles within the bounds and no triangle becomes worse than the worst was; where that is not enough,
+ * edges get a node in the middle, under the same condition. */
+
+#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
+#define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 7          /* of a triangle: corners, middles of edges, centre */
+
+typedef struct sbi_stuffing_rim {
+    const sbi_stuffing *s;
+    sb_mesh *mesh;
+    sb_boundary boundary;
+    sb_index_lists tets, faces; /* of nodes of the mesh; of nodes of the boundary */
+    sb_real *worst;             /* [faces] largest distance of a sample */
+} sbi_stuffing_rim;
+
+/* Closest point of the first shape; functions: by Newton steps along the gradient, of a cell at most. p itself where
+ * they lead nowhere, as for functions that are no distances at all. */
+static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
+{
+    const sb_stuff_shape *g = s->def->shapes;
+    const sb_real step = (sb_real)0.01 * s->half;
+    const sb_vec3 start = p;
+    sb_surface_hit hit;
+    sb_real first;
+    if (g->surface)
+        return sb_surface_closest(g->surface, p, SB_REAL_MAX, &hit) ? hit.point : p;
+    first = sb_abs(sbi_stuffing_value(s, 0, p));
+    for (int i = 0; i < 4; i++) {
+        sb_real value = sbi_stuffing_value(s, 0, p), size, length;
+        sb_vec3 n;
+        n.x = sbi_stuffing_value(s, 0, sb_v3(p.x + step, p.y, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x - step, p.y, p.z));
+        n.y = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y + step, p.z)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y - step, p.z));
+        n.z = sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z + step)) - sbi_stuffing_value(s, 0, sb_v3(p.x, p.y, p.z - step));
+        size = sb_v3_norm(n);
+        if (!(size > 0) || !sb_is_finite(size))
+            break;
+        length = sb_min(sb_abs(value) * 2 * step / size, s->def->cell);
+        p = sb_v3_madd(p, (value > 0 ? -length : length) / size, n);
+    }
+    return sb_abs(sbi_stuffing_value(s, 0, p)) < (sb_real)0.1 * first ? p : start;
+}
+
+/* Sample k of a triangle. */
+static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k)
+{
+    const int *nodes = surface->elements + 3 * (size_t)face;
+    sb_vec3 a = surface->nodes[nodes[0]], b = surface->nodes[nodes[1]], c = surface->nodes[nodes[2]];
+    if (k < 3)
+        return surface->nodes[nodes[k]];
+    if (k < 6)
+        return sb_v3_scale((sb_real)0.5, sb_v3_add(surface->nodes[nodes[k - 3]], surface->nodes[nodes[(k - 2) % 3]]));
+    return sb_v3_scale((sb_real)1 / 3, sb_v3_add(a, sb_v3_add(b, c)));
+}
+
+/* Largest distance of a triangle's samples; *from (or NULL) the worst of them, *away from there to the surface. Gives up beyond
+ * `limit`: what is returned is then some distance above it. */
+static sb_real sbi_stuffing_face_distance(const sbi_stuffing_rim *rim, int face, sb_real limit, sb_vec3 *from,
+                                          sb_vec3 *away)
+{
+    sb_real worst = 0;
+    for (int k = SBI_STUFF_SAMPLES - 1; k >= 0 && worst <= limit; k--) {
+        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, k);
+        sb_vec3 d = sb_v3_sub(sbi_stuffing_closest(rim->s, p), p);
+        sb_real distance = sb_v3_norm(d);
+        if (away && (distance > worst || k == SBI_STUFF_SAMPLES - 1)) {
+            *from = p;
+            *away = d;
+        }
+        worst = sb_max(worst, distance);
+    }
+    return worst;
+}
+
+static void sbi_stuffing_measure_task(void *user, int index)
+{
+    sbi_stuffing_rim *rim = (sbi_stuffing_rim *)user;
+    int count = rim->boundary.surface.element_count;
+    int end = index < (count - 1) / SBI_STUFF_CHUNK ? (index + 1) * SBI_STUFF_CHUNK : count;
+    for (int f = index * SBI_STUFF_CHUNK; f < end; f++)
+        rim->worst[f] = sbi_stuffing_face_distance(rim, f, SB_REAL_MAX, NULL, NULL);
+}
+
+static void sbi_stuffing_set_node(sbi_stuffing_rim *rim, int node, sb_vec3 x)
+{
+    rim->boundary.surface.nodes[node] = x;
+    rim->mesh->nodes[rim->boundary.nodes[node]] = x;
+}
+
+/* Whether a tet is positive and well shaped with node `node` at x. */
+static int sbi_stuffing_is_sound(const sb_mesh *mesh, int tet, int node, sb_vec3 x)
+{
+    const int *nodes = mesh->elements + 4 * (size_t)tet;
+    sb_vec3 c[4];
+    for (int i = 0; i < 4; i++)
+        c[i] = nodes[i] == node ? x : mesh->nodes[nodes[i]];
+    return sb_v3_dot(sb_v3_cross(sb_v3_sub(c[1], c[0]), sb_v3_sub(c[2], c[0])), sb_v3_sub(c[3], c[0])) > 0 &&
+           sbi_stuffing_is_well_shaped(c);
+}
+
+static int sbi_stuffing_tets_are_sound(const sbi_stuffing_rim *rim, int node, sb_vec3 x)
+{
+    int at = rim->boundary.nodes[node];
+    for (int k = rim->tets.offsets[at]; k < rim->tets.offsets[at + 1]; k++)
+        if (!sbi_stuffing_is_sound(rim->mesh, rim->tets.items[k], at, x))
+            return 0;
+    return 1;
+}
+
+/* Largest distance of the triangles at a node; gives up beyond `limit`. */
+static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node, sb_real limit)
+{
+    sb_real worst = 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1] && worst <= limit; k++)
+        worst = sb_max(worst, sbi_stuffing_face_distance(rim, rim->faces.items[k], limit, NULL, NULL));
+    return worst;
+}
+
+/* Slides a node by about `by`, or towards the point that lies too far away, where that brings the triangles round it
+ * closer to the surface. Returns 1 when it did. */
+static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
+{
+    static const sb_real scales[6][2] = {
+        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
+    sb_real least = 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
+        least = sb_max(least, rim->worst[rim->faces.items[k]]);
+    least *= (sb_real)0.99; /* gains of less are not worth a round */
+    for (int i = 0; i < 6; i++) {
+        sb_real distance;
+        sb_vec3 step = sb_v3_madd(sb_v3_scale(scales[i][0], by), scales[i][1], sb_v3_sub(from, start));
+        sb_vec3 x = sbi_stuffing_closest(rim->s, sb_v3_add(start, step));
+        if (!sbi_stuffing_tets_are_sound(rim, node, x))
+            continue;
+        sbi_stuffing_set_node(rim, node, x);
+        distance = sbi_stuffing_distance_round(rim, node, least);
+        if (distance < least) {
+            least = distance;
+            best = rim->boundary.surface.nodes[node];
+        }
+    }
+    sbi_stuffing_set_node(rim, node, best);
+    if (sb_v3_norm(sb_v3_sub(best, start)) == 0)
+        return 0;
+    for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
+        rim->worst[rim->faces.items[k]] = sbi_stuffing_face_distance(rim, rim->faces.items[k], SB_REAL_MAX, NULL, NULL);
+    return 1;
+}
+
+static sb_result sbi_stuffing_slide_all(sbi_stuffing_rim *rim)
+{
+    const sb_real enough = SBI_STUFF_FAR * rim->s->def->cell;
+    const sb_mesh *surface = &rim->boundary.surface;
+    sb_result result;
+    int changed = 0;
+    for (int f = 0; f < surface->element_count; f++)
+        changed |= rim->worst[f] > enough;
+    if (!changed)
+        return SB_OK;
+    result = sb_mesh_node_elements(rim->mesh, &rim->s->def->allocator, &rim->tets, rim->s->error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(surface, &rim->s->def->allocator, &rim->faces, rim->s->error);
+    for (int round = 0; round < SBI_STUFF_ROUNDS && changed && result == SB_OK; round++) {
+        changed = 0;
+        for (int f = 0; f < surface->element_count; f++) {
+            for (int i = 0; i < 3 && rim->worst[f] > enough; i++) {
+                sb_vec3 from = {0, 0, 0}, away = {0, 0, 0};
+                sbi_stuffing_face_distance(rim, f, SB_REAL_MAX, &from, &away);
+                changed |= sbi_stuffing_slide(rim, surface->elements[3 * (size_t)f + (size_t)i], from, away);
+            }
+        }
+    }
+    return result;
+}
+
+/* An edge of the boundary that is to get a node in the middle, at `at` on the surface. */
+typedef struct sbi_stuffing_split {
+    int a, b; /* nodes of the mesh */
+    sb_vec3 at;
+} sbi_stuffing_split;
+
+static int sbi_stuffing_tet_has(const sb_mesh *mesh, int tet, int node)
+{
+    const int *nodes = mesh->elements + 4 * (size_t)tet;
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+/* Whether the tets round an edge stay sound when it is split; taken [tets]: those that other splits change already.
+ * Returns how many there are, or 0. */
+static int sbi_stuffing_can_split(const sbi_stuffing_rim *rim, const sbi_stuffing_split *split,
+                                  const unsigned char *taken)
+{
+    int count = 0;
+    for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++) {
+        int tet = rim->tets.items[k];
+        if (!sbi_stuffing_tet_has(rim->mesh, tet, split->b))
+            continue;
+        if (taken[tet] || !sbi_stuffing_is_sound(rim->mesh, tet, split->a, split->at) ||
+            !sbi_stuffing_is_sound(rim->mesh, tet, split->b, split->at))
+            return 0;
+        count++;
+    }
+    return count;
+}
+
+/* Chooses a split for a triangle that is too far from the surface: the edge whose middle is, or its longest one, with
+ * the new node where the middle's closest point is or beyond it, towards a ridge; in the last round, if need be, half
+ * way to it. Returns how many tets it adds, or 0. */
+static int sbi_stuffing_choose_split(const sbi_stuffing_rim *rim, int face, int is_last, const unsigned char *taken,
+                                     sbi_stuffing_split *split)
+{
+    const int *nodes = rim->boundary.surface.elements + 3 * (size_t)face;
+    const sb_vec3 *x = rim->boundary.surface.nodes;
+    int edge = -1, longest = 0, count = 0, last = is_last ? 1 : 2;
+    sb_real farthest = SBI_STUFF_FAR * rim->s->def->cell;
+    sb_vec3 middle, away;
+    for (int k = 0; k < 3; k++) {
+        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + k);
+        sb_real distance = sb_v3_norm(sb_v3_sub(sbi_stuffing_closest(rim->s, p), p));
+        if (distance > farthest) {
+            farthest = distance;
+            edge = k;
+        }
+        if (sb_v3_norm(sb_v3_sub(x[nodes[k]], x[nodes[(k + 1) % 3]])) >
+            sb_v3_norm(sb_v3_sub(x[nodes[longest]], x[nodes[(longest + 1) % 3]])))
+            longest = k;
+    }
+    edge = edge < 0 ? longest : edge;
+    split->a = rim->boundary.nodes[nodes[edge]];
+    split->b = rim->boundary.nodes[nodes[(edge + 1) % 3]];
+    middle = sbi_stuffing_sample_point(&rim->boundary.surface, face, 3 + edge);
+    away = sb_v3_sub(sbi_stuffing_closest(rim->s, middle), middle);
+    for (int k = 4; k >= last && count == 0; k--) {
+        sb_vec3 at = sb_v3_madd(middle, (sb_real)0.5 * (sb_real)k, away);
+        split->at = k > 1 ? sbi_stuffing_closest(rim->s, at) : at;
+        count = sbi_stuffing_can_split(rim, split, taken);
+    }
+    return count;
+}
+
+/* The mesh with edges split; no tet has two of them. */
+static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sbi_stuffing_split *splits, int count,
+                                           int added, sb_mesh *result)
+{
+    const sb_mesh *mesh = rim->mesh;
+    int next = mesh->element_count;
+    if (mesh->element_count > rim->s->def->max_elements - added ||
+        !sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
+                           &rim->s->def->allocator))
+        return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes", mesh->node_count + count);
+    memcpy(result->nodes, mesh->nodes, (size_t)mesh->node_count * sizeof(sb_vec3));
+    memcpy(result->elements, mesh->elements, (size_t)mesh->element_count * 4 * sizeof(int));
+    memcpy(result->regions, mesh->regions, (size_t)mesh->element_count * sizeof(int));
+    for (int i = 0; i < count; i++) {
+        const sbi_stuffing_split *split = splits + i;
+        result->nodes[mesh->node_count + i] = split->at;
+        for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++) {
+            int tet = rim->tets.items[k], *old = result->elements + 4 * (size_t)tet;
+            int *half = result->elements + 4 * (size_t)next;
+            if (!sbi_stuffing_tet_has(mesh, tet, split->b))
+                continue;
+            for (int j = 0; j < 4; j++) {
+                half[j] = old[j] == split->b ? mesh->node_count + i : old[j];
+                old[j] = old[j] == split->a ? mesh->node_count + i : old[j];
+            }
+            result->regions[next++] = result->regions[tet];
+        }
+    }
+    return SB_OK;
+}
+
+/* Splits edges where the boundary is still too far from the surface; *count: how many. */
+static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int *count)
+{
+    const sb_allocator *allocator = &rim->s->def->allocator;
+    const sb_real limit = SBI_STUFF_FAR * rim->s->def->cell;
+    int faces = rim->boundary.surface.element_count, far = 0, added = 0;
+    sbi_stuffing_split *splits;
+    unsigned char *taken;
+    sb_result result = SB_OK;
+    *count = 0;
+    for (int f = 0; f < faces; f++)
+        far += rim->worst[f] > limit;
+    if (far == 0)
+        return SB_OK;
+    splits = (sbi_stuffing_split *)sbi_alloc(allocator, (size_t)far, sizeof *splits);
+    taken = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)rim->mesh->element_count, 1);
+    if (!splits || !taken)
+        result = sbi_stuffing_no_memory(rim->s);
+    for (int f = 0; f < faces && result == SB_OK; f++) {
+        sbi_stuffing_split *split = splits + *count;
+        int more = rim->worst[f] > limit ? sbi_stuffing_choose_split(rim, f, is_last, taken, split) : 0;
+        if (more == 0)
+            continue;
+        for (int k = rim->tets.offsets[split->a]; k < rim->tets.offsets[split->a + 1]; k++)
+            if (sbi_stuffing_tet_has(rim->mesh, rim->tets.items[k], split->b))
+                taken[rim->tets.items[k]] = 1;
+        added += more;
+        ++*count;
+    }
+    if (result == SB_OK && *count > 0) {
+        sb_mesh split;
+        result = sbi_stuffing_apply_splits(rim, splits, *count, added, &split);
+        if (result == SB_OK) {
+            sb_mesh_free(rim->mesh);
+            *rim->mesh = split;
+        }
+    }
+    sbi_free(allocator, splits);
+    sbi_free(allocator, taken);
+    return result;
+}
+
+/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
+                                              sb_real *distance)
+{
+    sbi_stuffing_rim rim;
+    sb_result result;
+    memset(&rim, 0, sizeof rim);
+    rim.s = s;
+    rim.mesh = mesh;
+    *again = 0;
+    *distance = 0;
+    result = sb_mesh_boundary(mesh, 1, &s->def->allocator, &rim.boundary, s->error);
+    if (result == SB_OK) {
+        int count = rim.boundary.surface.element_count;
+        rim.worst = (sb_real *)sbi_alloc(&s->def->allocator, (size_t)count, sizeof(sb_real));
+        if (rim.worst) {
+            sbi_run(&s->def->jobs, sbi_stuffing_measure_task, &rim, (count - 1) / SBI_STUFF_CHUNK + 1);
+            result = sbi_stuffing_slide_all(&rim);
+        } else {
+            result = sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a boundary of %d triangles", count);
+        }
+        for (int f = 0; f < count && result == SB_OK; f++)
+            *distance = sb_max(*distance, rim.worst[f]);
+        if (result == SB_OK && round < SBI_STUFF_SPLITS)
+            result = sbi_stuffing_split_all(&rim, round == SBI_STUFF_SPLITS - 1, again);
+    }
+    sb_boundary_free(&rim.boundary);
+    sb_index_lists_free(&rim.tets);
+    sb_index_lists_free(&rim.faces);
+    sbi_free(&s->def->allocator, rim.worst);
+    return result;
+}
+
+/* Brings the boundary close to the surface and tells how close it is. */
+static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+{
+    sb_result result = SB_OK;
+    int again = 1;
+    for (int round = 0; round <= SBI_STUFF_SPLITS && again && result == SB_OK; round++)
+        result = sbi_stuffing_refine_boundary(s, mesh, round, &again, distance);
+    return result;
+}
+
+static void sbi_stuffing_fill_report(const sbi_stuffing *s, const sb_mesh *mesh, sb_real distance,
+                                     sb_stuff_report *report)
+{
+    memset(report, 0, sizeof *report);
+    memcpy(report->cells, s->n, sizeof report->cells);
+    report->node_count = mesh->node_count;
+    report->element_count = mesh->element_count;
+    report->distance = distance;
+    report->volume = sb_mesh_volume(mesh);
+    sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
+}
+
+static void sbi_stuffing_free(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    sbi_free(allocator, s->labels);
+    for (int level = 0; level <= SBI_STUFF_MAX_LEVELS; level++)
+        sbi_free(allocator, s->split[level]);
+    sbi_stuffing_set_free(s, &s->surface);
+    sbi_stuffing_set_free(s, &s->active);
+    sbi_free(allocator, s->tets);
+    sbi_free(allocator, s->positions);
+    sbi_free(allocator, s->active_label);
+    sbi_free(allocator, s->point_of);
+    sbi_free(allocator, s->points);
+    sbi_free(allocator, s->values);
+    sbi_free(allocator, s->failures);
+    sbi_free(allocator, s->cut_node);
+    sbi_free(allocator, s->cut_positions);
+    sbi_free(allocator, s->elements);
+    sbi_free(allocator, s->element_labels);
+}
+
+/* From the def to a tet4 mesh. */
+static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
+{
+    sb_result result = sbi_stuffing_lay_out(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_sample(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_find_surface(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_grade(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_enumerate(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_value_task, 0.5, 0.6);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_cut_task, 0.6, 0.9);
+    if (result != SB_OK)
+        return result;
+    sbi_stuffing_place_zeros(s);
+    result = sbi_stuffing_cut(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_collect(s, mesh);
+    return result;
+}
+
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+{
+    sbi_stuffing s;
+    sb_mesh made, raised;
+    sb_real distance = 0;
+    sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result != SB_OK)
+        return result;
+    memset(&s, 0, sizeof s);
+    memset(&made, 0, sizeof made);
+    s.def = def;
+    s.error = error;
+    result = sbi_stuffing_build(&s, &made);
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 0.9);
+    if (result == SB_OK)
+        result = sbi_stuffing_finish_boundary(&s, &made, &distance);
+    if (result == SB_OK)
+        result = sb_mesh_reorder(&made, NULL, NULL, error);
+    if (result == SB_OK && def->type == SB_TET10) {
+        result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
+        if (result == SB_OK) {
+            sb_mesh_free(&made);
+            made = raised;
+        }
+    }
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 1);
+    if (result == SB_OK) {
+        *mesh = made;
+        if (report)
+            sbi_stuffing_fill_report(&s, mesh, distance, report);
+    } else {
+        sb_mesh_free(&made);
+    }
+    sbi_stuffing_free(&s);
     return result;
 }
 

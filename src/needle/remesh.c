@@ -32,7 +32,7 @@ typedef struct ndli_needle {
 typedef struct ndli_patch_tet {
     int nodes[4];
     int slot; /* -1: stood before the top split, and would again without it */
-    int skin, wall; /* bit c: the face opposite node c lies on the surface, between regions */
+    int skin; /* bit c: the face opposite node c lies on the surface */
     sb_real quality;
 } ndli_patch_tet;
 
@@ -194,6 +194,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     ndl_remesh_def def;
     memset(&def, 0, sizeof def);
     def.max_needles = 4;
+    def.interfaces = NDL_INTERFACE_MOVE;
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
     def.max_smoothed = 8;
@@ -210,7 +211,7 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL or empty");
     if (def->max_needles < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_needles is %d", def->max_needles);
-    if (def->interfaces != NDL_INTERFACE_KEEP && def->interfaces != NDL_INTERFACE_MOVE)
+    if (def->interfaces != NDL_INTERFACE_KEEP_NODES && def->interfaces != NDL_INTERFACE_MOVE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "interfaces is %d", (int)def->interfaces);
     if (!(def->smooth_below >= 0) || !(def->smooth_below < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "smooth_below is not in [0, 1)");
@@ -287,13 +288,9 @@ static int ndli_remesh_is_foreign(const ndl_remesh *r, int node)
     return node >= 0 && r->mesh->owner[node] >= 0 && r->mesh->owner[node] != r->needle;
 }
 
-static void ndli_remesh_face_bits(const ndl_remesh *r, int tet, int face, int bit, ndli_patch_tet *to)
+static int ndli_remesh_skin_bit(const ndl_remesh *r, int tet, int face)
 {
-    int other = r->mesh->neighbours[4 * (size_t)tet + (size_t)face];
-    if (other < 0)
-        to->skin |= 1 << bit;
-    else if (r->mesh->regions[other] != r->mesh->regions[tet])
-        to->wall |= 1 << bit;
+    return r->mesh->neighbours[4 * (size_t)tet + (size_t)face] < 0 ? 1 << face : 0;
 }
 
 static void ndli_remesh_begin_gather(ndl_remesh *r)
@@ -323,10 +320,10 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
         to = r->here.tets + r->here.count;
         memcpy(to->nodes, mesh->tets + 4 * (size_t)tet, sizeof to->nodes);
         to->slot = tet;
-        to->skin = to->wall = 0;
+        to->skin = 0;
         to->quality = mesh->qualities[tet];
         for (int c = 0; c < 4; c++)
-            ndli_remesh_face_bits(r, tet, c, c, to);
+            to->skin |= ndli_remesh_skin_bit(r, tet, c);
         r->here.count++;
     }
     return 1;
@@ -338,7 +335,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
     const ndl_tissue_mesh *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
     parent->slot = -1;
-    parent->skin = parent->wall = 0;
+    parent->skin = 0;
     for (int c = 0; c < 4; c++)
         parent->nodes[c] = n[c] == split->node ? split->simplex[0] : n[c];
     for (int c = 0; c < 4; c++) {
@@ -346,7 +343,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
         for (int j = 0; j < split->size; j++)
             if (split->simplex[j] == parent->nodes[c])
                 part = parts[j];
-        ndli_remesh_face_bits(r, part, c, c, parent);
+        parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
     parent->quality = ndli_tissue_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
                                           mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
@@ -594,7 +591,14 @@ typedef enum ndli_move {
     NDLI_DROP        /* (d) the tip stays in the tissue, but not on the needle */
 } ndli_move;
 
-static int ndli_remesh_keeps_walls(const ndl_remesh *r) { return r->def.interfaces == NDL_INTERFACE_KEEP; }
+/* Nodes between regions may be bound to their place; those that a split made there are not. */
+static int ndli_remesh_is_bound(const ndl_remesh *r, int node)
+{
+    int flags = r->mesh->node_flags[node];
+    return (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY)) ||
+           ((flags & (NDL_NODE_INTERFACE | NDL_NODE_CREATED)) == NDL_NODE_INTERFACE &&
+            r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
+}
 
 /* The needle's nodes after the tip that X_new will have next to it. */
 static int ndli_remesh_anchor(const ndl_remesh *r, ndli_move move)
@@ -604,12 +608,9 @@ static int ndli_remesh_anchor(const ndl_remesh *r, ndli_move move)
 
 static int ndli_remesh_may_snap(const ndl_remesh *r, int node, ndli_move move)
 {
-    int flags = r->mesh->node_flags[node];
-    if (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY))
+    if (ndli_remesh_is_bound(r, node))
         return 0;
-    if ((flags & NDL_NODE_INTERFACE) && ndli_remesh_keeps_walls(r))
-        return 0;
-    if (!(flags & NDL_NODE_NEEDLE))
+    if (!(r->mesh->node_flags[node] & NDL_NODE_NEEDLE))
         return 1;
     return move == NDLI_SNAP_TIP ? node == ndli_remesh_from_tip(r->needles + r->needle, 0)
                                  : move != NDLI_AHEAD && node == ndli_remesh_anchor(r, move);
@@ -641,11 +642,10 @@ static int ndli_remesh_is_legal(const ndl_remesh *r, const ndli_patch *patch, nd
             continue;
         joined |= ndli_remesh_has(tet->nodes, anchor);
         for (int c = 0; t->size > 1 && c < 4; c++) {
-            int bits = tet->skin | (ndli_remesh_keeps_walls(r) ? tet->wall : 0);
             int part = 0; /* of the simplex: the corner that the face lies opposite to */
             for (int j = 0; j < t->size; j++)
                 part |= tet->nodes[c] == t->simplex[j];
-            if (!part && (bits >> c & 1))
+            if (!part && (tet->skin >> c & 1))
                 return 0;
         }
     }
@@ -690,11 +690,7 @@ static int ndli_remesh_slider(const ndl_remesh *r, ndli_move move, sb_vec3 *to)
             return -1;
         *to = r->mesh->X[next];
     }
-    if (r->mesh->node_flags[node] & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY))
-        return -1;
-    if ((r->mesh->node_flags[node] & NDL_NODE_INTERFACE) && ndli_remesh_keeps_walls(r))
-        return -1;
-    return node;
+    return ndli_remesh_is_bound(r, node) ? -1 : node;
 }
 
 /* Rates the trial, whose simplex, X and undo are set, and keeps it when it is the best so far. */
@@ -919,7 +915,7 @@ static sb_vec3 ndli_remesh_ascent(const ndli_draft *d, int node, sb_real least)
     for (int k = d->star_start[node]; k < d->star_start[node + 1] && count < 32; k++)
         if (d->qualities[d->star[k] / 4] <= active)
             gradients[count++] = ndli_remesh_gradient(d, d->star[k] / 4, d->star[k] % 4);
-    shortest = gradients[0];
+    shortest = count ? gradients[0] : sb_v3(0, 0, 0);
     for (int i = 0; i < 12 && count > 1; i++) {
         sb_real low = SB_REAL_MAX, share;
         sb_vec3 way;
@@ -1569,22 +1565,6 @@ static int ndli_remesh_keeps_skin(const ndl_remesh *r)
     return 1;
 }
 
-/* 1 when the trial changes no wall between regions. */
-static int ndli_remesh_keeps_wall(const ndl_remesh *r)
-{
-    const ndli_candidate *t = &r->trial;
-    for (int i = 0; ndli_remesh_keeps_walls(r) && i < r->here.count; i++)
-        for (int c = 0; c < 4; c++) {
-            int part = 0;
-            for (int j = 0; j < t->size; j++)
-                part |= r->here.tets[i].nodes[c] == t->simplex[j];
-            if (!part && (r->here.tets[i].wall >> c & 1) &&
-                ndli_remesh_holds(r->here.tets[i].nodes, t->simplex, t->size))
-                return 0;
-        }
-    return 1;
-}
-
 static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, sb_vec3 X)
 {
     ndli_candidate *t = &r->trial;
@@ -1594,9 +1574,9 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
-        (r->mesh->node_flags[simplex[0]] & NDL_NODE_FIXED))
+        (r->mesh->node_flags[simplex[0]] & (NDL_NODE_FIXED | NDL_NODE_INTERFACE)))
         return;
-    if (!ndli_remesh_keeps_skin(r) || !ndli_remesh_keeps_wall(r))
+    if (!ndli_remesh_keeps_skin(r))
         return;
     r->info.candidates++;
     if (!ndli_remesh_collect(r, &r->here) || ndli_remesh_is_lost(r))
@@ -1713,6 +1693,7 @@ static void ndli_remesh_restore(ndl_remesh *r)
     for (int i = 0; i < mesh->change_count; i++)
         ndli_tissue_move(mesh, i);
     ndli_tissue_end(mesh);
+    ndli_tissue_reset_densities(mesh);
     r->info.released += mesh->change_count;
 }
 

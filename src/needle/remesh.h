@@ -7,19 +7,20 @@
 #include "api.h"
 #include "tissue_mesh.h"
 
-/* What a needle may do to faces between regions. */
+/* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
+ * pass them: the volume of each region is not kept, that of the tissue and its mass are; all of it is undone at the
+ * end. */
 typedef enum ndl_interface_rule {
-    NDL_INTERFACE_KEEP = 0, /* nothing: they stay where they are, and so does the volume of each region. A tip just behind
-                             * one has flat tets about it, as just below the skin */
-    NDL_INTERFACE_MOVE = 1  /* nodes of them are snapped and edges split like any others: better tets, but the regions'
-                             * volumes, and with unequal densities the mass, follow the tip by parts of a tet */
+    NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
+                                   * behind one has flat tets about it, as just below the skin */
+    NDL_INTERFACE_MOVE = 1        /* their nodes are snapped like any others: better tets, coarser regions */
 } ndl_interface_rule;
 
 /* How to remesh. Start from ndl_default_remesh_def(). */
 typedef struct ndl_remesh_def {
     ndl_tissue_mesh *tissue;  /* borrowed; outlives the remesher */
     int max_needles;          /* >= 1; needles are numbered from 0. Default 4 */
-    ndl_interface_rule interfaces;
+    ndl_interface_rule interfaces; /* default NDL_INTERFACE_MOVE */
     sb_real smooth_below;     /* free nodes about the tip are moved while a tet there is worse than this; in [0, 1).
                                * Default 0.55; 0: never, as in the thesis */
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone, where

@@ -30,6 +30,7 @@ static void ndli_tissue_layout(ndl_tissue_mesh *t, sbi_arena *arena, size_t node
     t->corner_next = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
     t->corner_prev = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
     t->regions = (int *)sbi_arena_take(arena, tets, sizeof(int));
+    t->tet_density = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->volumes = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->qualities = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->tet_mark = (unsigned char *)sbi_arena_take(arena, tets, 1);
@@ -86,6 +87,7 @@ static void ndli_tissue_copy_tets(ndl_tissue_mesh *to, const ndl_tissue_mesh *fr
     memcpy(to->corner_next, from->corner_next, 4 * n * sizeof(int));
     memcpy(to->corner_prev, from->corner_prev, 4 * n * sizeof(int));
     memcpy(to->regions, from->regions, n * sizeof(int));
+    memcpy(to->tet_density, from->tet_density, n * sizeof(sb_real));
     memcpy(to->volumes, from->volumes, n * sizeof(sb_real));
     memcpy(to->qualities, from->qualities, n * sizeof(sb_real));
     memcpy(to->densities, from->densities, (size_t)from->density_count * sizeof(sb_real));
@@ -262,20 +264,16 @@ static void ndli_tissue_fill(ndl_tissue_mesh *t, const sb_mesh *mesh)
         for (int c = 3; c >= 0; c--)
             ndli_tissue_join(t, 4 * e + c, mesh->elements[4 * (size_t)e + (size_t)c]);
         t->regions[e] = mesh->regions ? mesh->regions[e] : 0;
+        t->tet_density[e] = t->densities[t->density_count == 1 ? 0 : t->regions[e]];
         ndli_tissue_measure(t, e);
     }
-}
-
-static sb_real ndli_tissue_density(const ndl_tissue_mesh *t, int tet)
-{
-    return t->densities[t->density_count == 1 ? 0 : t->regions[tet]];
 }
 
 static void ndli_tissue_weigh(ndl_tissue_mesh *t, int node)
 {
     sb_real sum = 0;
     for (int k = t->node_star[node]; k >= 0; k = t->corner_next[k])
-        sum += ndli_tissue_density(t, k / 4) * t->volumes[k / 4];
+        sum += t->tet_density[k / 4] * t->volumes[k / 4];
     t->mass[node] = sum / 4;
 }
 
@@ -441,6 +439,8 @@ static void ndli_tissue_touch(ndl_tissue_mesh *t, int tet, int made, int relink)
     if (!t->tet_mark[tet]) {
         t->tet_mark[tet] = (unsigned char)(made ? NDLI_TOUCHED : NDLI_TOUCHED | NDLI_WAS_ALIVE);
         t->touched[t->touched_count++] = tet;
+        if (!made)
+            t->change_mass += t->tet_density[tet] * t->volumes[tet];
     }
     if (relink)
         t->tet_mark[tet] |= NDLI_RELINK;
@@ -452,6 +452,7 @@ NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
 {
     tissue->touched_count = tissue->affected_count = tissue->change_count = 0;
     tissue->momentum = sb_v3(0, 0, 0);
+    tissue->change_mass = 0;
 }
 
 /* Tet of a point that lies in the material, or just outside by rounding: then the nearest of the last one's nodes. */
@@ -543,6 +544,7 @@ static int ndli_tissue_make_tet(ndl_tissue_mesh *t, int pattern, int corner, int
     for (int c = 0; c < 4; c++)
         ndli_tissue_join(t, 4 * tet + c, c == corner ? node : t->tets[4 * (size_t)pattern + (size_t)c]);
     t->regions[tet] = t->regions[pattern];
+    t->tet_density[tet] = t->tet_density[pattern];
     ndli_tissue_touch(t, tet, 1, 1);
     return tet;
 }
@@ -631,6 +633,37 @@ NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan)
     ndli_tissue_note_displaced(tissue, node);
 }
 
+/* Where faces between regions were moved, the tets of the change keep the mass they had together. */
+static void ndli_tissue_keep_mass(ndl_tissue_mesh *t)
+{
+    sb_real mass = 0, least = SB_REAL_MAX, most = 0;
+    for (int i = 0; i < t->touched_count; i++) {
+        int tet = t->touched[i];
+        if (t->tets[4 * (size_t)tet] < 0)
+            continue;
+        mass += t->tet_density[tet] * t->volumes[tet];
+        least = sb_min(least, t->tet_density[tet]);
+        most = sb_max(most, t->tet_density[tet]);
+    }
+    if (!(most > least) || !(mass > 0))
+        return;
+    for (int i = 0; i < t->touched_count; i++)
+        if (t->tets[4 * (size_t)t->touched[i]] >= 0)
+            t->tet_density[t->touched[i]] *= t->change_mass / mass;
+}
+
+NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
+{
+    if (tissue->density_count == 1)
+        return;
+    for (int t = 0; t < tissue->tet_end; t++)
+        if (tissue->tets[4 * (size_t)t] >= 0)
+            tissue->tet_density[t] = tissue->densities[tissue->regions[t]];
+    for (int n = 0; n < tissue->node_end; n++)
+        if (tissue->node_flags[n])
+            ndli_tissue_weigh(tissue, n);
+}
+
 /* Spreads over the change's nodes the momentum that interpolation has lost or made. */
 static void ndli_tissue_balance(ndl_tissue_mesh *t)
 {
@@ -698,6 +731,7 @@ NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue)
             if (tissue->tet_mark[tissue->touched[i]] & NDLI_RELINK)
                 ndli_tissue_link(tissue, tissue->touched[i]);
         }
+    ndli_tissue_keep_mass(tissue);
     for (int i = 0; i < tissue->affected_count; i++)
         if (tissue->node_flags[tissue->affected[i]])
             ndli_tissue_weigh(tissue, tissue->affected[i]);

@@ -69,6 +69,8 @@ typedef struct ndl_tissue_mesh {
     int *corner_next; /* [4] */
     int *corner_prev; /* [4] */
     int *regions;
+    sb_real *tet_density; /* kg/m^3: that of the region, but where a face between regions was moved: there, so that
+                           * the mass stays */
     sb_real *volumes; /* in the material (m^3) */
     sb_real *qualities; /* 6 sqrt(2) V / l_rms^3: 1 for the regular tet, <= 0 flat or inverted */
 
@@ -90,6 +92,7 @@ typedef struct ndl_tissue_mesh {
     sb_vec3 *change_state; /* [3] x, v, a of each */
     int change_count;
     sb_vec3 momentum;
+    sb_real change_mass; /* of the tets before the change */
     void *block;
 } ndl_tissue_mesh;
 
@@ -152,6 +155,8 @@ NDLI_API void ndli_tissue_mend(ndl_tissue_mesh *tissue, int node, const int *sim
                                int count);
 NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
 NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
+/* All densities those of the regions again, once all is in its place. */
+NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
 #endif
 
 #endif /* NDL_TISSUE_MESH_H */
