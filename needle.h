@@ -464,6 +464,8 @@ typedef struct ndl_tissue_mesh {
     int *corner_next; /* [4] */
     int *corner_prev; /* [4] */
     int *regions;
+    sb_real *tet_density; /* kg/m^3: that of the region, but where a face between regions was moved: there, so that
+                           * the mass stays */
     sb_real *volumes; /* in the material (m^3) */
     sb_real *qualities; /* 6 sqrt(2) V / l_rms^3: 1 for the regular tet, <= 0 flat or inverted */
 
@@ -485,6 +487,7 @@ typedef struct ndl_tissue_mesh {
     sb_vec3 *change_state; /* [3] x, v, a of each */
     int change_count;
     sb_vec3 momentum;
+    sb_real change_mass; /* of the tets before the change */
     void *block;
 } ndl_tissue_mesh;
 
@@ -547,6 +550,8 @@ NDLI_API void ndli_tissue_mend(ndl_tissue_mesh *tissue, int node, const int *sim
                                int count);
 NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
 NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
+/* All densities those of the regions again, once all is in its place. */
+NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
 #endif
 
 #endif /* NDL_TISSUE_MESH_H */
@@ -559,19 +564,20 @@ NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
 #define NDL_REMESH_H
 
 
-/* What a needle may do to faces between regions. */
+/* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
+ * pass them: the volume of each region is not kept, that of the tissue and its mass are; all of it is undone at the
+ * end. */
 typedef enum ndl_interface_rule {
-    NDL_INTERFACE_KEEP = 0, /* nothing: they stay where they are, and so does the volume of each region. A tip just behind
-                             * one has flat tets about it, as just below the skin */
-    NDL_INTERFACE_MOVE = 1  /* nodes of them are snapped and edges split like any others: better tets, but the regions'
-                             * volumes, and with unequal densities the mass, follow the tip by parts of a tet */
+    NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
+                                   * behind one has flat tets about it, as just below the skin */
+    NDL_INTERFACE_MOVE = 1        /* their nodes are snapped like any others: better tets, coarser regions */
 } ndl_interface_rule;
 
 /* How to remesh. Start from ndl_default_remesh_def(). */
 typedef struct ndl_remesh_def {
     ndl_tissue_mesh *tissue;  /* borrowed; outlives the remesher */
     int max_needles;          /* >= 1; needles are numbered from 0. Default 4 */
-    ndl_interface_rule interfaces;
+    ndl_interface_rule interfaces; /* default NDL_INTERFACE_MOVE */
     sb_real smooth_below;     /* free nodes about the tip are moved while a tet there is worse than this; in [0, 1).
                                * Default 0.55; 0: never, as in the thesis */
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone, where
@@ -3015,6 +3021,7 @@ static void ndli_tissue_layout(ndl_tissue_mesh *t, sbi_arena *arena, size_t node
     t->corner_next = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
     t->corner_prev = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
     t->regions = (int *)sbi_arena_take(arena, tets, sizeof(int));
+    t->tet_density = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->volumes = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->qualities = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->tet_mark = (unsigned char *)sbi_arena_take(arena, tets, 1);
@@ -3071,6 +3078,7 @@ static void ndli_tissue_copy_tets(ndl_tissue_mesh *to, const ndl_tissue_mesh *fr
     memcpy(to->corner_next, from->corner_next, 4 * n * sizeof(int));
     memcpy(to->corner_prev, from->corner_prev, 4 * n * sizeof(int));
     memcpy(to->regions, from->regions, n * sizeof(int));
+    memcpy(to->tet_density, from->tet_density, n * sizeof(sb_real));
     memcpy(to->volumes, from->volumes, n * sizeof(sb_real));
     memcpy(to->qualities, from->qualities, n * sizeof(sb_real));
     memcpy(to->densities, from->densities, (size_t)from->density_count * sizeof(sb_real));
@@ -3247,20 +3255,16 @@ static void ndli_tissue_fill(ndl_tissue_mesh *t, const sb_mesh *mesh)
         for (int c = 3; c >= 0; c--)
             ndli_tissue_join(t, 4 * e + c, mesh->elements[4 * (size_t)e + (size_t)c]);
         t->regions[e] = mesh->regions ? mesh->regions[e] : 0;
+        t->tet_density[e] = t->densities[t->density_count == 1 ? 0 : t->regions[e]];
         ndli_tissue_measure(t, e);
     }
-}
-
-static sb_real ndli_tissue_density(const ndl_tissue_mesh *t, int tet)
-{
-    return t->densities[t->density_count == 1 ? 0 : t->regions[tet]];
 }
 
 static void ndli_tissue_weigh(ndl_tissue_mesh *t, int node)
 {
     sb_real sum = 0;
     for (int k = t->node_star[node]; k >= 0; k = t->corner_next[k])
-        sum += ndli_tissue_density(t, k / 4) * t->volumes[k / 4];
+        sum += t->tet_density[k / 4] * t->volumes[k / 4];
     t->mass[node] = sum / 4;
 }
 
@@ -3426,6 +3430,8 @@ static void ndli_tissue_touch(ndl_tissue_mesh *t, int tet, int made, int relink)
     if (!t->tet_mark[tet]) {
         t->tet_mark[tet] = (unsigned char)(made ? NDLI_TOUCHED : NDLI_TOUCHED | NDLI_WAS_ALIVE);
         t->touched[t->touched_count++] = tet;
+        if (!made)
+            t->change_mass += t->tet_density[tet] * t->volumes[tet];
     }
     if (relink)
         t->tet_mark[tet] |= NDLI_RELINK;
@@ -3437,6 +3443,7 @@ NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
 {
     tissue->touched_count = tissue->affected_count = tissue->change_count = 0;
     tissue->momentum = sb_v3(0, 0, 0);
+    tissue->change_mass = 0;
 }
 
 /* Tet of a point that lies in the material, or just outside by rounding: then the nearest of the last one's nodes. */
@@ -3528,6 +3535,7 @@ static int ndli_tissue_make_tet(ndl_tissue_mesh *t, int pattern, int corner, int
     for (int c = 0; c < 4; c++)
         ndli_tissue_join(t, 4 * tet + c, c == corner ? node : t->tets[4 * (size_t)pattern + (size_t)c]);
     t->regions[tet] = t->regions[pattern];
+    t->tet_density[tet] = t->tet_density[pattern];
     ndli_tissue_touch(t, tet, 1, 1);
     return tet;
 }
@@ -3616,6 +3624,37 @@ NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan)
     ndli_tissue_note_displaced(tissue, node);
 }
 
+/* Where faces between regions were moved, the tets of the change keep the mass they had together. */
+static void ndli_tissue_keep_mass(ndl_tissue_mesh *t)
+{
+    sb_real mass = 0, least = SB_REAL_MAX, most = 0;
+    for (int i = 0; i < t->touched_count; i++) {
+        int tet = t->touched[i];
+        if (t->tets[4 * (size_t)tet] < 0)
+            continue;
+        mass += t->tet_density[tet] * t->volumes[tet];
+        least = sb_min(least, t->tet_density[tet]);
+        most = sb_max(most, t->tet_density[tet]);
+    }
+    if (!(most > least) || !(mass > 0))
+        return;
+    for (int i = 0; i < t->touched_count; i++)
+        if (t->tets[4 * (size_t)t->touched[i]] >= 0)
+            t->tet_density[t->touched[i]] *= t->change_mass / mass;
+}
+
+NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
+{
+    if (tissue->density_count == 1)
+        return;
+    for (int t = 0; t < tissue->tet_end; t++)
+        if (tissue->tets[4 * (size_t)t] >= 0)
+            tissue->tet_density[t] = tissue->densities[tissue->regions[t]];
+    for (int n = 0; n < tissue->node_end; n++)
+        if (tissue->node_flags[n])
+            ndli_tissue_weigh(tissue, n);
+}
+
 /* Spreads over the change's nodes the momentum that interpolation has lost or made. */
 static void ndli_tissue_balance(ndl_tissue_mesh *t)
 {
@@ -3683,6 +3722,7 @@ NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue)
             if (tissue->tet_mark[tissue->touched[i]] & NDLI_RELINK)
                 ndli_tissue_link(tissue, tissue->touched[i]);
         }
+    ndli_tissue_keep_mass(tissue);
     for (int i = 0; i < tissue->affected_count; i++)
         if (tissue->node_flags[tissue->affected[i]])
             ndli_tissue_weigh(tissue, tissue->affected[i]);
@@ -3845,7 +3885,7 @@ typedef struct ndli_needle {
 typedef struct ndli_patch_tet {
     int nodes[4];
     int slot; /* -1: stood before the top split, and would again without it */
-    int skin, wall; /* bit c: the face opposite node c lies on the surface, between regions */
+    int skin; /* bit c: the face opposite node c lies on the surface */
     sb_real quality;
 } ndli_patch_tet;
 
@@ -4007,6 +4047,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     ndl_remesh_def def;
     memset(&def, 0, sizeof def);
     def.max_needles = 4;
+    def.interfaces = NDL_INTERFACE_MOVE;
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
     def.max_smoothed = 8;
@@ -4023,7 +4064,7 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL or empty");
     if (def->max_needles < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_needles is %d", def->max_needles);
-    if (def->interfaces != NDL_INTERFACE_KEEP && def->interfaces != NDL_INTERFACE_MOVE)
+    if (def->interfaces != NDL_INTERFACE_KEEP_NODES && def->interfaces != NDL_INTERFACE_MOVE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "interfaces is %d", (int)def->interfaces);
     if (!(def->smooth_below >= 0) || !(def->smooth_below < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "smooth_below is not in [0, 1)");
@@ -4100,13 +4141,9 @@ static int ndli_remesh_is_foreign(const ndl_remesh *r, int node)
     return node >= 0 && r->mesh->owner[node] >= 0 && r->mesh->owner[node] != r->needle;
 }
 
-static void ndli_remesh_face_bits(const ndl_remesh *r, int tet, int face, int bit, ndli_patch_tet *to)
+static int ndli_remesh_skin_bit(const ndl_remesh *r, int tet, int face)
 {
-    int other = r->mesh->neighbours[4 * (size_t)tet + (size_t)face];
-    if (other < 0)
-        to->skin |= 1 << bit;
-    else if (r->mesh->regions[other] != r->mesh->regions[tet])
-        to->wall |= 1 << bit;
+    return r->mesh->neighbours[4 * (size_t)tet + (size_t)face] < 0 ? 1 << face : 0;
 }
 
 static void ndli_remesh_begin_gather(ndl_remesh *r)
@@ -4136,10 +4173,10 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
         to = r->here.tets + r->here.count;
         memcpy(to->nodes, mesh->tets + 4 * (size_t)tet, sizeof to->nodes);
         to->slot = tet;
-        to->skin = to->wall = 0;
+        to->skin = 0;
         to->quality = mesh->qualities[tet];
         for (int c = 0; c < 4; c++)
-            ndli_remesh_face_bits(r, tet, c, c, to);
+            to->skin |= ndli_remesh_skin_bit(r, tet, c);
         r->here.count++;
     }
     return 1;
@@ -4151,7 +4188,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
     const ndl_tissue_mesh *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
     parent->slot = -1;
-    parent->skin = parent->wall = 0;
+    parent->skin = 0;
     for (int c = 0; c < 4; c++)
         parent->nodes[c] = n[c] == split->node ? split->simplex[0] : n[c];
     for (int c = 0; c < 4; c++) {
@@ -4159,7 +4196,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
         for (int j = 0; j < split->size; j++)
             if (split->simplex[j] == parent->nodes[c])
                 part = parts[j];
-        ndli_remesh_face_bits(r, part, c, c, parent);
+        parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
     parent->quality = ndli_tissue_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
                                           mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
@@ -4407,7 +4444,14 @@ typedef enum ndli_move {
     NDLI_DROP        /* (d) the tip stays in the tissue, but not on the needle */
 } ndli_move;
 
-static int ndli_remesh_keeps_walls(const ndl_remesh *r) { return r->def.interfaces == NDL_INTERFACE_KEEP; }
+/* Nodes between regions may be bound to their place; those that a split made there are not. */
+static int ndli_remesh_is_bound(const ndl_remesh *r, int node)
+{
+    int flags = r->mesh->node_flags[node];
+    return (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY)) ||
+           ((flags & (NDL_NODE_INTERFACE | NDL_NODE_CREATED)) == NDL_NODE_INTERFACE &&
+            r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
+}
 
 /* The needle's nodes after the tip that X_new will have next to it. */
 static int ndli_remesh_anchor(const ndl_remesh *r, ndli_move move)
@@ -4417,12 +4461,9 @@ static int ndli_remesh_anchor(const ndl_remesh *r, ndli_move move)
 
 static int ndli_remesh_may_snap(const ndl_remesh *r, int node, ndli_move move)
 {
-    int flags = r->mesh->node_flags[node];
-    if (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY))
+    if (ndli_remesh_is_bound(r, node))
         return 0;
-    if ((flags & NDL_NODE_INTERFACE) && ndli_remesh_keeps_walls(r))
-        return 0;
-    if (!(flags & NDL_NODE_NEEDLE))
+    if (!(r->mesh->node_flags[node] & NDL_NODE_NEEDLE))
         return 1;
     return move == NDLI_SNAP_TIP ? node == ndli_remesh_from_tip(r->needles + r->needle, 0)
                                  : move != NDLI_AHEAD && node == ndli_remesh_anchor(r, move);
@@ -4454,11 +4495,10 @@ static int ndli_remesh_is_legal(const ndl_remesh *r, const ndli_patch *patch, nd
             continue;
         joined |= ndli_remesh_has(tet->nodes, anchor);
         for (int c = 0; t->size > 1 && c < 4; c++) {
-            int bits = tet->skin | (ndli_remesh_keeps_walls(r) ? tet->wall : 0);
             int part = 0; /* of the simplex: the corner that the face lies opposite to */
             for (int j = 0; j < t->size; j++)
                 part |= tet->nodes[c] == t->simplex[j];
-            if (!part && (bits >> c & 1))
+            if (!part && (tet->skin >> c & 1))
                 return 0;
         }
     }
@@ -4503,11 +4543,7 @@ static int ndli_remesh_slider(const ndl_remesh *r, ndli_move move, sb_vec3 *to)
             return -1;
         *to = r->mesh->X[next];
     }
-    if (r->mesh->node_flags[node] & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY))
-        return -1;
-    if ((r->mesh->node_flags[node] & NDL_NODE_INTERFACE) && ndli_remesh_keeps_walls(r))
-        return -1;
-    return node;
+    return ndli_remesh_is_bound(r, node) ? -1 : node;
 }
 
 /* Rates the trial, whose simplex, X and undo are set, and keeps it when it is the best so far. */
@@ -4732,7 +4768,7 @@ static sb_vec3 ndli_remesh_ascent(const ndli_draft *d, int node, sb_real least)
     for (int k = d->star_start[node]; k < d->star_start[node + 1] && count < 32; k++)
         if (d->qualities[d->star[k] / 4] <= active)
             gradients[count++] = ndli_remesh_gradient(d, d->star[k] / 4, d->star[k] % 4);
-    shortest = gradients[0];
+    shortest = count ? gradients[0] : sb_v3(0, 0, 0);
     for (int i = 0; i < 12 && count > 1; i++) {
         sb_real low = SB_REAL_MAX, share;
         sb_vec3 way;
@@ -5382,22 +5418,6 @@ static int ndli_remesh_keeps_skin(const ndl_remesh *r)
     return 1;
 }
 
-/* 1 when the trial changes no wall between regions. */
-static int ndli_remesh_keeps_wall(const ndl_remesh *r)
-{
-    const ndli_candidate *t = &r->trial;
-    for (int i = 0; ndli_remesh_keeps_walls(r) && i < r->here.count; i++)
-        for (int c = 0; c < 4; c++) {
-            int part = 0;
-            for (int j = 0; j < t->size; j++)
-                part |= r->here.tets[i].nodes[c] == t->simplex[j];
-            if (!part && (r->here.tets[i].wall >> c & 1) &&
-                ndli_remesh_holds(r->here.tets[i].nodes, t->simplex, t->size))
-                return 0;
-        }
-    return 1;
-}
-
 static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, sb_vec3 X)
 {
     ndli_candidate *t = &r->trial;
@@ -5407,9 +5427,9 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
-        (r->mesh->node_flags[simplex[0]] & NDL_NODE_FIXED))
+        (r->mesh->node_flags[simplex[0]] & (NDL_NODE_FIXED | NDL_NODE_INTERFACE)))
         return;
-    if (!ndli_remesh_keeps_skin(r) || !ndli_remesh_keeps_wall(r))
+    if (!ndli_remesh_keeps_skin(r))
         return;
     r->info.candidates++;
     if (!ndli_remesh_collect(r, &r->here) || ndli_remesh_is_lost(r))
@@ -5526,6 +5546,7 @@ static void ndli_remesh_restore(ndl_remesh *r)
     for (int i = 0; i < mesh->change_count; i++)
         ndli_tissue_move(mesh, i);
     ndli_tissue_end(mesh);
+    ndli_tissue_reset_densities(mesh);
     r->info.released += mesh->change_count;
 }
 
