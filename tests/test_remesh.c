@@ -370,6 +370,14 @@ static int programs_enter(programs *p, unsigned long long *seed, sb_vec3 *X)
     return 1;
 }
 
+/* Further than an element from all sides but the top: near the skin, flat tets cannot be avoided. */
+static int is_inside(sb_vec3 X, sb_vec3 low, sb_vec3 high, double edge)
+{
+    sb_real margin = REAL(1.25 * edge);
+    return X.x > low.x + margin && X.y > low.y + margin && X.z > low.z + margin && X.x < high.x - margin &&
+           X.y < high.y - margin;
+}
+
 static void programs_run(programs *p, int count, unsigned long long seed)
 {
     for (int i = 0; i < count; i++) {
@@ -381,7 +389,8 @@ static void programs_run(programs *p, int count, unsigned long long seed)
         if (!programs_enter(p, &seed, &X))
             return;
         path_make(&way, X, p->edge, check_random_in(&seed, 0.45, 0.85) * (double)(high.z - low.z), &seed);
-        while (last + 1 < way.count && programs_step(p, way.points[last + 1], 0, last + 1 > 20))
+        while (last + 1 < way.count && is_inside(way.points[last + 1], low, high, p->edge) &&
+               programs_step(p, way.points[last + 1], 0, last + 1 > 20))
             last++;
         if (i % 4 == 0) /* back a little and in again */
             for (int k = last - 1; k > last - 8 && k > 0; k--)
