@@ -3910,12 +3910,12 @@ typedef struct ndli_candidate {
 /* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
  * that all candidates of an operation share; the node to be made comes after it. */
 typedef struct ndli_draft {
-    int *tets, tet_count;   /* [4] */
+    int *tets, tet_count;   /* [4]; those of the core first */
+    int core_count;
     sb_real *qualities;
     sb_vec3 *X;             /* [table_count + 1] */
     int *star_start, *star; /* tets of a node: star[star_start[i] .. star_start[i + 1]) */
     unsigned char *is_free;
-    int near[3];            /* the needle's last nodes, or -1 */
     int *moved, moved_count; /* nodes not where the candidate had them */
 } ndli_draft;
 
@@ -4646,6 +4646,7 @@ static void ndli_remesh_draft_tets(ndl_remesh *r, const ndli_candidate *c)
         if (!cut)
             ndli_remesh_draft_tet(r, nodes);
     }
+    r->draft.core_count = r->draft.tet_count;
     for (int i = r->core_count; i < r->here.count; i++)
         ndli_remesh_draft_tet(r, r->here.tets[i].nodes);
 }
@@ -4676,7 +4677,8 @@ static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
     int tip = ndli_remesh_from_tip(r->needles + r->needle, 0);
     for (int i = 0; i < r->table_count; i++) {
         int node = r->table[i], flags = r->mesh->node_flags[node];
-        int fixed = flags & (NDL_NODE_BOUNDARY | NDL_NODE_INTERFACE | NDL_NODE_FIXED);
+        int fixed = (flags & (NDL_NODE_BOUNDARY | NDL_NODE_FIXED)) ||
+                    ((flags & NDL_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
         if (c->drops_tip && node == tip)
             flags &= ~NDL_NODE_NEEDLE;
         if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDL_NODE_NEEDLE))
@@ -4694,20 +4696,6 @@ static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
     r->draft.is_free[r->table_count] = 0;
 }
 
-/* The last nodes of the needle after the candidate. */
-static void ndli_remesh_draft_near(ndl_remesh *r, const ndli_candidate *c)
-{
-    const ndli_needle *needle = r->needles + r->needle;
-    int skipped = c->undo || c->drops_tip, at_tip = c->size == 1 ? c->simplex[0] : (int)NDLI_VIRTUAL, count = 1;
-    r->draft.near[0] = ndli_remesh_local(r, at_tip);
-    for (int i = skipped; count < 3; i++) {
-        int node = ndli_remesh_from_tip(needle, i);
-        if (node >= 0 && node == at_tip)
-            continue;
-        r->draft.near[count++] = node < 0 ? -1 : ndli_remesh_local(r, node);
-    }
-}
-
 static void ndli_remesh_make_draft(ndl_remesh *r, const ndli_candidate *c)
 {
     ndli_draft *d = &r->draft;
@@ -4722,7 +4710,6 @@ static void ndli_remesh_make_draft(ndl_remesh *r, const ndli_candidate *c)
     d->moved_count = 0;
     ndli_remesh_draft_stars(r);
     ndli_remesh_draft_free(r, c);
-    ndli_remesh_draft_near(r, c);
     for (int t = 0; t < d->tet_count; t++)
         d->qualities[t] = ndli_remesh_draft_quality(d, t);
 }
@@ -4824,24 +4811,22 @@ static sb_real ndli_remesh_improve(ndli_draft *d, int node, sb_real now, sb_vec3
     return best;
 }
 
-/* Worst tet about the last nodes of the needle that is worth work and not among those given up; or -1. */
+/* Worst tet of the draft's core that is worth work and not among those given up; or -1. */
 static int ndli_remesh_worst_near(const ndl_remesh *r, const int *stuck, int stuck_count)
 {
     const ndli_draft *d = &r->draft;
     sb_real least = r->def.smooth_below;
     int worst = -1;
-    for (int i = 0; i < 3; i++) {
-        int node = d->near[i];
-        for (int k = node < 0 ? 0 : d->star_start[node]; node >= 0 && k < d->star_start[node + 1]; k++) {
-            int known = 0, tet = d->star[k] / 4;
-            if (!(d->qualities[tet] < least))
-                continue;
-            for (int j = 0; j < stuck_count; j++)
-                known |= stuck[j] == tet;
-            if (!known) {
-                least = d->qualities[tet];
-                worst = tet;
-            }
+    for (int tet = 0; tet < d->core_count; tet++) {
+        const int *n = d->tets + 4 * (size_t)tet;
+        int known = 0;
+        if (!(d->qualities[tet] < least))
+            continue;
+        for (int j = 0; j < stuck_count; j++)
+            known |= stuck[j] == tet;
+        if (!known && (d->is_free[n[0]] || d->is_free[n[1]] || d->is_free[n[2]] || d->is_free[n[3]])) {
+            least = d->qualities[tet];
+            worst = tet;
         }
     }
     return worst;
@@ -4968,16 +4953,15 @@ static void ndli_remesh_keep_moves(ndl_remesh *r, const ndli_candidate *c)
         }
 }
 
-static sb_real ndli_remesh_near_least(const ndl_remesh *r)
+static sb_real ndli_remesh_core_least(const ndl_remesh *r)
 {
     sb_real least = SB_REAL_MAX;
-    for (int i = 0; i < 3; i++)
-        if (r->draft.near[i] >= 0)
-            least = sb_min(least, ndli_remesh_draft_least(&r->draft, r->draft.near[i]));
+    for (int t = 0; t < r->draft.core_count; t++)
+        least = sb_min(least, r->draft.qualities[t]);
     return least;
 }
 
-/* Smooths the finalists' drafts, until one leaves no tet about the needle's end worse than `enough`, and puts the best
+/* Smooths the finalists' drafts, until one leaves no tet of the core worse than `enough`, and puts the best
  * of them first; 0: no memory. */
 static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real enough)
 {
@@ -4989,7 +4973,7 @@ static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real en
         ndli_remesh_make_draft(r, c);
         ndli_remesh_smooth(r);
         ndli_remesh_rate(r);
-        done = ndli_remesh_near_least(r) >= enough;
+        done = ndli_remesh_core_least(r) >= enough;
         if (i > 0 && !ndli_remesh_rates_better(r))
             continue;
         winner = i;
@@ -5229,22 +5213,12 @@ static sb_result ndli_remesh_fail_operation(const ndl_remesh *r, sb_error *error
                          r->needle);
 }
 
-/* Worst quality about the needle's end as it is. */
-static sb_real ndli_remesh_end_least(const ndl_remesh *r)
-{
-    sb_real least = 1;
-    for (int i = 0; i < 3; i++) {
-        int node = ndli_remesh_from_tip(r->needles + r->needle, i);
-        if (node >= 0)
-            least = sb_min(least, ndli_remesh_star_least(r->mesh, node));
-    }
-    return least;
-}
-
 /* Lets the nodes about the tip make way if the tets there are, or would be, worse than they should be. */
 static int ndli_remesh_make_way(ndl_remesh *r, const int holders[2][4])
 {
-    sb_real before = ndli_remesh_end_least(r);
+    sb_real before = SB_REAL_MAX;
+    for (int i = 0; i < r->core_count; i++)
+        before = sb_min(before, r->here.tets[i].quality);
     if (r->def.max_smoothed == 0 || sb_min(before, r->final[0].created.least) >= r->def.smooth_below)
         return 1;
     return ndli_remesh_decide(r, holders, sb_min(before, r->def.smooth_below));

@@ -469,24 +469,41 @@ static int ndli_remesh_collect(ndl_remesh *r, const ndli_patch *patch)
     return 1;
 }
 
-/* Worst quality about the sliding node; anything <= floor when it is not better than floor. */
-static sb_real ndli_remesh_moving_least(const ndl_remesh *r, sb_real floor)
+/* Worst quality about the sliding node; anything <= floor when it is not better than floor. The tet that decided goes
+ * to the front: it is likely to decide again. */
+static sb_real ndli_remesh_moving_least(ndl_remesh *r, sb_real floor)
 {
     sb_real least = SB_REAL_MAX;
-    for (int i = 0; i < r->moving_count && least > floor; i++)
-        least = sb_min(least, ndli_remesh_quality(r, r->moving + 4 * (size_t)i));
+    for (int i = 0; i < r->moving_count; i++) {
+        int *tet = r->moving + 4 * (size_t)i, swap[4];
+        least = sb_min(least, ndli_remesh_quality(r, tet));
+        if (least > floor)
+            continue;
+        memcpy(swap, tet, sizeof swap);
+        memcpy(tet, r->moving, sizeof swap);
+        memcpy(r->moving, swap, sizeof swap);
+        return least;
+    }
     return least;
 }
 
+/* What the sliding node's worst tet must beat for the trial to be among the best. */
+static sb_real ndli_remesh_floor(const ndl_remesh *r)
+{
+    if (r->final_count < NDLI_FINALISTS)
+        return 0;
+    return sb_max(0, sb_min(r->final[NDLI_FINALISTS - 1].created.least, r->trial.removed.least));
+}
+
 /* Puts the sliding node where its worst tet is best: its present place, samples on the segment, and two halvings about
- * the best of these. */
-static void ndli_remesh_slide(ndl_remesh *r, sb_vec3 from, sb_vec3 to)
+ * the best of these. 0 when all are too bad. */
+static int ndli_remesh_slide(ndl_remesh *r, sb_vec3 from, sb_vec3 to)
 {
     ndli_candidate *t = &r->trial;
     sb_vec3 way = sb_v3_sub(to, from), present = r->mesh->X[t->slid];
-    sb_real best, at = -1, step = (sb_real)1 / (NDLI_SLIDE_SAMPLES + 1);
+    sb_real floor = ndli_remesh_floor(r), best, at = -1, step = (sb_real)1 / (NDLI_SLIDE_SAMPLES + 1);
     t->slid_X = present;
-    best = ndli_remesh_moving_least(r, -SB_REAL_MAX);
+    best = sb_max(floor, ndli_remesh_moving_least(r, floor));
     for (int i = 1; i <= NDLI_SLIDE_SAMPLES; i++) {
         sb_real q;
         t->slid_X = sb_v3_madd(from, (sb_real)i * step, way);
@@ -511,6 +528,7 @@ static void ndli_remesh_slide(ndl_remesh *r, sb_vec3 from, sb_vec3 to)
     }
     t->slid_moves = at >= 0;
     t->slid_X = at >= 0 ? sb_v3_madd(from, at, way) : present;
+    return best > floor;
 }
 
 /* Where a ray from inside the sliding node's star leaves it. */
@@ -709,7 +727,8 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
     if (t->slid >= 0) {
         if (move == NDLI_DROP)
             to = ndli_remesh_ray_end(r, t->X, sb_v3_sub(t->X, to));
-        ndli_remesh_slide(r, t->X, to);
+        if (!ndli_remesh_slide(r, t->X, to))
+            return;
         for (int i = 0; i < r->moving_count; i++)
             ndli_remesh_push(&t->created, ndli_remesh_quality(r, r->moving + 4 * (size_t)i));
     }
