@@ -531,8 +531,16 @@ NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error 
 NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue);
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Quality of a tet by its corners. */
-NDLI_API sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d);
+/* Quality of a tet by its corners. Inline: thousands of them decide one operation. */
+SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
+{
+    sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
+    sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
+    sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
+    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
+                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
+    return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
+}
 NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
 /* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
 NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets);
@@ -3129,16 +3137,6 @@ static sb_real ndli_tissue_det(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
     return sb_v3_dot(sb_v3_sub(b, a), sb_v3_cross(sb_v3_sub(c, a), sb_v3_sub(d, a)));
 }
 
-NDLI_API sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
-{
-    sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
-    sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
-    sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
-    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
-                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
-    return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
-}
-
 NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4])
 {
     sb_real det = ndli_tissue_det(a, b, c, d);
@@ -4322,24 +4320,41 @@ static int ndli_remesh_collect(ndl_remesh *r, const ndli_patch *patch)
     return 1;
 }
 
-/* Worst quality about the sliding node; anything <= floor when it is not better than floor. */
-static sb_real ndli_remesh_moving_least(const ndl_remesh *r, sb_real floor)
+/* Worst quality about the sliding node; anything <= floor when it is not better than floor. The tet that decided goes
+ * to the front: it is likely to decide again. */
+static sb_real ndli_remesh_moving_least(ndl_remesh *r, sb_real floor)
 {
     sb_real least = SB_REAL_MAX;
-    for (int i = 0; i < r->moving_count && least > floor; i++)
-        least = sb_min(least, ndli_remesh_quality(r, r->moving + 4 * (size_t)i));
+    for (int i = 0; i < r->moving_count; i++) {
+        int *tet = r->moving + 4 * (size_t)i, swap[4];
+        least = sb_min(least, ndli_remesh_quality(r, tet));
+        if (least > floor)
+            continue;
+        memcpy(swap, tet, sizeof swap);
+        memcpy(tet, r->moving, sizeof swap);
+        memcpy(r->moving, swap, sizeof swap);
+        return least;
+    }
     return least;
 }
 
+/* What the sliding node's worst tet must beat for the trial to be among the best. */
+static sb_real ndli_remesh_floor(const ndl_remesh *r)
+{
+    if (r->final_count < NDLI_FINALISTS)
+        return 0;
+    return sb_max(0, sb_min(r->final[NDLI_FINALISTS - 1].created.least, r->trial.removed.least));
+}
+
 /* Puts the sliding node where its worst tet is best: its present place, samples on the segment, and two halvings about
- * the best of these. */
-static void ndli_remesh_slide(ndl_remesh *r, sb_vec3 from, sb_vec3 to)
+ * the best of these. 0 when all are too bad. */
+static int ndli_remesh_slide(ndl_remesh *r, sb_vec3 from, sb_vec3 to)
 {
     ndli_candidate *t = &r->trial;
     sb_vec3 way = sb_v3_sub(to, from), present = r->mesh->X[t->slid];
-    sb_real best, at = -1, step = (sb_real)1 / (NDLI_SLIDE_SAMPLES + 1);
+    sb_real floor = ndli_remesh_floor(r), best, at = -1, step = (sb_real)1 / (NDLI_SLIDE_SAMPLES + 1);
     t->slid_X = present;
-    best = ndli_remesh_moving_least(r, -SB_REAL_MAX);
+    best = sb_max(floor, ndli_remesh_moving_least(r, floor));
     for (int i = 1; i <= NDLI_SLIDE_SAMPLES; i++) {
         sb_real q;
         t->slid_X = sb_v3_madd(from, (sb_real)i * step, way);
@@ -4364,6 +4379,7 @@ static void ndli_remesh_slide(ndl_remesh *r, sb_vec3 from, sb_vec3 to)
     }
     t->slid_moves = at >= 0;
     t->slid_X = at >= 0 ? sb_v3_madd(from, at, way) : present;
+    return best > floor;
 }
 
 /* Where a ray from inside the sliding node's star leaves it. */
@@ -4562,7 +4578,8 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
     if (t->slid >= 0) {
         if (move == NDLI_DROP)
             to = ndli_remesh_ray_end(r, t->X, sb_v3_sub(t->X, to));
-        ndli_remesh_slide(r, t->X, to);
+        if (!ndli_remesh_slide(r, t->X, to))
+            return;
         for (int i = 0; i < r->moving_count; i++)
             ndli_remesh_push(&t->created, ndli_remesh_quality(r, r->moving + 4 * (size_t)i));
     }

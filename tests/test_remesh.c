@@ -119,7 +119,7 @@ static sb_mesh stuffed_mesh(int shapes)
     return mesh;
 }
 
-static const sb_real densities[2] = {1000, 1300};
+static const sb_real densities[3] = {1000, 1300, 1100};
 
 /* ---- a tissue under watch ---- */
 
@@ -285,7 +285,7 @@ static int programs_begin(programs *p, sb_mesh mesh, double edge)
     p->edge = edge;
     p->worst = p->worst_at_all = 1;
     p->low = 180;
-    if (!CHECK_OK(ndl_tissue_mesh_create(&mesh, densities, mesh.regions ? 2 : 1, REAL(0.1), NULL, &p->tissue, NULL)))
+    if (!CHECK_OK(ndl_tissue_mesh_create(&mesh, densities, mesh.regions ? 3 : 1, REAL(0.1), NULL, &p->tissue, NULL)))
         return 0;
     def.tissue = &p->tissue;
     watch_begin(&p->eye, &p->tissue);
@@ -430,14 +430,14 @@ static void check_programs(sb_mesh mesh, double edge, int count, double ratio)
 static void test_lattice(void)
 {
     sb_mesh mesh = block_mesh(7, 7, 6, 0.01, 0);
-    check_programs(mesh, 0.01, 60, 0.55);
+    check_programs(mesh, 0.01, 40, 0.55);
     sb_mesh_free(&mesh);
 }
 
 static void test_shaken(void)
 {
     sb_mesh mesh = block_mesh(7, 7, 6, 0.01, 0.12);
-    check_programs(mesh, 0.01, 50, 0.7);
+    check_programs(mesh, 0.01, 40, 0.7);
     sb_mesh_free(&mesh);
 }
 
@@ -453,7 +453,7 @@ static void test_beam(void)
 static void test_stuffed(void)
 {
     sb_mesh mesh = stuffed_mesh(1);
-    check_programs(mesh, 0.008, 50, 0.7);
+    check_programs(mesh, 0.008, 40, 0.7);
     sb_mesh_free(&mesh);
 }
 
@@ -461,6 +461,25 @@ static void test_two_regions(void)
 {
     sb_mesh mesh = stuffed_mesh(2);
     check_programs(mesh, 0.008, 40, 0.7);
+    sb_mesh_free(&mesh);
+}
+
+/* A conforming mesh of two regions with a sliver of quality 0.1 to start from: its angles are not the bars'. */
+static void test_phantom(void)
+{
+    char path[512];
+    sb_mesh mesh;
+    programs p;
+    memset(&mesh, 0, sizeof mesh);
+    if (!check_shared_path(path, sizeof path, "data/phantom/phantom_tet4.vtk")) {
+        CHECK_SKIP("no data/phantom/phantom_tet4.vtk");
+        return;
+    }
+    if (CHECK_OK(sb_mesh_load(&mesh, path, NULL, NULL)) && programs_begin(&p, mesh, 0.008)) {
+        programs_run(&p, check_quick() ? 2 : 10, 17);
+        CHECK(p.worst >= 0.7 * p.first_quality);
+        programs_end(&p);
+    }
     sb_mesh_free(&mesh);
 }
 
@@ -879,7 +898,8 @@ static void test_no_allocation(void)
 
 CHECK_SUITE(remesh, {"programs in a lattice", test_lattice}, {"programs in a shaken lattice", test_shaken},
             {"programs in a beam", test_beam}, {"programs in a stuffed block", test_stuffed},
-            {"programs in two regions", test_two_regions}, {"linear fields stay linear", test_linear_fields},
+            {"programs in two regions", test_two_regions}, {"programs in the phantom", test_phantom},
+            {"linear fields stay linear", test_linear_fields},
             {"momentum is kept", test_momentum}, {"Euler characteristic", test_euler},
             {"same operations at any scale", test_scale}, {"walk to a point", test_find},
             {"substeps", test_limit}, {"two needles", test_two_needles}, {"a shared element", test_shared_element},

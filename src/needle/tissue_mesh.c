@@ -138,16 +138,6 @@ static sb_real ndli_tissue_det(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
     return sb_v3_dot(sb_v3_sub(b, a), sb_v3_cross(sb_v3_sub(c, a), sb_v3_sub(d, a)));
 }
 
-NDLI_API sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
-{
-    sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
-    sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
-    sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
-    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
-                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
-    return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
-}
-
 NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4])
 {
     sb_real det = ndli_tissue_det(a, b, c, d);
