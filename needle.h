@@ -590,7 +590,7 @@ typedef struct ndl_remesh_def {
                                * Default 0.55; 0: never, as in the thesis */
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone, where
                                * that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
-    int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 8 */
+    int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
     sb_real entry_slip;       /* a puncture that leaves tets worse than smooth_below may go to a node or edge of the skin
                                * not further away than this share of the face's longest edge; in [0, 1]. Default 0.15 */
     sb_allocator allocator;   /* default malloc */
@@ -4048,7 +4048,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     def.interfaces = NDL_INTERFACE_MOVE;
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
-    def.max_smoothed = 8;
+    def.max_smoothed = 16;
     def.entry_slip = (sb_real)0.15;
     def.cookie = NDLI_REMESH_COOKIE;
     return def;

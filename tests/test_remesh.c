@@ -409,7 +409,8 @@ static void programs_run(programs *p, int count, unsigned long long seed)
     CHECK(p->drift <= scene_tolerance(1e-12, 1000));
 }
 
-/* The bars: 0.7 of the initial quality, 10.3 to 160 degrees, once the tip is twenty steps deep. */
+/* The bars: 0.7 of the initial quality, 10.3 to 160 degrees, once the tip is twenty steps deep. A lattice without a
+ * flaw (and the beam of right-angled tets) has nothing to lose: there 0.7 is not reached in all programs. */
 static void check_programs(sb_mesh mesh, double edge, int count, double ratio)
 {
     programs p;
@@ -467,15 +468,15 @@ static void test_two_regions(void)
 /* A conforming mesh of two regions with a sliver of quality 0.1 to start from: its angles are not the bars'. */
 static void test_phantom(void)
 {
-    char path[512];
+    char name[512];
     sb_mesh mesh;
     programs p;
     memset(&mesh, 0, sizeof mesh);
-    if (!check_shared_path(path, sizeof path, "data/phantom/phantom_tet4.vtk")) {
+    if (!check_shared_path(name, sizeof name, "data/phantom/phantom_tet4.vtk")) {
         CHECK_SKIP("no data/phantom/phantom_tet4.vtk");
         return;
     }
-    if (CHECK_OK(sb_mesh_load(&mesh, path, NULL, NULL)) && programs_begin(&p, mesh, 0.008)) {
+    if (CHECK_OK(sb_mesh_load(&mesh, name, NULL, NULL)) && programs_begin(&p, mesh, 0.008)) {
         programs_run(&p, check_quick() ? 2 : 10, 17);
         CHECK(p.worst >= 0.7 * p.first_quality);
         programs_end(&p);
@@ -548,7 +549,7 @@ static void test_linear_fields(void)
         }
         if (enter_at(&s, 0, 0.52, 0.47, NULL))
             CHECK_OK(go_down(&s, 0, 30, 0.01, NULL));
-        CHECK(ndl_remesh_split_count(s.remesh, 0) > 0);
+        CHECK(!ndl_tissue_mesh_is_original(&s.tissue));
         for (int n = 0; n < s.tissue.node_end; n++) {
             sb_vec3 X = s.tissue.X[n];
             if (s.tissue.node_flags[n])

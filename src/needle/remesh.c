@@ -197,7 +197,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     def.interfaces = NDL_INTERFACE_MOVE;
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
-    def.max_smoothed = 8;
+    def.max_smoothed = 16;
     def.entry_slip = (sb_real)0.15;
     def.cookie = NDLI_REMESH_COOKIE;
     return def;
