@@ -445,7 +445,7 @@ typedef void (*ndl_mesh_listener)(void *user, const ndl_mesh_change *change);
  */
 typedef struct ndl_tissue_mesh {
     int node_count, tet_count;       /* in use */
-    int node_end, tet_end;           /* one past the last slot ever used: loops run to here and skip what is not in use */
+    int node_end, tet_end;           /* one past the last slot ever used: loops run to here, and skip some */
     int node_capacity, tet_capacity;
     int original_nodes, original_tets; /* of the mesh it was made from: slots below these */
 
@@ -497,8 +497,9 @@ typedef struct ndl_tissue_mesh {
  * slack: share of nodes and tets to have in reserve, >= 0
  * *tissue is overwritten. SB_ERROR_ARGUMENT (also for regions without a density), _NOT_FINITE, _INDEX, _MESH, _MEMORY
  * leave it untouched. Release with ndl_tissue_mesh_free. O(nodes + tets). */
-NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count, sb_real slack,
-                                         const sb_allocator *allocator, ndl_tissue_mesh *tissue, sb_error *error);
+NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count,
+                                         sb_real slack, const sb_allocator *allocator,
+                                         ndl_tissue_mesh *tissue, sb_error *error);
 /* Safe on {0} and on NULL. */
 NDL_API void ndl_tissue_mesh_free(ndl_tissue_mesh *tissue);
 
@@ -588,11 +589,12 @@ typedef struct ndl_remesh_def {
     ndl_interface_rule interfaces; /* default NDL_INTERFACE_MOVE */
     sb_real smooth_below;     /* free nodes about the tip are moved while a tet there is worse than this; in [0, 1).
                                * Default 0.55; 0: never, as in the thesis */
-    sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone, where
-                               * that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
+    sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
+                               * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than smooth_below may go to a node or edge of the skin
-                               * not further away than this share of the face's longest edge; in [0, 1]. Default 0.15 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than smooth_below may go to a node or edge of the
+                               * skin not further away than this share of the face's longest edge; in [0, 1]. Default
+                               * 0.15 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
@@ -3215,8 +3217,8 @@ static void ndli_tissue_link(ndl_tissue_mesh *t, int tet)
 
 /* ---- creation ---- */
 
-static sb_result ndli_tissue_check_input(const sb_mesh *mesh, const sb_real *densities, int density_count, sb_real slack,
-                                         sb_error *error)
+static sb_result ndli_tissue_check_input(const sb_mesh *mesh, const sb_real *densities, int density_count,
+                                         sb_real slack, sb_error *error)
 {
     sb_result result;
     if (!mesh || !densities)
@@ -3287,8 +3289,9 @@ static int ndli_tissue_connect(ndl_tissue_mesh *t)
     return -1;
 }
 
-NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count, sb_real slack,
-                                         const sb_allocator *allocator, ndl_tissue_mesh *tissue, sb_error *error)
+NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count,
+                                         sb_real slack, const sb_allocator *allocator,
+                                         ndl_tissue_mesh *tissue, sb_error *error)
 {
     ndl_tissue_mesh made;
     sb_result result;
@@ -3306,7 +3309,8 @@ NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *den
     tets = ndli_tissue_grown(mesh->element_count, 0);
     if (nodes < 0 || tets < 0)
         return sbi_fail(error, SB_ERROR_MESH, "too many nodes or tets for a tissue");
-    nodes = mesh->node_count + (int)sb_min((sb_real)(INT_MAX / 8 - mesh->node_count), slack * (sb_real)mesh->node_count);
+    nodes = mesh->node_count +
+            (int)sb_min((sb_real)(INT_MAX / 8 - mesh->node_count), slack * (sb_real)mesh->node_count);
     tets = mesh->element_count +
            (int)sb_min((sb_real)(INT_MAX / 8 - mesh->element_count), slack * (sb_real)mesh->element_count);
     if (!ndli_tissue_allocate(&made, nodes, tets))
@@ -3862,7 +3866,14 @@ NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_FINALISTS = 6, NDLI_RATED = 16 };
+enum {
+    NDLI_SLIDE_SAMPLES = 10,
+    NDLI_MAX_SUBSTEPS = 1000,
+    NDLI_STUCK = 16,
+    NDLI_RELEASES = 4,
+    NDLI_FINALISTS = 6,
+    NDLI_RATED = 16
+};
 #define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- what is kept ---- */
@@ -5283,7 +5294,8 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
     if (needle < 0 || needle >= r->def.max_needles)
         return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, r->def.max_needles);
     if (is_in >= 0 && (r->needles[needle].count > 0) != is_in)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle, is_in ? "not in" : "already in");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle,
+                        is_in ? "not in" : "already in");
     r->needle = needle;
     r->conflict = -1;
     memset(&r->info, 0, sizeof r->info);
@@ -5472,8 +5484,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
         hit->face > 3)
         return sbi_fail(error, SB_ERROR_INDEX, "face %d of tet %d", hit->face, hit->tet);
     if (mesh->neighbours[4 * (size_t)hit->tet + (size_t)hit->face] >= 0)
-        return sbi_fail_element(error, SB_ERROR_ARGUMENT, hit->tet, "face %d of tet %d is not on the surface", hit->face,
-                                hit->tet);
+        return sbi_fail_element(error, SB_ERROR_ARGUMENT, hit->tet, "face %d of tet %d is not on the surface",
+                                hit->face, hit->tet);
     if (!sb_v3_is_finite(hit->X))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the point of the puncture is not finite");
     return SB_OK;
@@ -5497,7 +5509,8 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
     if (!r->final_count)
-        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet, "no sound way to puncture tet %d at that point", hit->tet);
+        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet,
+                                "no sound way to puncture tet %d at that point", hit->tet);
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else

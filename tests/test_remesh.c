@@ -420,10 +420,11 @@ static void check_programs(sb_mesh mesh, double edge, int count, double ratio)
         CHECK(p.low >= 10.3);
         CHECK(p.high <= 160);
         if (getenv("REMESH_FIGURES"))
-            printf("%d tets, quality %.3f, deep %.3f (%.2f), ever %.3f, angles of changed tets %.1f to %.1f, drift %.1e, "
+            printf("%d tets, quality %.3f, deep %.3f (%.2f), ever %.3f, angles of changed tets %.1f to %.1f, "
+                   "drift %.1e, "
                    "%d operations, %.2f nodes smoothed in each\n",
-                   mesh.element_count, p.first_quality, p.worst, p.worst / p.first_quality, p.worst_at_all, p.low, p.high,
-                   p.drift, p.operations, (double)p.smoothed / p.operations);
+                   mesh.element_count, p.first_quality, p.worst, p.worst / p.first_quality, p.worst_at_all,
+                   p.low, p.high, p.drift, p.operations, (double)p.smoothed / p.operations);
         programs_end(&p);
     }
 }
@@ -842,7 +843,8 @@ static int play_with_failure(int fail_at, scene_memory *memory)
     def.allocator = allocator;
     if (ndl_remesh_create(&def, &remesh, NULL) != SB_OK)
         CHECK_OK(ndl_remesh_create(&def, &remesh, NULL));
-    if (CHECK(ndl_tissue_mesh_hit(&tissue, sb_v3(REAL(0.016), REAL(0.014), 1), sb_v3(REAL(0.016), REAL(0.014), 0), &hit)))
+    if (CHECK(ndl_tissue_mesh_hit(&tissue, sb_v3(REAL(0.016), REAL(0.014), 1),
+                                  sb_v3(REAL(0.016), REAL(0.014), 0), &hit)))
         for (int i = 0; i < 20; i++) {
             unsigned long long hash = state_hash(&tissue);
             sb_vec3 X = sb_v3_add(hit.X, sb_v3(0, REAL(0.0001 * i), REAL(-0.001 * i)));

@@ -11,7 +11,14 @@
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_FINALISTS = 6, NDLI_RATED = 16 };
+enum {
+    NDLI_SLIDE_SAMPLES = 10,
+    NDLI_MAX_SUBSTEPS = 1000,
+    NDLI_STUCK = 16,
+    NDLI_RELEASES = 4,
+    NDLI_FINALISTS = 6,
+    NDLI_RATED = 16
+};
 #define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- what is kept ---- */
@@ -1432,7 +1439,8 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
     if (needle < 0 || needle >= r->def.max_needles)
         return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, r->def.max_needles);
     if (is_in >= 0 && (r->needles[needle].count > 0) != is_in)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle, is_in ? "not in" : "already in");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle,
+                        is_in ? "not in" : "already in");
     r->needle = needle;
     r->conflict = -1;
     memset(&r->info, 0, sizeof r->info);
@@ -1621,8 +1629,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
         hit->face > 3)
         return sbi_fail(error, SB_ERROR_INDEX, "face %d of tet %d", hit->face, hit->tet);
     if (mesh->neighbours[4 * (size_t)hit->tet + (size_t)hit->face] >= 0)
-        return sbi_fail_element(error, SB_ERROR_ARGUMENT, hit->tet, "face %d of tet %d is not on the surface", hit->face,
-                                hit->tet);
+        return sbi_fail_element(error, SB_ERROR_ARGUMENT, hit->tet, "face %d of tet %d is not on the surface",
+                                hit->face, hit->tet);
     if (!sb_v3_is_finite(hit->X))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the point of the puncture is not finite");
     return SB_OK;
@@ -1646,7 +1654,8 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
     if (!r->final_count)
-        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet, "no sound way to puncture tet %d at that point", hit->tet);
+        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet,
+                                "no sound way to puncture tet %d at that point", hit->tet);
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else

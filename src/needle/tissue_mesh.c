@@ -216,8 +216,8 @@ static void ndli_tissue_link(ndl_tissue_mesh *t, int tet)
 
 /* ---- creation ---- */
 
-static sb_result ndli_tissue_check_input(const sb_mesh *mesh, const sb_real *densities, int density_count, sb_real slack,
-                                         sb_error *error)
+static sb_result ndli_tissue_check_input(const sb_mesh *mesh, const sb_real *densities, int density_count,
+                                         sb_real slack, sb_error *error)
 {
     sb_result result;
     if (!mesh || !densities)
@@ -288,8 +288,9 @@ static int ndli_tissue_connect(ndl_tissue_mesh *t)
     return -1;
 }
 
-NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count, sb_real slack,
-                                         const sb_allocator *allocator, ndl_tissue_mesh *tissue, sb_error *error)
+NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count,
+                                         sb_real slack, const sb_allocator *allocator,
+                                         ndl_tissue_mesh *tissue, sb_error *error)
 {
     ndl_tissue_mesh made;
     sb_result result;
@@ -307,7 +308,8 @@ NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *den
     tets = ndli_tissue_grown(mesh->element_count, 0);
     if (nodes < 0 || tets < 0)
         return sbi_fail(error, SB_ERROR_MESH, "too many nodes or tets for a tissue");
-    nodes = mesh->node_count + (int)sb_min((sb_real)(INT_MAX / 8 - mesh->node_count), slack * (sb_real)mesh->node_count);
+    nodes = mesh->node_count +
+            (int)sb_min((sb_real)(INT_MAX / 8 - mesh->node_count), slack * (sb_real)mesh->node_count);
     tets = mesh->element_count +
            (int)sb_min((sb_real)(INT_MAX / 8 - mesh->element_count), slack * (sb_real)mesh->element_count);
     if (!ndli_tissue_allocate(&made, nodes, tets))

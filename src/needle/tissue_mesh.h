@@ -50,7 +50,7 @@ typedef void (*ndl_mesh_listener)(void *user, const ndl_mesh_change *change);
  */
 typedef struct ndl_tissue_mesh {
     int node_count, tet_count;       /* in use */
-    int node_end, tet_end;           /* one past the last slot ever used: loops run to here and skip what is not in use */
+    int node_end, tet_end;           /* one past the last slot ever used: loops run to here, and skip some */
     int node_capacity, tet_capacity;
     int original_nodes, original_tets; /* of the mesh it was made from: slots below these */
 
@@ -102,8 +102,9 @@ typedef struct ndl_tissue_mesh {
  * slack: share of nodes and tets to have in reserve, >= 0
  * *tissue is overwritten. SB_ERROR_ARGUMENT (also for regions without a density), _NOT_FINITE, _INDEX, _MESH, _MEMORY
  * leave it untouched. Release with ndl_tissue_mesh_free. O(nodes + tets). */
-NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count, sb_real slack,
-                                         const sb_allocator *allocator, ndl_tissue_mesh *tissue, sb_error *error);
+NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count,
+                                         sb_real slack, const sb_allocator *allocator,
+                                         ndl_tissue_mesh *tissue, sb_error *error);
 /* Safe on {0} and on NULL. */
 NDL_API void ndl_tissue_mesh_free(ndl_tissue_mesh *tissue);
 
