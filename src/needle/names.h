@@ -45,6 +45,26 @@
 #define ndl_rod_reactions ndl_rod_reactions_f32
 #define ndl_rod_reaction_torque ndl_rod_reaction_torque_f32
 #define ndl_rod_base_wrench ndl_rod_base_wrench_f32
+#define ndl_tissue_mesh_create ndl_tissue_mesh_create_f32
+#define ndl_tissue_mesh_free ndl_tissue_mesh_free_f32
+#define ndl_tissue_mesh_find ndl_tissue_mesh_find_f32
+#define ndl_tissue_mesh_hit ndl_tissue_mesh_hit_f32
+#define ndl_tissue_mesh_quality ndl_tissue_mesh_quality_f32
+#define ndl_tissue_mesh_volume ndl_tissue_mesh_volume_f32
+#define ndl_tissue_mesh_mass ndl_tissue_mesh_mass_f32
+#define ndl_tissue_mesh_check ndl_tissue_mesh_check_f32
+#define ndl_tissue_mesh_is_original ndl_tissue_mesh_is_original_f32
+#define ndl_default_remesh_def ndl_default_remesh_def_f32
+#define ndl_remesh_create ndl_remesh_create_f32
+#define ndl_remesh_destroy ndl_remesh_destroy_f32
+#define ndl_remesh_puncture ndl_remesh_puncture_f32
+#define ndl_remesh_penetrate ndl_remesh_penetrate_f32
+#define ndl_remesh_retract ndl_remesh_retract_f32
+#define ndl_remesh_withdraw ndl_remesh_withdraw_f32
+#define ndl_remesh_nodes ndl_remesh_nodes_f32
+#define ndl_remesh_limit ndl_remesh_limit_f32
+#define ndl_remesh_material_point ndl_remesh_material_point_f32
+#define ndl_remesh_split_count ndl_remesh_split_count_f32
 #endif
 #endif
 
