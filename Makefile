@@ -104,7 +104,8 @@ $(eval $(call suite,mingw,$(MINGW) -O2,-std=c99 $(C_WARNINGS),-static,.exe))
 $(eval $(call suite,wasm,$(WASM) -O2,-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm))
 
 # Takes most of the suite's time; the builds that differ in language or system only leave it out (SLOW= runs all).
-SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c))
+SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c)) \
+	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars
 QUICK = $(or $(FILTER),$(SLOW))
 # Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), the
 # suites with threads, and those that touch most of what rooms ask of each other.

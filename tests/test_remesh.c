@@ -102,7 +102,7 @@ static sb_real ellipsoid(void *user, sb_vec3 p)
 static sb_mesh stuffed_mesh(int shapes)
 {
     sb_mesh mesh;
-    sb_stuff_shape shape[2];
+    sb_shape shape[2];
     sb_stuff_def def = sb_default_stuff_def();
     memset(&mesh, 0, sizeof mesh);
     memset(shape, 0, sizeof shape);
