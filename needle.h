@@ -1,4 +1,4 @@
-/* needle.h 0.2.0: flexible needles in soft tissue
+/* needle.h 0.3.0: flexible needles in soft tissue
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/needle/: edit there, then run `make headers`. */
 #include "softbody.h"
@@ -23,7 +23,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * In this version: needles alone (rods), not yet in tissue.
+ * In this version: needles alone (rods), and tissue meshes whose nodes follow a needle's tip; not yet the two coupled.
  *
  * A FIRST PROGRAM
  *
@@ -208,9 +208,9 @@
 
 
 #define NDL_VERSION_MAJOR 0
-#define NDL_VERSION_MINOR 2
+#define NDL_VERSION_MINOR 3
 #define NDL_VERSION_PATCH 0
-#define NDL_VERSION_STRING "0.2.0"
+#define NDL_VERSION_STRING "0.3.0"
 
 #if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR || \
     NDL_VERSION_PATCH != SB_VERSION_PATCH

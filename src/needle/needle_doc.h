@@ -17,7 +17,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * In this version: needles alone (rods), not yet in tissue.
+ * In this version: needles alone (rods), and tissue meshes whose nodes follow a needle's tip; not yet the two coupled.
  *
  * A FIRST PROGRAM
  *
