@@ -53,12 +53,12 @@ static inline int make_folder(const char *path)
 /* A bar for `done` in [0, 1] of the work, and a few words on it: stays on its line in a terminal, nothing elsewhere. */
 static inline void progress_show(double done, const char *words)
 {
-    enum { LENGTH = 32 };
+    const int length = 32;
     static const char full[] = "################################";
     static const char empty[] = "................................";
-    int marks = (int)(LENGTH * (done < 0 ? 0 : done > 1 ? 1 : done));
+    int marks = (int)(length * (done < 0 ? 0 : done > 1 ? 1 : done));
     if (is_terminal())
-        fprintf(stderr, "\r[%.*s%.*s] %-44.60s", marks, full, LENGTH - marks, empty, words);
+        fprintf(stderr, "\r[%.*s%.*s] %-44.60s", marks, full, length - marks, empty, words);
 }
 
 /* Wipes the bar away. */

@@ -39,8 +39,8 @@ static sb_mesh ball(void)
         int face = v / (side * side), i = v / side % side, j = v % side, axis = face % 3;
         double x[3], radius;
         x[axis] = face < 3 ? 1 : -1;
-        x[(axis + 1) % 3] = (face < 3 ? 1 : -1) * (2.0 * i / CELLS - 1);
-        x[(axis + 2) % 3] = 2.0 * j / CELLS - 1;
+        x[(axis + 1) % 3] = (face < 3 ? 1 : -1) * (2.0 * i / (int)CELLS - 1);
+        x[(axis + 2) % 3] = 2.0 * j / (int)CELLS - 1;
         radius = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
         radius = (1 + 0.1 * sin(9 * x[0] / radius) * sin(11 * x[1] / radius) * cos(7 * x[2] / radius)) / radius;
         mesh.nodes[v] = sb_v3((sb_real)(radius * x[0]), (sb_real)(radius * x[1]), (sb_real)(radius * x[2]));
@@ -65,7 +65,7 @@ static void points_of(const char *kind, const sb_mesh *mesh, sb_vec3 *points)
             u[k] = uniform(&state);
         if (kind[0] == 'g')
             for (int k = 2, rest = i; k >= 0; k--, rest /= GRID)
-                u[k] = (rest % GRID + 0.5) / GRID;
+                u[k] = (rest % GRID + 0.5) / (int)GRID;
         if (kind[0] == 'n') {
             x = mesh->nodes[(int)(uniform(&state) * mesh->node_count)];
             for (int k = 0; k < 3; k++)
@@ -147,7 +147,7 @@ int main(void)
             for (int run = 0; run < RUNS; run++) {
                 double start = seconds();
                 name = ask(which, surface, points, numbers, hits, &sum);
-                time[run] = 1e6 * (seconds() - start) / COUNT;
+                time[run] = 1e6 * (seconds() - start) / (int)COUNT;
             }
             sort(time, RUNS);
             printf("%-4s %-22s %d triangles  median %.3f us  min %.3f us  sum %.9g\n", kinds[kind], name,
