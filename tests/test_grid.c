@@ -394,6 +394,49 @@ static void test_open_surface(void)
     sb_mesh_free(&mesh);
 }
 
+static sb_result refused(const sb_grid_def *def, const char *words)
+{
+    sb_grid grid;
+    sb_error error;
+    sb_result result;
+    memset(&grid, 0x55, sizeof grid);
+    result = sb_grid_create(def, &grid, &error);
+    CHECK(grid.cut_count == 0x55555555);
+    if (!CHECK(result != SB_OK && strstr(error.message, words) != NULL))
+        printf("    %s\n", result == SB_OK ? "accepted" : error.message);
+    return result;
+}
+
+/* Its outside would be the body: all of the box but the ball. As outer shape and as a tumour. */
+static void test_inside_out(void)
+{
+    sb_mesh mesh = ball_surface(0.05, 12), small = ball_surface(0.02, 12);
+    sb_surface *surface = NULL, *tumour = NULL;
+    sb_grid_def def = sb_default_grid_def();
+    sb_shape inner;
+    memset(&inner, 0, sizeof inner);
+    for (int t = 0; t < small.element_count; t++) {
+        int *nodes = small.elements + 3 * (size_t)t, swap = nodes[1];
+        nodes[1] = nodes[2];
+        nodes[2] = swap;
+    }
+    if (CHECK_OK(sb_surface_create(&mesh, NULL, &surface, NULL)) &&
+        CHECK_OK(sb_surface_create(&small, NULL, &tumour, NULL))) {
+        def.cells = 5;
+        def.outer.surface = tumour;
+        CHECK_RESULT(refused(&def, "def.outer is inside out"), SB_ERROR_MESH);
+        inner.surface = tumour;
+        def.outer.surface = surface;
+        def.inner = &inner;
+        def.inner_count = 1;
+        CHECK_RESULT(refused(&def, "an inner shape is inside out"), SB_ERROR_MESH);
+    }
+    sb_surface_destroy(surface);
+    sb_surface_destroy(tumour);
+    sb_mesh_free(&mesh);
+    sb_mesh_free(&small);
+}
+
 /* The same at a thousandth and a thousand times the size. */
 static void test_scale(void)
 {
@@ -1066,19 +1109,6 @@ static void test_free_fall(void)
 
 /* ---- failures ---- */
 
-static sb_result refused(const sb_grid_def *def, const char *words)
-{
-    sb_grid grid;
-    sb_error error;
-    sb_result result;
-    memset(&grid, 0x55, sizeof grid);
-    result = sb_grid_create(def, &grid, &error);
-    CHECK(grid.cut_count == 0x55555555);
-    if (!CHECK(result != SB_OK && strstr(error.message, words) != NULL))
-        printf("    %s\n", result == SB_OK ? "accepted" : error.message);
-    return result;
-}
-
 static sb_real bad_distance(void *user, sb_vec3 point)
 {
     (void)user;
@@ -1150,6 +1180,8 @@ static void test_errors(void)
     def.cells = 4;
     def.cell_size = REAL(-1);
     CHECK_RESULT(refused(&def, "def.cell_size -1"), SB_ERROR_ARGUMENT);
+    def.cell_size = REAL(INFINITY);
+    CHECK_RESULT(refused(&def, "def.cell_size"), SB_ERROR_NOT_FINITE);
     def.cell_size = REAL(1e-6);
     CHECK_RESULT(refused(&def, "too large"), SB_ERROR_UNSUPPORTED);
     def = good;
@@ -1245,6 +1277,7 @@ CHECK_SUITE(grid, {"volumes and moments by level", test_volumes},
             {"cells and points do not depend on the level", test_cells_do_not_depend_on_level},
             {"a block that fills its cells", test_aligned_block_is_plain_mesh},
             {"a surface that crosses itself", test_crossing_surface}, {"unknown slope", test_unknown_slope}, {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
+            {"a surface inside out", test_inside_out},
             {"scale", test_scale}, {"regions and holes", test_regions}, {"bars of two materials", test_two_materials},
             {"rows of points and tractions", test_rows}, {"triangles larger than cells", test_coarse_triangles},
             {"weighted cells follow finite cells", test_weighted_follows_finite_cell},

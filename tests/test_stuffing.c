@@ -736,6 +736,23 @@ static void test_arguments(void)
 #undef REFUSE
 }
 
+/* Splits of the boundary, as at these ridges, add elements after those of the lattice were counted: that too is an
+ * argument, not memory. */
+static void test_element_limit(void)
+{
+    for (int k = 0; k < 8; k++) {
+        shape s = make_shape(BOX, 0.01, 0.02, 0.03, 0.9, 0.7 - 0.01 * k, 0.5 + 0.007 * k);
+        scene at;
+        int count;
+        set_scene(&at, &s, 1, 0.13, 0.083 * k);
+        count = stuff_and_check(&at.def).report.element_count;
+        at.def.max_elements = count;
+        CHECK_INT(stuff_and_check(&at.def).report.element_count, count);
+        at.def.max_elements = count - 1;
+        refuse(&at.def, SB_ERROR_ARGUMENT, "max_elements");
+    }
+}
+
 /* A function without distances, only signs: still the right ball, by bisection. */
 static void test_sign_only(void)
 {
@@ -760,4 +777,5 @@ CHECK_SUITE(stuffing, {"dihedral range", test_dihedral_range}, {"ball", test_bal
             {"random regions", test_random_regions}, {"surfaces", test_surfaces}, {"phantom", test_phantom},
             {"body", test_body}, {"threads", test_threads}, {"progress", test_progress},
             {"allocation failures", test_allocation_failures}, {"arguments", test_arguments},
+            {"element limit", test_element_limit},
             {"sign only", test_sign_only});

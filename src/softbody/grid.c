@@ -135,6 +135,16 @@ static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 p
                                     : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
 }
 
+/* Whether what is far outside of a closed surface is on the inner side of its triangles: all of the box but the body
+ * would become the body. */
+static int sbi_grid_is_inside_out(const sb_surface *surface)
+{
+    sb_vec3 low, high, size;
+    sb_surface_bounds(surface, &low, &high);
+    size = sb_v3_sub(high, low);
+    return sb_surface_signed_distance(surface, sb_v3_add(high, size), NULL) < 0;
+}
+
 static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 {
     const sb_allocator *allocator = &work->def->allocator;
@@ -147,6 +157,9 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             work->open |= 1u << s;
             continue;
         }
+        if (sbi_grid_is_inside_out(surface))
+            return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
+                            s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
         if (!work->doubtful[s])
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
@@ -928,6 +941,8 @@ static sb_result sbi_grid_lay_out(const sb_grid_def *def, sb_grid *grid, sb_erro
     if (!given && !(def->cell_size > 0) && (def->cell_size != 0 || def->cells < 1 || def->cells > 2000))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.cell_size %g must be > 0, or 0 and def.cells %d in [1, 2000]",
                         (double)def->cell_size, def->cells);
+    if (!given && !sb_is_finite(def->cell_size))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.cell_size is not finite");
     edge = def->cell_size > 0 ? (double)def->cell_size : longest / def->cells;
     for (int i = 0; i < 3; i++) {
         begin[i] = from[i];

@@ -90,9 +90,10 @@ typedef struct sb_grid {
     sb_allocator allocator;
 } sb_grid;
 
-/* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box, or a
- * distance), SB_ERROR_MESH (no cell has anything inside), SB_ERROR_UNSUPPORTED (more cells than an int counts, more points
- * than max_points), SB_ERROR_CANCELLED, SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
+/* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box,
+ * cell_size, or a distance), SB_ERROR_MESH (no cell has anything inside, or a closed surface is inside out),
+ * SB_ERROR_UNSUPPORTED (more cells than an int counts, more points than max_points), SB_ERROR_CANCELLED,
+ * SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
 SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);
 SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
 

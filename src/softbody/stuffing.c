@@ -342,6 +342,12 @@ static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
     return SB_OK;
 }
 
+static sb_result sbi_stuffing_too_many(const sbi_stuffing *s)
+{
+    return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
+                    (double)s->def->cell, s->def->max_elements);
+}
+
 static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
@@ -831,8 +837,7 @@ static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
                         "nothing to mesh: no point of a lattice of cells of %g m lies inside the first shape",
                         (double)s->def->cell);
     if (s->tet_count / 4 > s->def->max_elements || !sbi_stuffing_set_number(&s->active))
-        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
-                        (double)s->def->cell, s->def->max_elements);
+        return sbi_stuffing_too_many(s);
     points = (size_t)s->active.count;
     s->tets = (int *)sbi_alloc(allocator, (size_t)s->tet_count, 4 * sizeof(int));
     s->positions = (sb_vec3 *)sbi_alloc(allocator, points, sizeof(sb_vec3));
@@ -1607,8 +1612,7 @@ static sb_result sbi_stuffing_cut(sbi_stuffing *s)
                             "nothing to mesh: the first shape is much thinner than cells of %g m everywhere",
                             (double)s->def->cell);
         if (s->element_count > s->def->max_elements)
-            return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
-                            (double)s->def->cell, s->def->max_elements);
+            return sbi_stuffing_too_many(s);
         s->element_capacity = s->element_count;
         s->elements = (int *)sbi_alloc(allocator, (size_t)s->element_count, 4 * sizeof(int));
         s->element_labels = (unsigned char *)sbi_alloc(allocator, (size_t)s->element_count, 1);
@@ -1914,8 +1918,9 @@ static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sb
 {
     const sb_mesh *mesh = rim->mesh;
     int next = mesh->element_count;
-    if (mesh->element_count > rim->s->def->max_elements - added ||
-        !sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
+    if (mesh->element_count > rim->s->def->max_elements - added)
+        return sbi_stuffing_too_many(rim->s);
+    if (!sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
                            &rim->s->def->allocator))
         return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes",
                         mesh->node_count + count);
