@@ -236,6 +236,15 @@ static void warn_outside(const work *w)
     }
 }
 
+/* Most volumes that cannot be made are thinner than a cell. */
+static int complain_volume(const work *w, const sb_error *error)
+{
+    int status = complain_about(w->set->surfaces[0], error);
+    if (error->result == SB_ERROR_MESH)
+        fprintf(stderr, "surface_to_sim: it may be thinner than a cell: try more than --cells %d\n", w->set->cells);
+    return status;
+}
+
 static int stuff(work *w, const sb_shape *shapes)
 {
     sb_stuff_def def = sb_default_stuff_def();
@@ -249,7 +258,7 @@ static int stuff(work *w, const sb_shape *shapes)
     def.progress = show_meshing;
     def.jobs = threads();
     if (sb_mesh_stuff(&def, &w->tets, &report, &error) != SB_OK)
-        return complain_about(w->set->surfaces[0], &error);
+        return complain_volume(w, &error);
     w->volume = &w->tets;
     w->min_dihedral = report.min_dihedral;
     w->max_dihedral = report.max_dihedral;
@@ -284,7 +293,7 @@ static int lay_grid(work *w, const sb_shape *shapes)
     def.progress = show_meshing;
     def.jobs = threads();
     if (sb_grid_create(&def, &w->grid, &error) != SB_OK)
-        return complain_about(w->set->surfaces[0], &error);
+        return complain_volume(w, &error);
     w->volume = &w->grid.mesh;
     return measure_grid(w);
 }
