@@ -208,6 +208,43 @@ static double cell_size(const work *w)
     return fmax((double)size.x, fmax((double)size.y, (double)size.z)) / w->set->cells;
 }
 
+/* A surface that lies in a plane encloses nothing, however fine the cells. */
+static int check_extent(const work *w)
+{
+    sb_vec3 low, high;
+    sb_surface_bounds(w->trees[0], &low, &high);
+    if (low.x < high.x && low.y < high.y && low.z < high.z)
+        return 0;
+    fprintf(stderr, "surface_to_sim: %s: is flat: it encloses nothing\n", w->set->surfaces[0]);
+    return EXIT_USAGE;
+}
+
+/* Says so when an inner surface reaches out of the outer one by more than a tenth of a cell: what is out there belongs
+ * to no part of the body. */
+static void warn_outside(const work *w)
+{
+    double rim = 0.1 * cell_size(w);
+    for (int i = 1; i < w->set->surface_count; i++) {
+        const sb_mesh *inner = &w->surfaces[i];
+        int outside = 0;
+        for (int k = 0; k < inner->node_count; k++)
+            outside += (double)sb_surface_signed_distance_winding(w->trees[0], inner->nodes[k], NULL) > rim;
+        if (outside > 0)
+            fprintf(stderr, "surface_to_sim: %s: warning: %d of its %d vertices lie outside %s, which is to enclose "
+                            "it\n",
+                    w->set->surfaces[i], outside, inner->node_count, w->set->surfaces[0]);
+    }
+}
+
+/* Most volumes that cannot be made are thinner than a cell. */
+static int complain_volume(const work *w, const sb_error *error)
+{
+    int status = complain_about(w->set->surfaces[0], error);
+    if (error->result == SB_ERROR_MESH)
+        fprintf(stderr, "surface_to_sim: it may be thinner than a cell: try more than --cells %d\n", w->set->cells);
+    return status;
+}
+
 static int stuff(work *w, const sb_shape *shapes)
 {
     sb_stuff_def def = sb_default_stuff_def();
@@ -221,7 +258,7 @@ static int stuff(work *w, const sb_shape *shapes)
     def.progress = show_meshing;
     def.jobs = threads();
     if (sb_mesh_stuff(&def, &w->tets, &report, &error) != SB_OK)
-        return complain_about(w->set->surfaces[0], &error);
+        return complain_volume(w, &error);
     w->volume = &w->tets;
     w->min_dihedral = report.min_dihedral;
     w->max_dihedral = report.max_dihedral;
@@ -256,7 +293,7 @@ static int lay_grid(work *w, const sb_shape *shapes)
     def.progress = show_meshing;
     def.jobs = threads();
     if (sb_grid_create(&def, &w->grid, &error) != SB_OK)
-        return complain_about(w->set->surfaces[0], &error);
+        return complain_volume(w, &error);
     w->volume = &w->grid.mesh;
     return measure_grid(w);
 }
@@ -264,8 +301,12 @@ static int lay_grid(work *w, const sb_shape *shapes)
 static int make_volume(work *w)
 {
     sb_shape shapes[MAX_SURFACES];
-    double start = seconds_now();
+    double start;
     int status;
+    if (check_extent(w))
+        return EXIT_USAGE;
+    warn_outside(w);
+    start = seconds_now();
     memset(shapes, 0, sizeof shapes);
     for (int i = 0; i < w->set->surface_count; i++) {
         shapes[i].surface = w->trees[i];
@@ -279,16 +320,18 @@ static int make_volume(work *w)
 
 /* ---- the simulation -------------------------------------------------------------------------------------------- */
 
-/* Holds the nodes in the outer tenth of the volume at one end: "-z" is the lowest. */
+/* Holds the nodes in the outer tenth of the volume at one end, or as deep as a cell if that is deeper: what a surface
+ * leaves of the outermost cells of a grid can be too little to hold on to. "-z" is the lowest end. */
 static sb_result hold_end(work *w)
 {
     int axis = w->set->hold[1] - 'x', high_end = w->set->hold[0] == '+';
     sb_vec3 low, high;
-    double from, to, limit;
+    double from, to, depth, limit;
     sb_mesh_bounds(w->volume, &low, &high);
     from = axis == 0 ? (double)low.x : axis == 1 ? (double)low.y : (double)low.z;
     to = axis == 0 ? (double)high.x : axis == 1 ? (double)high.y : (double)high.z;
-    limit = high_end ? to - 0.1 * (to - from) : from + 0.1 * (to - from);
+    depth = fmax(0.1 * (to - from), fmin(1.001 * cell_size(w), 0.5 * (to - from)));
+    limit = high_end ? to - depth : from + depth;
     for (int i = 0; i < w->volume->node_count; i++) {
         const sb_vec3 *x = &w->volume->nodes[i];
         double place = axis == 0 ? (double)x->x : axis == 1 ? (double)x->y : (double)x->z;
@@ -440,6 +483,23 @@ static int write_files(work *w)
     return status;
 }
 
+/* Gravity can be more than the body bears: elements turned inside out tell of folds that the pictures show. */
+static void warn_inverted(const work *w)
+{
+    const sb_vec3 *x = sb_body_positions(w->body);
+    int width = sb_mesh_element_width(w->volume), inverted = 0;
+    if (w->how != STUFF)
+        return; /* of a brick only what lies inside the surface matters */
+    for (int e = 0; e < w->volume->element_count; e++) {
+        const int *c = w->volume->elements + e * width;
+        sb_vec3 a = sb_v3_sub(x[c[1]], x[c[0]]), b = sb_v3_sub(x[c[2]], x[c[0]]);
+        inverted += (double)sb_v3_dot(sb_v3_cross(a, b), sb_v3_sub(x[c[3]], x[c[0]])) <= 0;
+    }
+    if (inverted > 0)
+        fprintf(stderr, "surface_to_sim: warning: %d tets are turned inside out at the end: the body is too soft or too "
+                        "heavy for how it is held (--young, --density, --hold)\n", inverted);
+}
+
 static void print_summary(const work *w)
 {
     static const char *const names[] = {"tets", "sparse grid", "finite cells", "weighted cells"};
@@ -484,8 +544,10 @@ static int run(const settings *set)
     w.how = set->sparse ? SPARSE : set->finite_cell ? FINITE_CELL : set->weighted_cell ? WEIGHTED_CELL : STUFF;
     for (size_t i = 0; i < sizeof stages / sizeof stages[0] && !status; i++)
         status = stages[i](&w);
-    if (!status)
+    if (!status) {
+        warn_inverted(&w);
         print_summary(&w);
+    }
     release(&w);
     return status;
 }
@@ -500,6 +562,8 @@ static int check_settings(settings *s)
         return options_complain("surface_to_sim", "SURFACE", "is missing");
     if (s->stuff + s->sparse + s->finite_cell + s->weighted_cell > 1)
         return options_complain("surface_to_sim", "--stuff, --wc, --fc, --sparse:", "only one of them");
+    if ((s->tet10 || s->coarsen > 0) && s->sparse + s->finite_cell + s->weighted_cell > 0)
+        return options_complain("surface_to_sim", s->tet10 ? "--tet10" : "--coarsen", "is for tets, not for grids");
     if (strlen(h) != 2 || !strchr("+-", h[0]) || !strchr("xyz", h[1]))
         return options_complain("surface_to_sim", "--hold", "needs -x, +x, -y, +y, -z or +z");
     for (int i = 0; i < s->surface_count; i++)
@@ -514,7 +578,7 @@ int main(int argc, char **argv)
 {
     static settings s;
     s.out = "surface_out.vtk";
-    s.hold = "-z";
+    s.hold = "+z"; /* it hangs; held below, soft organs topple over */
     s.cells = 24, s.level = 3, s.steps = 60;
     s.scale = 1, s.young = 5e3, s.poisson = 0.45, s.density = 1060, s.contrast = 3, s.dt = 1 / 60.0;
     const option options[] = {

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models and cylinder_study as a user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim and cylinder_study as a user would,
+# with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -229,6 +230,16 @@ expect 2 'SURFACE is missing' surface_to_sim --cells 10
 expect 2 'only one of them' surface_to_sim box.obj --wc --fc
 expect 2 'needs -x, +x' surface_to_sim box.obj --hold up
 expect 2 'would be overwritten' surface_to_sim box.obj -o box.obj
+expect 2 '--tet10 is for tets, not for grids' surface_to_sim box.obj --wc --tet10
+expect 2 '--coarsen is for tets, not for grids' surface_to_sim box.obj --sparse --coarsen 1
+expect 0 'box.obj: warning: 8 of its 8 vertices lie outside core.obj' surface_to_sim core.obj box.obj --cells 8 --steps 0
+awk '/^v/ { $4 = 0 } { print }' box.obj >flat.obj
+awk '/^v/ { $4 *= 0.01 } { print }' box.obj >thin.obj
+expect 2 'try more than --cells 9' surface_to_sim thin.obj --cells 9
+expect 2 'flat.obj: is flat: it encloses nothing' surface_to_sim flat.obj --repair
+expect 0 'warning: [0-9]* tets are turned inside out' surface_to_sim box.obj --young 20 --hold -z --cells 6 --steps 60
+expect 0 '^tets=' surface_to_sim box.obj --cells 6
+check "a hanging box is sound" eval '! grep -q warning output.txt'
 expect 2 'no-such-folder' surface_to_sim box.obj --cells 4 --steps 1 -o no-such-folder/x.vtk
 for surface in liver_a liver_b bunny torus; do
     expect_data 0 '^tets=' surface_to_sim surfaces/$surface.obj --cells 20 --steps 2
@@ -236,6 +247,7 @@ done
 
 # ---- cylinder_study ----
 expect 0 'study.svg written' cylinder_study --quick -o study
+check "no progress bar in a log" eval '! tr "\r" "@" <output.txt | grep -q @'
 check "30 rows and a head of CSV" [ "$(wc -l <study.csv | tr -d ' ')" = 31 ]
 check "a chart of two panels" [ "$(grep -c 'relative L2 error' study.svg)" = 2 ]
 # the first size of the weighted cell is within 5 % of the displacement from the finite cell's error
