@@ -2981,8 +2981,10 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
  * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
  * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
- * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles. What is thinner than a cell may be
- * missing, in part or as a whole, or join across a gap; parts that come loose stay (sb_mesh_components finds them).
+ * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles and somewhat more where a part about as
+ * thick as a cell is cut short (the ears of a bunny), all at the places that report->distance samples; between those it
+ * may be a tenth of a cell more. What is thinner than a cell may be missing, in part or as a whole, or join across a
+ * gap; parts that come loose stay (sb_mesh_components finds them).
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
@@ -4432,9 +4434,10 @@ typedef struct sb_grid {
     sb_allocator allocator;
 } sb_grid;
 
-/* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box, or a
- * distance), SB_ERROR_MESH (no cell has anything inside), SB_ERROR_UNSUPPORTED (more cells than an int counts, more points
- * than max_points), SB_ERROR_CANCELLED, SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
+/* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box,
+ * cell_size, or a distance), SB_ERROR_MESH (no cell has anything inside, or a closed surface is inside out),
+ * SB_ERROR_UNSUPPORTED (more cells than an int counts, more points than max_points), SB_ERROR_CANCELLED,
+ * SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
 SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);
 SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
 
@@ -17148,6 +17151,12 @@ static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
     return SB_OK;
 }
 
+static sb_result sbi_stuffing_too_many(const sbi_stuffing *s)
+{
+    return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
+                    (double)s->def->cell, s->def->max_elements);
+}
+
 static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
@@ -17637,8 +17646,7 @@ static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
                         "nothing to mesh: no point of a lattice of cells of %g m lies inside the first shape",
                         (double)s->def->cell);
     if (s->tet_count / 4 > s->def->max_elements || !sbi_stuffing_set_number(&s->active))
-        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
-                        (double)s->def->cell, s->def->max_elements);
+        return sbi_stuffing_too_many(s);
     points = (size_t)s->active.count;
     s->tets = (int *)sbi_alloc(allocator, (size_t)s->tet_count, 4 * sizeof(int));
     s->positions = (sb_vec3 *)sbi_alloc(allocator, points, sizeof(sb_vec3));
@@ -18413,8 +18421,7 @@ static sb_result sbi_stuffing_cut(sbi_stuffing *s)
                             "nothing to mesh: the first shape is much thinner than cells of %g m everywhere",
                             (double)s->def->cell);
         if (s->element_count > s->def->max_elements)
-            return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
-                            (double)s->def->cell, s->def->max_elements);
+            return sbi_stuffing_too_many(s);
         s->element_capacity = s->element_count;
         s->elements = (int *)sbi_alloc(allocator, (size_t)s->element_count, 4 * sizeof(int));
         s->element_labels = (unsigned char *)sbi_alloc(allocator, (size_t)s->element_count, 1);
@@ -18720,8 +18727,9 @@ static sb_result sbi_stuffing_apply_splits(const sbi_stuffing_rim *rim, const sb
 {
     const sb_mesh *mesh = rim->mesh;
     int next = mesh->element_count;
-    if (mesh->element_count > rim->s->def->max_elements - added ||
-        !sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
+    if (mesh->element_count > rim->s->def->max_elements - added)
+        return sbi_stuffing_too_many(rim->s);
+    if (!sbi_mesh_allocate(result, SB_TET4, mesh->node_count + count, mesh->element_count + added, 1,
                            &rim->s->def->allocator))
         return sbi_fail(rim->s->error, SB_ERROR_MEMORY, "out of memory for a mesh of %d nodes",
                         mesh->node_count + count);
@@ -22756,6 +22764,16 @@ static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 p
                                     : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
 }
 
+/* Whether what is far outside of a closed surface is on the inner side of its triangles: all of the box but the body
+ * would become the body. */
+static int sbi_grid_is_inside_out(const sb_surface *surface)
+{
+    sb_vec3 low, high, size;
+    sb_surface_bounds(surface, &low, &high);
+    size = sb_v3_sub(high, low);
+    return sb_surface_signed_distance(surface, sb_v3_add(high, size), NULL) < 0;
+}
+
 static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 {
     const sb_allocator *allocator = &work->def->allocator;
@@ -22768,6 +22786,9 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             work->open |= 1u << s;
             continue;
         }
+        if (sbi_grid_is_inside_out(surface))
+            return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
+                            s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
         if (!work->doubtful[s])
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
@@ -23549,6 +23570,8 @@ static sb_result sbi_grid_lay_out(const sb_grid_def *def, sb_grid *grid, sb_erro
     if (!given && !(def->cell_size > 0) && (def->cell_size != 0 || def->cells < 1 || def->cells > 2000))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.cell_size %g must be > 0, or 0 and def.cells %d in [1, 2000]",
                         (double)def->cell_size, def->cells);
+    if (!given && !sb_is_finite(def->cell_size))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.cell_size is not finite");
     edge = def->cell_size > 0 ? (double)def->cell_size : longest / def->cells;
     for (int i = 0; i < 3; i++) {
         begin[i] = from[i];
