@@ -2965,9 +2965,8 @@ typedef struct sb_stuff_report {
     int cells[3];            /* of the lattice, along x, y, z */
     int node_count, element_count;
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
-                              * middles of edges and the centres of its triangles; functions: to where a few Newton
-                              * steps end */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
+                              * its triangles; functions: to where a few Newton steps end */
     sb_real volume;          /* m^3 */
 } sb_stuff_report;
 
@@ -2980,11 +2979,11 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  *
  * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
  * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
- * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
- * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles and somewhat more where a part about as
- * thick as a cell is cut short (the ears of a bunny), all at the places that report->distance samples; between those it
- * may be a tenth of a cell more. What is thinner than a cell may be missing, in part or as a whole, or join across a
- * gap; parts that come loose stay (sb_mesh_components finds them).
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it; when that does not bring the
+ * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
+ * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
+ * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
+ * come loose stay (sb_mesh_components finds them).
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
@@ -16874,6 +16873,8 @@ typedef struct sbi_stuffing {
     const sb_stuff_def *def;
     sb_error *error;
     sb_vec3 low, high, origin;
+    int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
+    double *told;                 /* fraction that the progress callback has heard of, over all attempts */
     sb_real half;                 /* m, half a cell */
     int n[3];                     /* cells, multiples of 2^levels */
     size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
@@ -17114,9 +17115,10 @@ static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh
     return SB_OK;
 }
 
-/* Lays the lattice round the first shape, with two cells or more of empty space on each side. */
+/* Lays the lattice round the first shape, with a cell and a half or more of empty space on each side. */
 static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
 {
+    static const double spread[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703}; /* no two near */
     const sb_stuff_def *def = s->def;
     double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
     s->low = def->low;
@@ -17142,6 +17144,10 @@ static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
         s->n[axis] = (int)cells[axis];
         start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
     }
+    for (int axis = 0; axis < 3 && s->attempt > 0; axis++) {
+        double place = s->attempt * spread[axis];
+        start[axis] += (place - floor(place) - 0.5) * (double)def->cell;
+    }
     s->half = (sb_real)0.5 * def->cell;
     s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
     s->stride[0] = 1;
@@ -17165,8 +17171,9 @@ static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 
 static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
-    if (s->def->progress && s->def->progress(s->def->progress_user, fraction))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * fraction);
+    *s->told = fraction > *s->told ? fraction : *s->told;
+    if (s->def->progress && s->def->progress(s->def->progress_user, *s->told))
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->told);
     return SB_OK;
 }
 
@@ -18482,8 +18489,10 @@ static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
 
 #define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
 #define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
 #define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 7          /* of a triangle: corners, middles of edges, centre */
+#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
+#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
 
 typedef struct sbi_stuffing_rim {
     const sbi_stuffing *s;
@@ -18523,29 +18532,37 @@ static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
     return sb_abs(sbi_stuffing_value(s, 0, p)) < (sb_real)0.1 * first ? p : start;
 }
 
-/* Sample k of a triangle. */
+/* Sample k of a triangle: corners, middles of edges, centre, quarters of edges, and between. */
 static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k)
 {
+    static const signed char twelfths[SBI_STUFF_SAMPLES][3] = {
+        {12, 0, 0}, {0, 12, 0}, {0, 0, 12}, {6, 6, 0}, {0, 6, 6}, {6, 0, 6}, {4, 4, 4}, {9, 3, 0},
+        {3, 9, 0},  {0, 9, 3},  {0, 3, 9},  {3, 0, 9}, {9, 0, 3}, {6, 3, 3}, {3, 6, 3}, {3, 3, 6}};
     const int *nodes = surface->elements + 3 * (size_t)face;
-    sb_vec3 a = surface->nodes[nodes[0]], b = surface->nodes[nodes[1]], c = surface->nodes[nodes[2]];
-    if (k < 3)
-        return surface->nodes[nodes[k]];
-    if (k < 6)
-        return sb_v3_scale((sb_real)0.5, sb_v3_add(surface->nodes[nodes[k - 3]], surface->nodes[nodes[(k - 2) % 3]]));
-    return sb_v3_scale((sb_real)1 / 3, sb_v3_add(a, sb_v3_add(b, c)));
+    sb_vec3 p = sb_v3(0, 0, 0);
+    for (int i = 0; i < 3; i++)
+        p = sb_v3_madd(p, (sb_real)twelfths[k][i] / 12, surface->nodes[nodes[i]]);
+    return p;
 }
 
 /* Largest distance of a triangle's samples; *from (or NULL) the worst of them, *away from there to the surface. Gives
- * up beyond `limit`: what is returned is then some distance above it. */
+ * up beyond `limit`: what is returned is then some distance above it. Triangles close to the surface at their first
+ * samples are not far between them. */
 static sb_real sbi_stuffing_face_distance(const sbi_stuffing_rim *rim, int face, sb_real limit, sb_vec3 *from,
                                           sb_vec3 *away)
 {
+    const sb_real doubtful = (sb_real)0.5 * SBI_STUFF_FAR * rim->s->def->cell;
     sb_real worst = 0;
-    for (int k = SBI_STUFF_SAMPLES - 1; k >= 0 && worst <= limit; k--) {
-        sb_vec3 p = sbi_stuffing_sample_point(&rim->boundary.surface, face, k);
-        sb_vec3 d = sb_v3_sub(sbi_stuffing_closest(rim->s, p), p);
-        sb_real distance = sb_v3_norm(d);
-        if (away && (distance > worst || k == SBI_STUFF_SAMPLES - 1)) {
+    for (int i = 0; i < SBI_STUFF_SAMPLES && worst <= limit; i++) {
+        int k = i < SBI_STUFF_FIRST_SAMPLES ? SBI_STUFF_FIRST_SAMPLES - 1 - i : i;
+        sb_vec3 p, d;
+        sb_real distance;
+        if (i == SBI_STUFF_FIRST_SAMPLES && worst < doubtful)
+            break;
+        p = sbi_stuffing_sample_point(&rim->boundary.surface, face, k);
+        d = sb_v3_sub(sbi_stuffing_closest(rim->s, p), p);
+        distance = sb_v3_norm(d);
+        if (away && (distance > worst || i == 0)) {
             *from = p;
             *away = d;
         }
@@ -18839,11 +18856,10 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
-static void sbi_stuffing_fill_report(const sbi_stuffing *s, const sb_mesh *mesh, sb_real distance,
-                                     sb_stuff_report *report)
+static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
 {
     memset(report, 0, sizeof *report);
-    memcpy(report->cells, s->n, sizeof report->cells);
+    memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
     report->element_count = mesh->element_count;
     report->distance = distance;
@@ -18897,23 +18913,68 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
     return result;
 }
 
-SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+/* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
+                                   int cells[3], sb_error *error)
 {
     sbi_stuffing s;
-    sb_mesh made, raised;
-    sb_real distance = 0;
-    sb_result result = sbi_stuffing_check(def, mesh, error);
-    if (result != SB_OK)
-        return result;
+    sb_result result;
     memset(&s, 0, sizeof s);
-    memset(&made, 0, sizeof made);
+    memset(mesh, 0, sizeof *mesh);
     s.def = def;
     s.error = error;
-    result = sbi_stuffing_build(&s, &made);
+    s.attempt = attempt;
+    s.told = told;
+    result = sbi_stuffing_build(&s, mesh);
     if (result == SB_OK)
         result = sbi_stuffing_progress(&s, 0.9);
     if (result == SB_OK)
-        result = sbi_stuffing_finish_boundary(&s, &made, &distance);
+        result = sbi_stuffing_finish_boundary(&s, mesh, distance);
+    if (result != SB_OK)
+        sb_mesh_free(mesh);
+    memcpy(cells, s.n, sizeof s.n);
+    sbi_stuffing_free(&s);
+    return result;
+}
+
+/* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
+ * nearest mesh is kept. */
+static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
+                                        int cells[3], sb_error *error)
+{
+    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
+    for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
+        sb_mesh other;
+        sb_real other_distance = 0;
+        int other_cells[3];
+        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
+        if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
+            result = tried;
+        if (tried != SB_OK)
+            continue;
+        if (other_distance < *distance) {
+            sb_mesh swap = *mesh;
+            *mesh = other;
+            other = swap;
+            *distance = other_distance;
+            memcpy(cells, other_cells, sizeof other_cells);
+        }
+        sb_mesh_free(&other);
+    }
+    return result;
+}
+
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+{
+    sb_mesh made, raised;
+    sb_real distance = 0;
+    double told = 0;
+    int cells[3];
+    sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result != SB_OK)
+        return result;
+    memset(&made, 0, sizeof made);
+    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
     if (result == SB_OK)
         result = sb_mesh_reorder(&made, NULL, NULL, error);
     if (result == SB_OK && def->type == SB_TET10) {
@@ -18923,17 +18984,16 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
             made = raised;
         }
     }
-    if (result == SB_OK)
-        result = sbi_stuffing_progress(&s, 1);
-    if (result == SB_OK) {
-        *mesh = made;
-        if (report)
-            sbi_stuffing_fill_report(&s, mesh, distance, report);
-    } else {
+    if (result == SB_OK && def->progress && def->progress(def->progress_user, 1))
+        result = sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at the end");
+    if (result != SB_OK) {
         sb_mesh_free(&made);
+        return result;
     }
-    sbi_stuffing_free(&s);
-    return result;
+    *mesh = made;
+    if (report)
+        sbi_stuffing_fill_report(mesh, distance, cells, report);
+    return SB_OK;
 }
 
 /* ==== src/softbody/material.c ==== */

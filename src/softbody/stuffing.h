@@ -40,9 +40,8 @@ typedef struct sb_stuff_report {
     int cells[3];            /* of the lattice, along x, y, z */
     int node_count, element_count;
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at the corners, the
-                              * middles of edges and the centres of its triangles; functions: to where a few Newton
-                              * steps end */
+    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
+                              * its triangles; functions: to where a few Newton steps end */
     sb_real volume;          /* m^3 */
 } sb_stuff_report;
 
@@ -55,11 +54,11 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  *
  * The boundary is closed and manifold. Its nodes lie on the surface, but for a few (by less than a third of a cell)
  * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
- * cells, nodes slide along the surface and edges are split as long as the angles allow it: that keeps the boundary
- * within a third of a cell of smooth shapes and blunt ridges, 0.4 at right angles and somewhat more where a part about as
- * thick as a cell is cut short (the ears of a bunny), all at the places that report->distance samples; between those it
- * may be a tenth of a cell more. What is thinner than a cell may be missing, in part or as a whole, or join across a
- * gap; parts that come loose stay (sb_mesh_components finds them).
+ * cells, nodes slide along the surface and edges are split as long as the angles allow it; when that does not bring the
+ * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
+ * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
+ * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
+ * come loose stay (sb_mesh_components finds them).
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
