@@ -582,37 +582,6 @@ NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error 
 /* 1 when all nodes, tets and positions are those of the mesh it was made from, number by number. */
 NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Quality of a tet by its corners. Inline: thousands of them decide one operation. */
-SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
-{
-    sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
-    sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
-    sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
-    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
-                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
-    return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
-}
-NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
-/* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
-NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets);
-
-/* A change: begin; plan every node to be made or moved, while the old mesh still stands; cut, mend, move; end. What it
- * needs must have been reserved: none of this can fail. */
-NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue);
-/* node -1: to be made. Returns the number of the plan. */
-NDLI_API int ndli_tissue_plan(ndl_tissue_mesh *tissue, int node, sb_vec3 X, int start);
-/* Replaces every tet that holds the simplex by `size` ones with the planned node in place of one corner each. groups
- * receives the tets' slots, `size` per tet cut. Returns the number of tets cut. */
-NDLI_API int ndli_tissue_cut(ndl_tissue_mesh *tissue, const int *simplex, int size, int plan, int *groups);
-/* The way back: takes the node out. */
-NDLI_API void ndli_tissue_mend(ndl_tissue_mesh *tissue, int node, const int *simplex, int size, const int *groups,
-                               int count);
-NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
-NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
-/* All densities those of the regions again, once all is in its place. */
-NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
-#endif
 
 #endif /* NDL_TISSUE_MESH_H */
 
@@ -721,6 +690,37 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 
 #if defined(NDL_IMPLEMENTATION) && !defined(NDL_IMPLEMENTATION_DONE)
 #define NDL_IMPLEMENTATION_DONE
+
+/* ==== src/needle/tissue_mesh.h, internal ==== */
+/* Quality of a tet by its corners. Inline: thousands of them decide one operation. */
+SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
+{
+    sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
+    sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
+    sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
+    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
+                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
+    return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
+}
+NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
+/* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
+NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets);
+
+/* A change: begin; plan every node to be made or moved, while the old mesh still stands; cut, mend, move; end. What it
+ * needs must have been reserved: none of this can fail. */
+NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue);
+/* node -1: to be made. Returns the number of the plan. */
+NDLI_API int ndli_tissue_plan(ndl_tissue_mesh *tissue, int node, sb_vec3 X, int start);
+/* Replaces every tet that holds the simplex by `size` ones with the planned node in place of one corner each. groups
+ * receives the tets' slots, `size` per tet cut. Returns the number of tets cut. */
+NDLI_API int ndli_tissue_cut(ndl_tissue_mesh *tissue, const int *simplex, int size, int plan, int *groups);
+/* The way back: takes the node out. */
+NDLI_API void ndli_tissue_mend(ndl_tissue_mesh *tissue, int node, const int *simplex, int size, const int *groups,
+                               int count);
+NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
+NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
+/* All densities those of the regions again, once all is in its place. */
+NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
 
 /* ==== src/needle/real3.h ==== */
 /* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along

@@ -5,6 +5,7 @@ folder=$1
 gcc=${GCC:-gcc} clang=${CLANG:-clang} gxx=${GXX:-g++} objdump=${OBJDUMP:-objdump}
 include="-I. -Itests"
 passed=0 failed=0 skipped=0
+rm -rf "$folder"
 mkdir -p "$folder"
 
 report() { # report STATUS NAME: counts a check that is good when STATUS is 0
@@ -22,12 +23,13 @@ skip() {
 c() { # c OBJECT SOURCE [FLAG...]
     object=$folder/$1 source=$2
     shift 2
-    "$gcc" -std=c99 $include -Wall -Wextra -Werror "$@" -c "$source" -o "$object"
+    "$gcc" -std=c99 $include -Wall -Wextra -Werror "$@" -c "$source" -o "$object" || report 1 "compile $source $*"
 }
 cpp() {
     object=$folder/$1 source=$2
     shift 2
-    "$gxx" -std=c++11 $include -Wall -Wextra -Werror "$@" -x c++ -c "$source" -o "$object"
+    "$gxx" -std=c++11 $include -Wall -Wextra -Werror "$@" -x c++ -c "$source" -o "$object" ||
+        report 1 "compile $source as C++"
 }
 links() { # links NAME OBJECT...: the objects make a program that succeeds
     name=$1

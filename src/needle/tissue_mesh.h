@@ -136,7 +136,7 @@ NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error 
 /* 1 when all nodes, tets and positions are those of the mesh it was made from, number by number. */
 NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue);
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Quality of a tet by its corners. Inline: thousands of them decide one operation. */
 SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
 {
