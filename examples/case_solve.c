@@ -331,18 +331,6 @@ static char *output_path(const run *r, const char *name)
     return path;
 }
 
-/* 1 when both paths lead to one file that exists, by whatever names and links. */
-static int is_same_file(const char *a, const char *b)
-{
-#if defined(_WIN32)
-    char full_a[_MAX_PATH], full_b[_MAX_PATH];
-    return _fullpath(full_a, a, _MAX_PATH) && _fullpath(full_b, b, _MAX_PATH) && _stricmp(full_a, full_b) == 0;
-#else
-    struct stat of_a, of_b;
-    return stat(a, &of_a) == 0 && stat(b, &of_b) == 0 && of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino;
-#endif
-}
-
 /* Finds out before a long solve that a file cannot be written, or that it is the same as another output's (which may be
  * NULL); leaves no file where there was none. Returns 1, or 0 with why. */
 static int can_write(const char *path, const char *other, const char **why)

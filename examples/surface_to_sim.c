@@ -567,7 +567,7 @@ static int check_settings(settings *s)
     if (strlen(h) != 2 || !strchr("+-", h[0]) || !strchr("xyz", h[1]))
         return options_complain("surface_to_sim", "--hold", "needs -x, +x, -y, +y, -z or +z");
     for (int i = 0; i < s->surface_count; i++)
-        if (strcmp(s->surfaces[i], s->out) == 0 || (s->mesh && strcmp(s->surfaces[i], s->mesh) == 0))
+        if (is_same_file(s->surfaces[i], s->out) || (s->mesh && is_same_file(s->surfaces[i], s->mesh)))
             return options_complain("surface_to_sim", s->surfaces[i], "would be overwritten");
     if (s->mesh && strcmp(s->mesh, s->out) == 0)
         return options_complain("surface_to_sim", s->mesh, "is to be both the surface and the volume");

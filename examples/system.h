@@ -9,6 +9,8 @@
 #endif
 #include <errno.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <time.h>
 #if defined(_WIN32)
@@ -47,6 +49,18 @@ static inline int make_folder(const char *path)
     return _mkdir(path) == 0 || errno == EEXIST;
 #else
     return mkdir(path, 0777) == 0 || errno == EEXIST;
+#endif
+}
+
+/* 1 when two names stand for one file that exists. */
+static inline int is_same_file(const char *a, const char *b)
+{
+#if defined(_WIN32)
+    char full_a[_MAX_PATH], full_b[_MAX_PATH];
+    return _fullpath(full_a, a, _MAX_PATH) && _fullpath(full_b, b, _MAX_PATH) && _stricmp(full_a, full_b) == 0;
+#else
+    struct stat of_a, of_b;
+    return stat(a, &of_a) == 0 && stat(b, &of_b) == 0 && of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino;
 #endif
 }
 

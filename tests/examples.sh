@@ -229,7 +229,7 @@ expect 2 'no-such.obj' surface_to_sim no-such.obj
 expect 2 'SURFACE is missing' surface_to_sim --cells 10
 expect 2 'only one of them' surface_to_sim box.obj --wc --fc
 expect 2 'needs -x, +x' surface_to_sim box.obj --hold up
-expect 2 'would be overwritten' surface_to_sim box.obj -o box.obj
+expect 2 'would be overwritten' surface_to_sim box.obj -o ./box.obj
 expect 2 '--tet10 is for tets, not for grids' surface_to_sim box.obj --wc --tet10
 expect 2 '--coarsen is for tets, not for grids' surface_to_sim box.obj --sparse --coarsen 1
 expect 0 'box.obj: warning: 8 of its 8 vertices lie outside core.obj' surface_to_sim core.obj box.obj --cells 8 --steps 0
