@@ -12,7 +12,8 @@ enum {
     NDLI_COARSE_NODES = 64,     /* nodes of an aggregate */
     NDLI_COARSE_MOST = 96,      /* aggregates: the factor is n^2 m^2 of their unknowns and band */
     NDLI_COARSE_LEAST_NODES = 8, /* smaller ones join a neighbour */
-    NDLI_COARSE_AGE = 10        /* steps */
+    NDLI_COARSE_AGE = 10,       /* steps, or */
+    NDLI_COARSE_WASTE = 12      /* iterations too many, which take as long as a new coarse matrix does */
 };
 
 /* ---- aggregates ---- */
@@ -393,7 +394,7 @@ static int ndli_precond_coarse_is_due(const ndl_tissue *t)
 {
     const ndli_solid_coarse *coarse = &t->coarse;
     sb_real mass = t->scheme.mass - coarse->made_mass, stiffness = t->scheme.stiffness - coarse->made_stiffness;
-    return coarse->age <= 0 || coarse->age >= NDLI_COARSE_AGE ||
+    return coarse->age <= 0 || coarse->age >= NDLI_COARSE_AGE || coarse->wasted >= NDLI_COARSE_WASTE ||
            sb_abs(mass) > (sb_real)0.1 * coarse->made_mass ||
            sb_abs(stiffness) > (sb_real)0.1 * coarse->made_stiffness;
 }
@@ -410,7 +411,7 @@ NDLI_API int ndli_solid_precond_update(ndl_tissue *t)
     ndli_coarse_measure(t);
     ndli_coarse_assemble(t);
     coarse->usable = ndli_coarse_factor(coarse);
-    coarse->age = 0;
+    coarse->age = coarse->wasted = 0;
     coarse->made_mass = t->scheme.mass;
     coarse->made_stiffness = t->scheme.stiffness;
     return 1;

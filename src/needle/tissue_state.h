@@ -39,7 +39,9 @@ typedef struct ndli_solid_coarse {
     int count;          /* aggregates */
     int width;          /* of the band */
     int usable;         /* 1: the factor is there */
-    int age;            /* steps since it was made */
+    int age;            /* steps since it was made; 0: to be made */
+    int fresh_iterations; /* of the step it was made for */
+    int wasted;         /* iterations beyond those in the steps since */
     int listed;         /* 1: lists are those of the present nodes */
     sb_real made_mass, made_stiffness; /* coefficients it was made with */
     int *start;         /* [count + 1] into nodes */

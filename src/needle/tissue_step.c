@@ -299,8 +299,15 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
         t->has_velocity[i] = 0;
     }
     t->acceleration_known = 1;
-    t->coarse.age++;
     return SB_OK;
+}
+
+/* How long the coarse matrix will serve. */
+static void ndli_solid_wear(ndl_tissue *t, int iterations)
+{
+    if (t->coarse.age++ == 0)
+        t->coarse.fresh_iterations = iterations;
+    t->coarse.wasted += sbi_max_int(0, iterations - t->coarse.fresh_iterations);
 }
 
 NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_info *info, sb_error *error)
@@ -320,6 +327,8 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
     info->seconds_solve = ndli_solid_now(tissue) - middle;
     if (result == SB_OK)
         result = ndli_solid_commit(tissue, error);
+    if (result == SB_OK)
+        ndli_solid_wear(tissue, info->iterations);
     info->seconds_total = ndli_solid_now(tissue) - begin;
     return result;
 }
