@@ -5973,7 +5973,9 @@ typedef struct ndli_solid_coarse {
     int count;          /* aggregates */
     int width;          /* of the band */
     int usable;         /* 1: the factor is there */
-    int age;            /* steps since it was made */
+    int age;            /* steps since it was made; 0: to be made */
+    int fresh_iterations; /* of the step it was made for */
+    int wasted;         /* iterations beyond those in the steps since */
     int listed;         /* 1: lists are those of the present nodes */
     sb_real made_mass, made_stiffness; /* coefficients it was made with */
     int *start;         /* [count + 1] into nodes */
@@ -6056,7 +6058,7 @@ struct ndl_tissue {
     int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
 };
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* ---- tissue_matrix: rest data, rows, edges, forces and stiffness ---- */
 
 SB_INLINE int ndli_solid_chunks(int count) { return count / NDLI_SOLID_CHUNK + (count % NDLI_SOLID_CHUNK != 0); }
@@ -6986,7 +6988,8 @@ enum {
     NDLI_COARSE_NODES = 64,     /* nodes of an aggregate */
     NDLI_COARSE_MOST = 96,      /* aggregates: the factor is n^2 m^2 of their unknowns and band */
     NDLI_COARSE_LEAST_NODES = 8, /* smaller ones join a neighbour */
-    NDLI_COARSE_AGE = 10        /* steps */
+    NDLI_COARSE_AGE = 10,       /* steps, or */
+    NDLI_COARSE_WASTE = 12      /* iterations too many, which take as long as a new coarse matrix does */
 };
 
 /* ---- aggregates ---- */
@@ -7367,7 +7370,7 @@ static int ndli_precond_coarse_is_due(const ndl_tissue *t)
 {
     const ndli_solid_coarse *coarse = &t->coarse;
     sb_real mass = t->scheme.mass - coarse->made_mass, stiffness = t->scheme.stiffness - coarse->made_stiffness;
-    return coarse->age <= 0 || coarse->age >= NDLI_COARSE_AGE ||
+    return coarse->age <= 0 || coarse->age >= NDLI_COARSE_AGE || coarse->wasted >= NDLI_COARSE_WASTE ||
            sb_abs(mass) > (sb_real)0.1 * coarse->made_mass ||
            sb_abs(stiffness) > (sb_real)0.1 * coarse->made_stiffness;
 }
@@ -7384,7 +7387,7 @@ NDLI_API int ndli_solid_precond_update(ndl_tissue *t)
     ndli_coarse_measure(t);
     ndli_coarse_assemble(t);
     coarse->usable = ndli_coarse_factor(coarse);
-    coarse->age = 0;
+    coarse->age = coarse->wasted = 0;
     coarse->made_mass = t->scheme.mass;
     coarse->made_stiffness = t->scheme.stiffness;
     return 1;
@@ -7765,8 +7768,15 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
         t->has_velocity[i] = 0;
     }
     t->acceleration_known = 1;
-    t->coarse.age++;
     return SB_OK;
+}
+
+/* How long the coarse matrix will serve. */
+static void ndli_solid_wear(ndl_tissue *t, int iterations)
+{
+    if (t->coarse.age++ == 0)
+        t->coarse.fresh_iterations = iterations;
+    t->coarse.wasted += sbi_max_int(0, iterations - t->coarse.fresh_iterations);
 }
 
 NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_info *info, sb_error *error)
@@ -7786,6 +7796,8 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
     info->seconds_solve = ndli_solid_now(tissue) - middle;
     if (result == SB_OK)
         result = ndli_solid_commit(tissue, error);
+    if (result == SB_OK)
+        ndli_solid_wear(tissue, info->iterations);
     info->seconds_total = ndli_solid_now(tissue) - begin;
     return result;
 }
