@@ -556,7 +556,7 @@ typedef struct ndl_tissue_mesh {
     ndl_node_change *changes;
     sb_vec3 *change_state; /* [3] x, v, a of each */
     int change_count;
-    sb_vec3 momentum;
+    sb_vec3 momentum, net_force; /* sums of m v and m a over the nodes of the change, before it */
     sb_real change_mass; /* of the tets before the change */
     void *block;
 } ndl_tissue_mesh;
@@ -3719,8 +3719,10 @@ static void ndli_tissue_affect(ndl_tissue_mesh *t, int node, int was_alive)
         return;
     t->node_mark[node] = (unsigned char)(was_alive ? NDLI_TOUCHED | NDLI_WAS_ALIVE : NDLI_TOUCHED);
     t->affected[t->affected_count++] = node;
-    if (was_alive)
+    if (was_alive) {
         t->momentum = sb_v3_madd(t->momentum, t->mass[node], t->v[node]);
+        t->net_force = sb_v3_madd(t->net_force, t->mass[node], t->a[node]);
+    }
 }
 
 /* To be called before a tet is changed, and after one is made. */
@@ -3741,7 +3743,7 @@ static void ndli_tissue_touch(ndl_tissue_mesh *t, int tet, int made, int relink)
 NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
 {
     tissue->touched_count = tissue->affected_count = tissue->change_count = 0;
-    tissue->momentum = sb_v3(0, 0, 0);
+    tissue->momentum = tissue->net_force = sb_v3(0, 0, 0);
     tissue->change_mass = 0;
 }
 
@@ -3954,26 +3956,31 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
             ndli_tissue_weigh(tissue, n);
 }
 
-/* Spreads over the change's nodes the momentum that interpolation has lost or made. */
+/* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,
+ * from which a step of Newmark takes half its momentum. */
 static void ndli_tissue_balance(ndl_tissue_mesh *t)
 {
-    sb_vec3 left = t->momentum, dv;
+    sb_vec3 left = t->momentum, force = t->net_force, dv, da;
     sb_real mass = 0;
     for (int i = 0; i < t->affected_count; i++) {
         int n = t->affected[i];
         if (!(t->node_flags[n] & NDL_NODE_ALIVE))
             continue;
         left = sb_v3_madd(left, -t->mass[n], t->v[n]);
+        force = sb_v3_madd(force, -t->mass[n], t->a[n]);
         if (!(t->node_flags[n] & NDL_NODE_FIXED))
             mass += t->mass[n];
     }
     if (!(mass > 0))
         return;
     dv = sb_v3_scale(1 / mass, left);
+    da = sb_v3_scale(1 / mass, force);
     for (int i = 0; i < t->affected_count; i++) {
         int n = t->affected[i];
-        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED))
+        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED)) {
             t->v[n] = sb_v3_add(t->v[n], dv);
+            t->a[n] = sb_v3_add(t->a[n], da);
+        }
     }
 }
 
@@ -6923,6 +6930,32 @@ SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, i
     }
     return sb_v3(s0[0] + s0[1] + s0[2], s1[0] + s1[1] + s1[2], s2[0] + s2[1] + s2[2]);
 }
+#elif defined(__GNUC__) && !defined(SB_NO_VECTORS)
+/* Doubles without AVX: the nine products of a block as four pairs and one, which compilers do not find. The same nine
+ * sums, the same bits. */
+typedef sb_real ndli_solid_two __attribute__((vector_size(2 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+#define NDLI_TWO_AT(pointer) (*(const ndli_solid_two *)(const void *)(pointer))
+SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
+{
+    const sb_real *block = t->diagonal[i], *from = &x[i].x;
+    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
+    ndli_solid_two v20 = {from[2], from[0]};
+    ndli_solid_two s0 = NDLI_TWO_AT(block) * NDLI_TWO_AT(from), s1 = NDLI_TWO_AT(block + 2) * v20;
+    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1), s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
+    sb_real s4 = block[8] * from[2];
+    block = t->blocks[t->row_start[i]];
+    for (; column < end; column++, block += 9) {
+        const sb_real *w = &x[*column].x;
+        ndli_solid_two w01 = NDLI_TWO_AT(w), w20 = {w[2], w[0]};
+        s0 += NDLI_TWO_AT(block) * w01;
+        s1 += NDLI_TWO_AT(block + 2) * w20;
+        s2 += NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(w + 1);
+        s3 += NDLI_TWO_AT(block + 6) * w01;
+        s4 += block[8] * w[2];
+    }
+    return sb_v3(s0[0] + s0[1] + s1[0], s1[1] + s2[0] + s2[1], s3[0] + s3[1] + s4);
+}
+#undef NDLI_TWO_AT
 #else
 SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
 {

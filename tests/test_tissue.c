@@ -380,10 +380,10 @@ static void test_visits(void)
 {
     int count = check_quick() ? 8 : 200;
     visits w;
-    sb_mesh mesh = scene_box(SB_TET4, 5, 5, 4, sb_v3(REAL(0.05), REAL(0.05), REAL(0.04)), 0.15);
+    sb_mesh mesh = scene_box(SB_TET4, 4, 4, 4, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), 0.15);
     ndl_tissue_def def = tissue_def(&mesh);
     double mass, speed;
-    def.tolerance = REAL(scene_tolerance(1e-8, 100));
+    def.tolerance = REAL(scene_tolerance(1e-9, 100));
     if (visits_begin(&w, &def, mesh, 0.01)) {
         double *first = (double *)malloc((size_t)mesh.node_count * sizeof(double));
         for (int i = 0; i < mesh.node_count; i++)
@@ -399,7 +399,7 @@ static void test_visits(void)
             CHECK(fabs((double)ndl_tissue_mesh_mass(w.at) - mass) <= scene_tolerance(1e-12, 100) * mass);
         }
         CHECK(w.worst_matrix < scene_tolerance(1e-11, 500));
-        CHECK(w.drift < scene_tolerance(1e-10, 2e4) * speed);
+        CHECK(w.drift < scene_tolerance(1e-8, 2e4) * speed);
         CHECK(w.operations > 3 * count);
         CHECK(w.most_nodes > mesh.node_count);
         for (int i = 0; i < mesh.node_count; i++) {
@@ -421,6 +421,7 @@ static void test_split_mesh(void)
     ndl_remesh_info info;
     def.gravity = sb_v3(0, 0, REAL(-9.81));
     def.slack = 0; /* all must grow */
+    def.integrator = NDL_EULER;
     if (visits_begin(&w, &def, mesh, 0.01)) {
         for (int i = 0; i < mesh.node_count; i++)
             if (mesh.nodes[i].z < REAL(1e-6))
@@ -437,14 +438,14 @@ static void test_split_mesh(void)
         }
         CHECK(w.at->node_count > mesh.node_count);
         CHECK_OK(ndl_remesh_withdraw(w.remesh, 0, &info, NULL));
-        for (int s = 0; s < 400; s++) /* back to the rest it would have had without */
+        for (int s = 0; s < 100; s++) /* back to the rest it would have had without */
             CHECK_OK(ndl_tissue_step(w.tissue, REAL(0.05), NULL, NULL));
         {
             ndl_tissue *other = make_tissue(&def);
             for (int i = 0; other && i < mesh.node_count; i++)
                 if (mesh.nodes[i].z < REAL(1e-6))
                     CHECK_OK(ndl_tissue_fix(other, i));
-            for (int s = 0; other && s < 400; s++)
+            for (int s = 0; other && s < 100; s++)
                 CHECK_OK(ndl_tissue_step(other, REAL(0.05), NULL, NULL));
             CHECK(other && scene_distance(ndl_tissue_positions(other), w.at->x, mesh.node_count) <
                                scene_tolerance(1e-9, 1e3) * 0.01);
@@ -466,7 +467,7 @@ static void test_lazy(void)
         ndl_tissue_info info;
         ndl_tissue *tissue;
         def.lazy_angle = lazy ? REAL(0.01) : 0;
-        def.gravity = sb_v3(0, 0, -2);
+        def.gravity = sb_v3(0, 0, -1);
         tissue = make_tissue(&def);
         if (!tissue)
             continue;
