@@ -780,6 +780,7 @@ typedef struct ndl_tissue_def {
 
 NDL_API ndl_tissue_def ndl_default_tissue_def(void);
 
+/* Functions that return an sb_result refuse a NULL tissue; the others need one. */
 typedef struct ndl_tissue ndl_tissue;
 
 /* What a step did. */
@@ -6080,9 +6081,9 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
 NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
 /* Rest data of a tet from mesh and materials. */
 NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
-/* internal = elastic forces at mesh.x, and K with it; *refreshed tets were turned. Does nothing when neither mesh nor
- * positions have changed since. */
+/* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
 NDLI_API void ndli_solid_forces(ndl_tissue *t);
+/* K of those tets; returns how many there were. */
 NDLI_API int ndli_solid_stiffness(ndl_tissue *t);
 /* y = mass M x + stiffness K x in some rows; x is 0 where a row has no unknown, or whatever should act on the others. */
 NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
@@ -6091,6 +6092,11 @@ NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real sti
 /* Place of block (i, j), i != j, in the pool, or -1: no edge joins them. O(log row). */
 NDLI_API int ndli_solid_find(const ndl_tissue *t, int i, int j);
 NDLI_API void ndli_solid_free(ndl_tissue *t);
+
+/* ---- tissue ---- */
+
+/* NDLI_ROW_FREE, _HELD or _COUPLED of a node in use. */
+NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role);
 
 /* ---- tissue_precond ---- */
 
@@ -6112,6 +6118,8 @@ NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *
 NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error);
 /* x, v, a at the end of the step from the accelerations `unknown`; SB_ERROR_DIVERGED changes nothing. */
 NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error);
+/* After commit: how many iterations the step took, which tells when the coarse matrix is worn. */
+NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations);
 /* A_ii, and A_ij (0 and zeros when no edge joins them). */
 NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node);
 NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block);
@@ -6205,7 +6213,12 @@ static void *ndli_solid_allocate(ndl_tissue *t, ndli_solid_layout layout, int co
     return arena.base;
 }
 
-static int ndli_solid_more(int count) { return count > INT_MAX / 24 ? INT_MAX / 16 : count + count / 2 + 64; }
+/* Room for half as many again. The callers keep count below INT_MAX / 2. */
+static int ndli_solid_more(int count)
+{
+    int64_t roomy = (int64_t)count + count / 2 + 64;
+    return roomy < INT_MAX / 2 ? (int)roomy : INT_MAX / 2;
+}
 
 static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
 {
@@ -6246,8 +6259,9 @@ static int ndli_solid_grow_tets(ndl_tissue *t, int room)
 {
     ndl_tissue old = *t;
     size_t n = (size_t)old.tet_room, lanes = (n + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
-    void *block = ndli_solid_allocate(t, ndli_solid_layout_tets, room);
     size_t all = ((size_t)room + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
+    int fits = room < INT_MAX / 12 - NDLI_LANES; /* the codes of rings are ints */
+    void *block = fits ? ndli_solid_allocate(t, ndli_solid_layout_tets, room) : NULL;
     if (!block)
         return 0;
     for (size_t k = 0; k < 6 * all; k++)
@@ -6673,7 +6687,6 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 {
     ndl_tissue *t = (ndl_tissue *)user;
     t->changed = 1;
-    t->inverse_valid = 0; /* masses have changed, too */
     if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
         (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
         t->broken = 1;
@@ -7593,12 +7606,12 @@ static void ndli_solid_set_before(ndl_tissue *t)
 }
 
 /* Forces and K at the present positions, unless they are there: a step that failed leaves them for the next. */
-static int ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
+static void ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
 {
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
     double begin = ndli_solid_now(t), middle;
     if (!t->changed && t->seen_end == t->mesh.node_end && memcmp(t->seen_x, t->mesh.x, bytes) == 0)
-        return 0;
+        return;
     ndli_solid_forces(t);
     middle = ndli_solid_now(t);
     info->seconds_force = middle - begin;
@@ -7606,7 +7619,6 @@ static int ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
     memcpy(t->seen_x, t->mesh.x, bytes);
     t->seen_end = t->mesh.node_end;
     t->changed = 0;
-    return 1;
 }
 
 NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error)
@@ -7804,8 +7816,7 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
     return SB_OK;
 }
 
-/* How long the coarse matrix will serve. */
-static void ndli_solid_wear(ndl_tissue *t, int iterations)
+NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations)
 {
     if (t->coarse.age++ == 0)
         t->coarse.fresh_iterations = iterations;
@@ -8003,13 +8014,14 @@ static int ndli_solid_knows(const ndl_tissue *t, int node)
     return t && ndli_solid_is_node(t, node) && node < t->node_room;
 }
 
-static void ndli_solid_set_role(ndl_tissue *t, int node, int role)
+NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role)
 {
     if (t->role[node] == role)
         return;
+    if (t->role[node] == NDLI_ROW_HELD || role == NDLI_ROW_HELD)
+        t->coarse.age = 0; /* the rows of a coupled node may stay in the coarse matrix for a while */
     t->role[node] = (unsigned char)role;
-    t->inverse_valid = 0;
-    t->coarse.age = 0;
+    t->node_dirty[node] = 1;
 }
 
 static void ndli_solid_hold(ndl_tissue *t, int node, sb_vec3 position)

@@ -166,13 +166,14 @@ static int ndli_solid_knows(const ndl_tissue *t, int node)
     return t && ndli_solid_is_node(t, node) && node < t->node_room;
 }
 
-static void ndli_solid_set_role(ndl_tissue *t, int node, int role)
+NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role)
 {
     if (t->role[node] == role)
         return;
+    if (t->role[node] == NDLI_ROW_HELD || role == NDLI_ROW_HELD)
+        t->coarse.age = 0; /* the rows of a coupled node may stay in the coarse matrix for a while */
     t->role[node] = (unsigned char)role;
-    t->inverse_valid = 0;
-    t->coarse.age = 0;
+    t->node_dirty[node] = 1;
 }
 
 static void ndli_solid_hold(ndl_tissue *t, int node, sb_vec3 position)

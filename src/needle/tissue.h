@@ -43,6 +43,7 @@ typedef struct ndl_tissue_def {
 
 NDL_API ndl_tissue_def ndl_default_tissue_def(void);
 
+/* Functions that return an sb_result refuse a NULL tissue; the others need one. */
 typedef struct ndl_tissue ndl_tissue;
 
 /* What a step did. */

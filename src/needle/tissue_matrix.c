@@ -85,7 +85,12 @@ static void *ndli_solid_allocate(ndl_tissue *t, ndli_solid_layout layout, int co
     return arena.base;
 }
 
-static int ndli_solid_more(int count) { return count > INT_MAX / 24 ? INT_MAX / 16 : count + count / 2 + 64; }
+/* Room for half as many again. The callers keep count below INT_MAX / 2. */
+static int ndli_solid_more(int count)
+{
+    int64_t roomy = (int64_t)count + count / 2 + 64;
+    return roomy < INT_MAX / 2 ? (int)roomy : INT_MAX / 2;
+}
 
 static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
 {
@@ -126,8 +131,9 @@ static int ndli_solid_grow_tets(ndl_tissue *t, int room)
 {
     ndl_tissue old = *t;
     size_t n = (size_t)old.tet_room, lanes = (n + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
-    void *block = ndli_solid_allocate(t, ndli_solid_layout_tets, room);
     size_t all = ((size_t)room + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
+    int fits = room < INT_MAX / 12 - NDLI_LANES; /* the codes of rings are ints */
+    void *block = fits ? ndli_solid_allocate(t, ndli_solid_layout_tets, room) : NULL;
     if (!block)
         return 0;
     for (size_t k = 0; k < 6 * all; k++)
@@ -553,7 +559,6 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 {
     ndl_tissue *t = (ndl_tissue *)user;
     t->changed = 1;
-    t->inverse_valid = 0; /* masses have changed, too */
     if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
         (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
         t->broken = 1;

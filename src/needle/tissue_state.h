@@ -139,9 +139,9 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
 NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
 /* Rest data of a tet from mesh and materials. */
 NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
-/* internal = elastic forces at mesh.x, and K with it; *refreshed tets were turned. Does nothing when neither mesh nor
- * positions have changed since. */
+/* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
 NDLI_API void ndli_solid_forces(ndl_tissue *t);
+/* K of those tets; returns how many there were. */
 NDLI_API int ndli_solid_stiffness(ndl_tissue *t);
 /* y = mass M x + stiffness K x in some rows; x is 0 where a row has no unknown, or whatever should act on the others. */
 NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
@@ -150,6 +150,11 @@ NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real sti
 /* Place of block (i, j), i != j, in the pool, or -1: no edge joins them. O(log row). */
 NDLI_API int ndli_solid_find(const ndl_tissue *t, int i, int j);
 NDLI_API void ndli_solid_free(ndl_tissue *t);
+
+/* ---- tissue ---- */
+
+/* NDLI_ROW_FREE, _HELD or _COUPLED of a node in use. */
+NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role);
 
 /* ---- tissue_precond ---- */
 
@@ -171,6 +176,8 @@ NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *
 NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error);
 /* x, v, a at the end of the step from the accelerations `unknown`; SB_ERROR_DIVERGED changes nothing. */
 NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error);
+/* After commit: how many iterations the step took, which tells when the coarse matrix is worn. */
+NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations);
 /* A_ii, and A_ij (0 and zeros when no edge joins them). */
 NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node);
 NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block);

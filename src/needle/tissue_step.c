@@ -91,12 +91,12 @@ static void ndli_solid_set_before(ndl_tissue *t)
 }
 
 /* Forces and K at the present positions, unless they are there: a step that failed leaves them for the next. */
-static int ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
+static void ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
 {
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
     double begin = ndli_solid_now(t), middle;
     if (!t->changed && t->seen_end == t->mesh.node_end && memcmp(t->seen_x, t->mesh.x, bytes) == 0)
-        return 0;
+        return;
     ndli_solid_forces(t);
     middle = ndli_solid_now(t);
     info->seconds_force = middle - begin;
@@ -104,7 +104,6 @@ static int ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
     memcpy(t->seen_x, t->mesh.x, bytes);
     t->seen_end = t->mesh.node_end;
     t->changed = 0;
-    return 1;
 }
 
 NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error)
@@ -302,8 +301,7 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
     return SB_OK;
 }
 
-/* How long the coarse matrix will serve. */
-static void ndli_solid_wear(ndl_tissue *t, int iterations)
+NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations)
 {
     if (t->coarse.age++ == 0)
         t->coarse.fresh_iterations = iterations;
