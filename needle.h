@@ -791,6 +791,7 @@ typedef struct ndl_tissue_info {
     int refreshed;         /* tets whose stiffness was turned, or is new */
     int coarse_refreshed;  /* 1: the preconditioner's coarse matrix was made anew: every ten steps, and when dt,
                             * damping or supports change */
+    int calmed;            /* 1: the energy had grown by more than came in, and the step was one of Euler */
     double seconds_force;  /* with a clock, otherwise 0: rotations and forces, */
     double seconds_matrix; /* stiffness, right-hand side and preconditioner, */
     double seconds_solve;  /* conjugate gradients, */
@@ -832,6 +833,8 @@ NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_rea
  *     A a' = f(x, v) - K (dt v + dt^2 (1/2 - beta) a) - C dt (1 - gamma) a,   A = M + beta dt^2 K + gamma dt C,
  * with lumped M, K = R K0 R^T (the corotated tangent without the change of R) and C = alpha M + beta_s K; Euler has
  * beta = gamma = 1 and no dt^2 (1/2 - beta) a. Held nodes reach their places exactly.
+ * Linearised steps of Newmark may make energy in large motions. A ledger of energy and work sees to that: when there
+ * is a tenth more than came in, a step is done by Euler, which damps (info->calmed).
  * Solved by conjugate gradients with 3x3 blocks and a coarse space of 6 rigid modes per about 64 nodes.
  * info may be NULL. Failures: SB_ERROR_ARGUMENT; SB_ERROR_MEMORY, a change of the mesh found no memory for the matrix
  * and there still is none; SB_ERROR_DIVERGED, something is not finite (node named). Then positions, velocities and
@@ -6040,6 +6043,7 @@ struct ndl_tissue {
     int *ring_next;       /* [6 tet_room] code 2 (6 t + pair) + flip of the next in the edge's ring, or -1 */
     unsigned char *stale_tet; /* 1: its stiffness is to be turned whatever its rotation */
     unsigned char *turned;    /* 1: its stiffness was turned in the present evaluation */
+    double *batch_energy; /* [batch] (J) */
     void *tet_block;
 
     /* edges: [edge_room] */
@@ -6062,6 +6066,17 @@ struct ndl_tissue {
     int changed;            /* 1: mesh, materials or supports changed since the last evaluation */
     int seen_end;           /* node_end of seen_x, 0: none */
     int acceleration_known;
+    double elastic;         /* J, at seen_x */
+
+    /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
+     * and steps with more take Euler, which damps. */
+    int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
+    int ledger_open;
+    double ledger, next_ledger; /* J, before and after the present step is committed */
+    double work;            /* J, of gravity, forces and supports in the last step */
+    double work_unit;       /* J, sizes of its terms: for rounding */
+    double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
+
     ndli_solid_scheme scheme;
     int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
 };
@@ -6173,6 +6188,7 @@ static void ndli_solid_layout_tets(ndl_tissue *t, sbi_arena *arena, size_t tets)
     t->old_quats = (sb_real *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_real));
     t->rotated = (sb_real *)sbi_arena_take(arena, lanes, 16 * sizeof(sb_real));
     t->corner_force = (sb_vec3 *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_vec3));
+    t->batch_energy = (double *)sbi_arena_take(arena, lanes / NDLI_LANES, sizeof(double));
     t->tet_edges = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
     t->ring_next = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
     t->stale_tet = (unsigned char *)sbi_arena_take(arena, lanes, 1);
@@ -6738,19 +6754,28 @@ SBI_FORCE_INLINE void ndli_solid_apply(const sb_real (*m)[NDLI_LANES], const sb_
                                     m[3 * i + 2][l] * g[3 * a + 2][l];
 }
 
-/* -V P = -2 V mu (F - R) - V lambda (tr(R^T F) - 3) R, in place of F. */
-SBI_FORCE_INLINE void ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const sb_real (*moduli)[NDLI_LANES],
-                                        sb_real (*f)[NDLI_LANES])
+/* -V P = -2 V mu (F - R) - V lambda (tr(R^T F) - 3) R, in place of F; returns the energy, V P:(F - R) / 2. */
+SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const sb_real (*moduli)[NDLI_LANES],
+                                          sb_real (*f)[NDLI_LANES])
 {
-    sb_real trace[NDLI_LANES];
-    for (int l = 0; l < NDLI_LANES; l++)
+    sb_real trace[NDLI_LANES], energy[NDLI_LANES];
+    double sum = 0;
+    for (int l = 0; l < NDLI_LANES; l++) {
         trace[l] = -3;
+        energy[l] = 0;
+    }
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < NDLI_LANES; l++)
             trace[l] += r[k][l] * f[k][l];
     for (int k = 0; k < 9; k++)
-        for (int l = 0; l < NDLI_LANES; l++)
-            f[k][l] = -2 * moduli[1][l] * (f[k][l] - r[k][l]) - moduli[0][l] * trace[l] * r[k][l];
+        for (int l = 0; l < NDLI_LANES; l++) {
+            sb_real strain = f[k][l] - r[k][l];
+            f[k][l] = -2 * moduli[1][l] * strain - moduli[0][l] * trace[l] * r[k][l];
+            energy[l] -= f[k][l] * strain;
+        }
+    for (int l = 0; l < NDLI_LANES; l++)
+        sum += (double)energy[l];
+    return 0.5 * sum;
 }
 
 /* 1 when the tet's rotation is further than the lazy angle from that of its stiffness: with e = q - (+-)q_old,
@@ -6810,7 +6835,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     sb_polar_batch(f, quats, r);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
     ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats, (const sb_real(*)[NDLI_LANES])h, moduli);
-    ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
+    t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
     for (int l = 0; l < NDLI_LANES; l++) {
         sb_vec3 *out = t->corner_force + 4 * ((size_t)batch * NDLI_LANES + (size_t)l);
@@ -6848,6 +6873,9 @@ NDLI_API void ndli_solid_forces(ndl_tissue *t)
     int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
     sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
     sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
+    t->elastic = 0;
+    for (int k = 0; k < batches; k++)
+        t->elastic += t->batch_energy[k];
 }
 
 /* ---- stiffness ---- */
@@ -6856,7 +6884,8 @@ NDLI_API void ndli_solid_forces(ndl_tissue *t)
 static void ndli_solid_edge(ndl_tissue *t, int edge)
 {
     sb_real l[9] = {0}, m[9] = {0}; /* sums of V lambda h_a h_b^T and V mu h_a h_b^T */
-    sb_real *upper = t->blocks[t->edge_slots[2 * (size_t)edge]], *lower = t->blocks[t->edge_slots[2 * (size_t)edge + 1]];
+    const int *slots = t->edge_slots + 2 * (size_t)edge;
+    sb_real *upper = t->blocks[slots[0]], *lower = t->blocks[slots[1]];
     for (int code = t->edge_ring[edge]; code >= 0; code = t->ring_next[code >> 1]) {
         int at = code >> 1, tet = at / 6, flip = code & 1;
         const int *pair = ndli_solid_pair[at % 6];
@@ -6954,7 +6983,8 @@ SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, i
     const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
     ndli_solid_two v20 = {from[2], from[0]};
     ndli_solid_two s0 = NDLI_TWO_AT(block) * NDLI_TWO_AT(from), s1 = NDLI_TWO_AT(block + 2) * v20;
-    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1), s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
+    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1);
+    ndli_solid_two s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
     sb_real s4 = block[8] * from[2];
     block = t->blocks[t->row_start[i]];
     for (; column < end; column++, block += 9) {
@@ -7319,7 +7349,8 @@ static void ndli_coarse_assemble(ndl_tissue *t)
         const int *n = t->edge_nodes + 2 * (size_t)e;
         if (n[0] < 0 || t->role[n[0]] != NDLI_ROW_FREE || t->role[n[1]] != NDLI_ROW_FREE)
             continue;
-        ndli_coarse_project(t->blocks[t->edge_slots[2 * (size_t)e]], t->scheme.stiffness, t->arm[n[0]], t->arm[n[1]], w);
+        ndli_coarse_project(t->blocks[t->edge_slots[2 * (size_t)e]], t->scheme.stiffness, t->arm[n[0]], t->arm[n[1]],
+                            w);
         ndli_coarse_add(coarse, t->aggregate[n[0]], t->aggregate[n[1]], (const double(*)[6])w, 1);
     }
 }
@@ -7526,7 +7557,7 @@ static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
 {
     ndli_solid_scheme *s = &t->scheme;
     sb_real mass = s->mass, stiffness = s->stiffness;
-    int newmark = t->integrator == NDL_NEWMARK;
+    int newmark = t->integrator == NDL_NEWMARK && !t->calm;
     s->dt = dt;
     s->beta = newmark ? (sb_real)0.25 : (sb_real)1;
     s->c0 = newmark ? (sb_real)0.25 : (sb_real)0;
@@ -7564,7 +7595,8 @@ static void ndli_solid_set_way(ndl_tissue *t)
     for (int i = 0; i < t->mesh.node_end; i++) {
         sb_vec3 way = sb_v3(0, 0, 0);
         if (t->role[i] == NDLI_ROW_HELD) {
-            way = sb_v3_madd(sb_v3_sub(t->target[i], t->mesh.x[i]), t->damping_stiffness, ndli_solid_held_velocity(t, i));
+            way = sb_v3_sub(t->target[i], t->mesh.x[i]);
+            way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_held_velocity(t, i));
         } else if (t->role[i] != NDLI_ROW_ABSENT) {
             way = sb_v3_madd(sb_v3_scale(s->dt, t->mesh.v[i]), s->dt * s->dt * s->c0, t->before[i]);
             way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_coast(t, i));
@@ -7621,13 +7653,52 @@ static void ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
     t->changed = 0;
 }
 
+/* ---- the ledger ---- */
+
+static double ndli_solid_kinetic(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] != NDLI_ROW_ABSENT)
+            sum += 0.5 * (double)t->mesh.mass[i] * (double)sb_v3_dot(t->mesh.v[i], t->mesh.v[i]);
+    return sum;
+}
+
+static double ndli_solid_whereabouts(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] != NDLI_ROW_ABSENT)
+            sum += (double)t->mesh.x[i].x + (double)t->mesh.x[i].y + (double)t->mesh.x[i].z + (double)t->mesh.v[i].x +
+                   (double)t->mesh.v[i].y + (double)t->mesh.v[i].z;
+    return sum;
+}
+
+/* 1 when there is a tenth more energy than came in. The ledger follows what is lost, a twentieth of it per step (the
+ * energy of a sound Newmark step goes up and down a little), and slowly what changes of the mesh bring. Where others
+ * have set the state it is opened anew. */
+static int ndli_solid_has_gained(ndl_tissue *t, int changed)
+{
+    double energy = t->elastic + ndli_solid_kinetic(t), allowed = t->ledger + t->work;
+    double noise = 64 * (double)SB_EPSILON * t->work_unit;
+    int gained;
+    if (!t->ledger_open || (!changed && ndli_solid_whereabouts(t) != t->left_at))
+        allowed = energy;
+    gained = energy > 1.1 * allowed + noise;
+    t->next_ledger = allowed + (gained ? 0.01 : energy < allowed ? 0.05 : 0) * (energy - allowed);
+    return gained;
+}
+
 NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error)
 {
     double begin;
+    int changed = t->changed;
     if (t->broken && !ndli_solid_rebuild(t))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of the changed tissue");
     begin = ndli_solid_now(t);
     ndli_solid_evaluate(t, info);
+    t->calm = t->watched && ndli_solid_has_gained(t, changed);
+    info->calmed = t->calm;
     ndli_solid_set_scheme(t, dt);
     ndli_solid_set_before(t);
     ndli_solid_set_rhs(t);
@@ -7792,6 +7863,28 @@ static void ndli_solid_react(ndl_tissue *t)
     }
 }
 
+/* Work of gravity, forces and supports on the way to the end of the step; where a support's force has changed, the
+ * larger. Called with the reactions of the last step, and after with the present ones. */
+static void ndli_solid_note_work(ndl_tissue *t, int after)
+{
+    double sum = 0, size = 0;
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_vec3 x, v, a, load;
+        double support, dead;
+        if (t->role[i] == NDLI_ROW_ABSENT)
+            continue;
+        ndli_solid_arrive(t, i, &x, &v, &a);
+        x = sb_v3_sub(x, t->mesh.x[i]);
+        load = sb_v3_madd(t->force[i], t->mesh.mass[i], t->gravity);
+        support = t->role[i] == NDLI_ROW_HELD ? (double)sb_v3_dot(t->reaction[i], x) : 0;
+        dead = (double)sb_v3_dot(load, x);
+        sum += support + dead;
+        size += fabs(support) + fabs(dead);
+    }
+    t->work = after && t->work > sum ? t->work : sum;
+    t->work_unit = size + t->elastic;
+}
+
 NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
 {
     sb_vec3 x, v, a;
@@ -7802,7 +7895,9 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
         if (!sb_v3_is_finite(x) || !sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "the motion of node %d is not finite", i);
     }
+    ndli_solid_note_work(t, 0);
     ndli_solid_react(t);
+    ndli_solid_note_work(t, 1);
     for (int i = 0; i < t->mesh.node_end; i++) {
         if (t->role[i] == NDLI_ROW_ABSENT)
             continue;
@@ -7813,6 +7908,9 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
         t->has_velocity[i] = 0;
     }
     t->acceleration_known = 1;
+    t->ledger = t->next_ledger;
+    t->ledger_open = t->watched;
+    t->left_at = ndli_solid_whereabouts(t);
     return SB_OK;
 }
 
@@ -7833,7 +7931,9 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
     if (!tissue || !(dt > 0) || !sb_is_finite(dt))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue and dt > 0, not %g", (double)dt);
     begin = ndli_solid_now(tissue);
+    tissue->watched = tissue->integrator == NDL_NEWMARK;
     result = ndli_solid_begin(tissue, dt, info, error);
+    tissue->calm = tissue->calm && result == SB_OK;
     middle = ndli_solid_now(tissue);
     if (result == SB_OK)
         result = ndli_solid_solve(tissue, info, error);
@@ -7842,6 +7942,7 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
         result = ndli_solid_commit(tissue, error);
     if (result == SB_OK)
         ndli_solid_wear(tissue, info->iterations);
+    tissue->watched = tissue->calm = 0;
     info->seconds_total = ndli_solid_now(tissue) - begin;
     return result;
 }

@@ -77,7 +77,8 @@ static void compare_with_body(sb_integrator integrator, ndl_integrator same)
             CHECK_OK(ndl_tissue_step(tissue, REAL(0.01), NULL, NULL));
             far = fmax(far, scene_distance(sb_body_positions(body), ndl_tissue_positions(tissue), mesh.node_count));
             fast = fmax(fast, scene_distance(sb_body_velocities(body), ndl_tissue_velocities(tissue), mesh.node_count));
-            strong = fmax(strong, scene_distance(sb_body_reactions(body), ndl_tissue_reactions(tissue), mesh.node_count));
+            strong =
+                fmax(strong, scene_distance(sb_body_reactions(body), ndl_tissue_reactions(tissue), mesh.node_count));
         }
         CHECK(far > 0 && far < scene_tolerance(1e-10, 2000) * 0.2);
         CHECK(fast < scene_tolerance(1e-9, 20000));
@@ -611,13 +612,13 @@ static void test_materials(void)
 }
 
 /* Thrown about and inside out: it comes to rest in its shape again. */
-static void test_violence(void)
+static void calm_down(ndl_integrator integrator)
 {
     sb_mesh mesh = small_beam();
     ndl_tissue_def def = tissue_def(&mesh);
     unsigned long long seed = 9;
     ndl_tissue *tissue;
-    def.integrator = NDL_EULER;
+    def.integrator = integrator;
     def.tolerance = REAL(1e-3);
     def.damping_stiffness = REAL(0.02);
     tissue = make_tissue(&def);
@@ -632,11 +633,16 @@ static void test_violence(void)
             }
         for (int s = 0; s < 600; s++)
             CHECK_OK(ndl_tissue_step(tissue, REAL(0.02), NULL, NULL));
-        CHECK(scene_distance(ndl_tissue_velocities(tissue), mesh.nodes, 0) == 0);
         CHECK(ndl_tissue_get_energies(tissue).kinetic < REAL(1e-9));
     }
     ndl_tissue_destroy(tissue);
     sb_mesh_free(&mesh);
+}
+
+static void test_violence(void)
+{
+    calm_down(NDL_EULER);
+    calm_down(NDL_NEWMARK);
 }
 
 /* ---- failures ---- */
@@ -722,7 +728,8 @@ static void test_undone(void)
             CHECK_OK(ndl_tissue_step(tissue, REAL(0.01), NULL, NULL));
             if (fail && s % 4 == 2) {
                 ndl_tissue_mesh *at = ndl_tissue_get_mesh(tissue);
-                unsigned long long before = scene_hash(at->x, bytes) ^ scene_hash(at->v, bytes) ^ scene_hash(at->a, bytes);
+                unsigned long long before =
+                    scene_hash(at->x, bytes) ^ scene_hash(at->v, bytes) ^ scene_hash(at->a, bytes);
                 CHECK_OK(ndl_tissue_set_force(tissue, mesh.node_count - 1, sb_v3(SB_REAL_MAX, 0, SB_REAL_MAX)));
                 CHECK_RESULT(ndl_tissue_step(tissue, REAL(0.01), NULL, &error), SB_ERROR_DIVERGED);
                 CHECK((scene_hash(at->x, bytes) ^ scene_hash(at->v, bytes) ^ scene_hash(at->a, bytes)) == before);
@@ -843,7 +850,8 @@ static void test_memory_of_changes(void)
 }
 
 CHECK_SUITE(tissue, {"steps equal sb_body's (Newmark)", test_body_newmark},
-            {"steps equal sb_body's (Euler)", test_body_euler}, {"static rest equals sb_body_solve_static", test_static_rest},
+            {"steps equal sb_body's (Euler)", test_body_euler},
+            {"static rest equals sb_body_solve_static", test_static_rest},
             {"momentum's rate is weight, loads and reactions", test_balance},
             {"a free body keeps its momentum", test_free_body}, {"prescribed nodes", test_prescribed},
             {"200 needles come and go", test_visits}, {"a split mesh", test_split_mesh},

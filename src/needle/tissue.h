@@ -54,6 +54,7 @@ typedef struct ndl_tissue_info {
     int refreshed;         /* tets whose stiffness was turned, or is new */
     int coarse_refreshed;  /* 1: the preconditioner's coarse matrix was made anew: every ten steps, and when dt,
                             * damping or supports change */
+    int calmed;            /* 1: the energy had grown by more than came in, and the step was one of Euler */
     double seconds_force;  /* with a clock, otherwise 0: rotations and forces, */
     double seconds_matrix; /* stiffness, right-hand side and preconditioner, */
     double seconds_solve;  /* conjugate gradients, */
@@ -95,6 +96,8 @@ NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_rea
  *     A a' = f(x, v) - K (dt v + dt^2 (1/2 - beta) a) - C dt (1 - gamma) a,   A = M + beta dt^2 K + gamma dt C,
  * with lumped M, K = R K0 R^T (the corotated tangent without the change of R) and C = alpha M + beta_s K; Euler has
  * beta = gamma = 1 and no dt^2 (1/2 - beta) a. Held nodes reach their places exactly.
+ * Linearised steps of Newmark may make energy in large motions. A ledger of energy and work sees to that: when there
+ * is a tenth more than came in, a step is done by Euler, which damps (info->calmed).
  * Solved by conjugate gradients with 3x3 blocks and a coarse space of 6 rigid modes per about 64 nodes.
  * info may be NULL. Failures: SB_ERROR_ARGUMENT; SB_ERROR_MEMORY, a change of the mesh found no memory for the matrix
  * and there still is none; SB_ERROR_DIVERGED, something is not finite (node named). Then positions, velocities and

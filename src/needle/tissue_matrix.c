@@ -45,6 +45,7 @@ static void ndli_solid_layout_tets(ndl_tissue *t, sbi_arena *arena, size_t tets)
     t->old_quats = (sb_real *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_real));
     t->rotated = (sb_real *)sbi_arena_take(arena, lanes, 16 * sizeof(sb_real));
     t->corner_force = (sb_vec3 *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_vec3));
+    t->batch_energy = (double *)sbi_arena_take(arena, lanes / NDLI_LANES, sizeof(double));
     t->tet_edges = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
     t->ring_next = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
     t->stale_tet = (unsigned char *)sbi_arena_take(arena, lanes, 1);
@@ -610,19 +611,28 @@ SBI_FORCE_INLINE void ndli_solid_apply(const sb_real (*m)[NDLI_LANES], const sb_
                                     m[3 * i + 2][l] * g[3 * a + 2][l];
 }
 
-/* -V P = -2 V mu (F - R) - V lambda (tr(R^T F) - 3) R, in place of F. */
-SBI_FORCE_INLINE void ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const sb_real (*moduli)[NDLI_LANES],
-                                        sb_real (*f)[NDLI_LANES])
+/* -V P = -2 V mu (F - R) - V lambda (tr(R^T F) - 3) R, in place of F; returns the energy, V P:(F - R) / 2. */
+SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const sb_real (*moduli)[NDLI_LANES],
+                                          sb_real (*f)[NDLI_LANES])
 {
-    sb_real trace[NDLI_LANES];
-    for (int l = 0; l < NDLI_LANES; l++)
+    sb_real trace[NDLI_LANES], energy[NDLI_LANES];
+    double sum = 0;
+    for (int l = 0; l < NDLI_LANES; l++) {
         trace[l] = -3;
+        energy[l] = 0;
+    }
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < NDLI_LANES; l++)
             trace[l] += r[k][l] * f[k][l];
     for (int k = 0; k < 9; k++)
-        for (int l = 0; l < NDLI_LANES; l++)
-            f[k][l] = -2 * moduli[1][l] * (f[k][l] - r[k][l]) - moduli[0][l] * trace[l] * r[k][l];
+        for (int l = 0; l < NDLI_LANES; l++) {
+            sb_real strain = f[k][l] - r[k][l];
+            f[k][l] = -2 * moduli[1][l] * strain - moduli[0][l] * trace[l] * r[k][l];
+            energy[l] -= f[k][l] * strain;
+        }
+    for (int l = 0; l < NDLI_LANES; l++)
+        sum += (double)energy[l];
+    return 0.5 * sum;
 }
 
 /* 1 when the tet's rotation is further than the lazy angle from that of its stiffness: with e = q - (+-)q_old,
@@ -682,7 +692,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     sb_polar_batch(f, quats, r);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
     ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats, (const sb_real(*)[NDLI_LANES])h, moduli);
-    ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
+    t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
     for (int l = 0; l < NDLI_LANES; l++) {
         sb_vec3 *out = t->corner_force + 4 * ((size_t)batch * NDLI_LANES + (size_t)l);
@@ -720,6 +730,9 @@ NDLI_API void ndli_solid_forces(ndl_tissue *t)
     int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
     sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
     sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
+    t->elastic = 0;
+    for (int k = 0; k < batches; k++)
+        t->elastic += t->batch_energy[k];
 }
 
 /* ---- stiffness ---- */
@@ -728,7 +741,8 @@ NDLI_API void ndli_solid_forces(ndl_tissue *t)
 static void ndli_solid_edge(ndl_tissue *t, int edge)
 {
     sb_real l[9] = {0}, m[9] = {0}; /* sums of V lambda h_a h_b^T and V mu h_a h_b^T */
-    sb_real *upper = t->blocks[t->edge_slots[2 * (size_t)edge]], *lower = t->blocks[t->edge_slots[2 * (size_t)edge + 1]];
+    const int *slots = t->edge_slots + 2 * (size_t)edge;
+    sb_real *upper = t->blocks[slots[0]], *lower = t->blocks[slots[1]];
     for (int code = t->edge_ring[edge]; code >= 0; code = t->ring_next[code >> 1]) {
         int at = code >> 1, tet = at / 6, flip = code & 1;
         const int *pair = ndli_solid_pair[at % 6];
@@ -826,7 +840,8 @@ SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, i
     const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
     ndli_solid_two v20 = {from[2], from[0]};
     ndli_solid_two s0 = NDLI_TWO_AT(block) * NDLI_TWO_AT(from), s1 = NDLI_TWO_AT(block + 2) * v20;
-    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1), s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
+    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1);
+    ndli_solid_two s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
     sb_real s4 = block[8] * from[2];
     block = t->blocks[t->row_start[i]];
     for (; column < end; column++, block += 9) {

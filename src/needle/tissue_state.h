@@ -98,6 +98,7 @@ struct ndl_tissue {
     int *ring_next;       /* [6 tet_room] code 2 (6 t + pair) + flip of the next in the edge's ring, or -1 */
     unsigned char *stale_tet; /* 1: its stiffness is to be turned whatever its rotation */
     unsigned char *turned;    /* 1: its stiffness was turned in the present evaluation */
+    double *batch_energy; /* [batch] (J) */
     void *tet_block;
 
     /* edges: [edge_room] */
@@ -120,6 +121,17 @@ struct ndl_tissue {
     int changed;            /* 1: mesh, materials or supports changed since the last evaluation */
     int seen_end;           /* node_end of seen_x, 0: none */
     int acceleration_known;
+    double elastic;         /* J, at seen_x */
+
+    /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
+     * and steps with more take Euler, which damps. */
+    int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
+    int ledger_open;
+    double ledger, next_ledger; /* J, before and after the present step is committed */
+    double work;            /* J, of gravity, forces and supports in the last step */
+    double work_unit;       /* J, sizes of its terms: for rounding */
+    double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
+
     ndli_solid_scheme scheme;
     int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
 };

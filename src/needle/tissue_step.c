@@ -11,7 +11,7 @@ static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
 {
     ndli_solid_scheme *s = &t->scheme;
     sb_real mass = s->mass, stiffness = s->stiffness;
-    int newmark = t->integrator == NDL_NEWMARK;
+    int newmark = t->integrator == NDL_NEWMARK && !t->calm;
     s->dt = dt;
     s->beta = newmark ? (sb_real)0.25 : (sb_real)1;
     s->c0 = newmark ? (sb_real)0.25 : (sb_real)0;
@@ -49,7 +49,8 @@ static void ndli_solid_set_way(ndl_tissue *t)
     for (int i = 0; i < t->mesh.node_end; i++) {
         sb_vec3 way = sb_v3(0, 0, 0);
         if (t->role[i] == NDLI_ROW_HELD) {
-            way = sb_v3_madd(sb_v3_sub(t->target[i], t->mesh.x[i]), t->damping_stiffness, ndli_solid_held_velocity(t, i));
+            way = sb_v3_sub(t->target[i], t->mesh.x[i]);
+            way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_held_velocity(t, i));
         } else if (t->role[i] != NDLI_ROW_ABSENT) {
             way = sb_v3_madd(sb_v3_scale(s->dt, t->mesh.v[i]), s->dt * s->dt * s->c0, t->before[i]);
             way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_coast(t, i));
@@ -106,13 +107,52 @@ static void ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
     t->changed = 0;
 }
 
+/* ---- the ledger ---- */
+
+static double ndli_solid_kinetic(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] != NDLI_ROW_ABSENT)
+            sum += 0.5 * (double)t->mesh.mass[i] * (double)sb_v3_dot(t->mesh.v[i], t->mesh.v[i]);
+    return sum;
+}
+
+static double ndli_solid_whereabouts(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] != NDLI_ROW_ABSENT)
+            sum += (double)t->mesh.x[i].x + (double)t->mesh.x[i].y + (double)t->mesh.x[i].z + (double)t->mesh.v[i].x +
+                   (double)t->mesh.v[i].y + (double)t->mesh.v[i].z;
+    return sum;
+}
+
+/* 1 when there is a tenth more energy than came in. The ledger follows what is lost, a twentieth of it per step (the
+ * energy of a sound Newmark step goes up and down a little), and slowly what changes of the mesh bring. Where others
+ * have set the state it is opened anew. */
+static int ndli_solid_has_gained(ndl_tissue *t, int changed)
+{
+    double energy = t->elastic + ndli_solid_kinetic(t), allowed = t->ledger + t->work;
+    double noise = 64 * (double)SB_EPSILON * t->work_unit;
+    int gained;
+    if (!t->ledger_open || (!changed && ndli_solid_whereabouts(t) != t->left_at))
+        allowed = energy;
+    gained = energy > 1.1 * allowed + noise;
+    t->next_ledger = allowed + (gained ? 0.01 : energy < allowed ? 0.05 : 0) * (energy - allowed);
+    return gained;
+}
+
 NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error)
 {
     double begin;
+    int changed = t->changed;
     if (t->broken && !ndli_solid_rebuild(t))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of the changed tissue");
     begin = ndli_solid_now(t);
     ndli_solid_evaluate(t, info);
+    t->calm = t->watched && ndli_solid_has_gained(t, changed);
+    info->calmed = t->calm;
     ndli_solid_set_scheme(t, dt);
     ndli_solid_set_before(t);
     ndli_solid_set_rhs(t);
@@ -277,6 +317,28 @@ static void ndli_solid_react(ndl_tissue *t)
     }
 }
 
+/* Work of gravity, forces and supports on the way to the end of the step; where a support's force has changed, the
+ * larger. Called with the reactions of the last step, and after with the present ones. */
+static void ndli_solid_note_work(ndl_tissue *t, int after)
+{
+    double sum = 0, size = 0;
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_vec3 x, v, a, load;
+        double support, dead;
+        if (t->role[i] == NDLI_ROW_ABSENT)
+            continue;
+        ndli_solid_arrive(t, i, &x, &v, &a);
+        x = sb_v3_sub(x, t->mesh.x[i]);
+        load = sb_v3_madd(t->force[i], t->mesh.mass[i], t->gravity);
+        support = t->role[i] == NDLI_ROW_HELD ? (double)sb_v3_dot(t->reaction[i], x) : 0;
+        dead = (double)sb_v3_dot(load, x);
+        sum += support + dead;
+        size += fabs(support) + fabs(dead);
+    }
+    t->work = after && t->work > sum ? t->work : sum;
+    t->work_unit = size + t->elastic;
+}
+
 NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
 {
     sb_vec3 x, v, a;
@@ -287,7 +349,9 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
         if (!sb_v3_is_finite(x) || !sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "the motion of node %d is not finite", i);
     }
+    ndli_solid_note_work(t, 0);
     ndli_solid_react(t);
+    ndli_solid_note_work(t, 1);
     for (int i = 0; i < t->mesh.node_end; i++) {
         if (t->role[i] == NDLI_ROW_ABSENT)
             continue;
@@ -298,6 +362,9 @@ NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
         t->has_velocity[i] = 0;
     }
     t->acceleration_known = 1;
+    t->ledger = t->next_ledger;
+    t->ledger_open = t->watched;
+    t->left_at = ndli_solid_whereabouts(t);
     return SB_OK;
 }
 
@@ -318,7 +385,9 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
     if (!tissue || !(dt > 0) || !sb_is_finite(dt))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue and dt > 0, not %g", (double)dt);
     begin = ndli_solid_now(tissue);
+    tissue->watched = tissue->integrator == NDL_NEWMARK;
     result = ndli_solid_begin(tissue, dt, info, error);
+    tissue->calm = tissue->calm && result == SB_OK;
     middle = ndli_solid_now(tissue);
     if (result == SB_OK)
         result = ndli_solid_solve(tissue, info, error);
@@ -327,6 +396,7 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
         result = ndli_solid_commit(tissue, error);
     if (result == SB_OK)
         ndli_solid_wear(tissue, info->iterations);
+    tissue->watched = tissue->calm = 0;
     info->seconds_total = ndli_solid_now(tissue) - begin;
     return result;
 }
