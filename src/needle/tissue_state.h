@@ -155,7 +155,7 @@ NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
 NDLI_API void ndli_solid_forces(ndl_tissue *t);
 /* K of those tets; returns how many there were. */
 NDLI_API int ndli_solid_stiffness(ndl_tissue *t);
-/* y = mass M x + stiffness K x in some rows; x is 0 where a row has no unknown, or whatever should act on the others. */
+/* y = mass M x + stiffness K x in some rows; where a row has no unknown x is 0, or whatever shall act on the others. */
 NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
                                        sb_vec3 *y, int first, int last);
 NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x, sb_vec3 *y);
