@@ -196,6 +196,25 @@
 #define ndl_remesh_limit ndl_remesh_limit_f32
 #define ndl_remesh_material_point ndl_remesh_material_point_f32
 #define ndl_remesh_split_count ndl_remesh_split_count_f32
+#define ndl_default_tissue_def ndl_default_tissue_def_f32
+#define ndl_tissue_create ndl_tissue_create_f32
+#define ndl_tissue_destroy ndl_tissue_destroy_f32
+#define ndl_tissue_get_mesh ndl_tissue_get_mesh_f32
+#define ndl_tissue_fix ndl_tissue_fix_f32
+#define ndl_tissue_prescribe ndl_tissue_prescribe_f32
+#define ndl_tissue_release ndl_tissue_release_f32
+#define ndl_tissue_is_held ndl_tissue_is_held_f32
+#define ndl_tissue_set_force ndl_tissue_set_force_f32
+#define ndl_tissue_set_gravity ndl_tissue_set_gravity_f32
+#define ndl_tissue_set_damping ndl_tissue_set_damping_f32
+#define ndl_tissue_set_material ndl_tissue_set_material_f32
+#define ndl_tissue_step ndl_tissue_step_f32
+#define ndl_tissue_positions ndl_tissue_positions_f32
+#define ndl_tissue_velocities ndl_tissue_velocities_f32
+#define ndl_tissue_reactions ndl_tissue_reactions_f32
+#define ndl_tissue_get_energies ndl_tissue_get_energies_f32
+#define ndl_tissue_momentum ndl_tissue_momentum_f32
+#define ndl_tissue_stiffness ndl_tissue_stiffness_f32
 #endif
 #endif
 
@@ -537,7 +556,7 @@ typedef struct ndl_tissue_mesh {
     ndl_node_change *changes;
     sb_vec3 *change_state; /* [3] x, v, a of each */
     int change_count;
-    sb_vec3 momentum;
+    sb_vec3 momentum, net_force; /* sums of m v and m a over the nodes of the change, before it */
     sb_real change_mass; /* of the tets before the change */
     void *block;
 } ndl_tissue_mesh;
@@ -685,6 +704,129 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 
 #endif /* NDL_REMESH_H */
+
+/* ==== src/needle/tissue.h ==== */
+/* tissue: the dynamics of the tissue that needles work in: corotated linear tets whose mesh changes while it moves.
+ * Floor 4. */
+#ifndef NDL_TISSUE_H
+#define NDL_TISSUE_H
+
+
+/* What a region is made of. */
+typedef struct ndl_tissue_material {
+    sb_real young;   /* Pa, > 0 */
+    sb_real poisson; /* in (-1, 0.5); tet4 lock above 0.49 */
+    sb_real density; /* kg/m^3, > 0 */
+} ndl_tissue_material;
+
+typedef enum ndl_integrator {
+    NDL_NEWMARK = 1, /* average acceleration (beta 1/4, gamma 1/2): second order */
+    NDL_EULER = 2    /* implicit Euler: first order, damps */
+} ndl_integrator;
+
+/* What a tissue is made from. Start from ndl_default_tissue_def(), set mesh and materials. */
+typedef struct ndl_tissue_def {
+    const sb_mesh *mesh;                  /* tet4 (m); copied */
+    const ndl_tissue_material *materials; /* [material_count] by region, or one for all; copied */
+    int material_count;
+    const int *fixed_nodes;   /* [fixed_count] or NULL: held where they are; see ndl_tissue_fix */
+    int fixed_count;
+    ndl_integrator integrator; /* default NDL_NEWMARK */
+    sb_real damping_mass;      /* Rayleigh alpha (1/s), >= 0; default 0 */
+    sb_real damping_stiffness; /* Rayleigh beta (s), >= 0; default 0.005: Newmark needs some in large motions */
+    sb_vec3 gravity;           /* m/s^2; default 0 */
+    sb_real slack;             /* share of nodes and tets to have in reserve, in [0, 1000]; default 0.2 */
+    sb_real lazy_angle;        /* a tet's stiffness is turned when its rotation is further than this from the one it
+                                * has (|R - R_old|, about the angle in rad), in [0, 1]: the tangent is then wrong by a
+                                * share of 2 lazy_angle at most, forces are exact. Default 0.01; 0: every step */
+    sb_real tolerance;         /* of a step's solve: sqrt(r.M^-1 r) relative to its start, in (0, 1); default 1e-3 */
+    int max_iterations;        /* of a step's solve, >= 1; default 200 */
+    sb_allocator allocator;    /* default malloc */
+    sb_jobs jobs;              /* default inline; the bits do not depend on it */
+    sb_clock clock;            /* for ndl_tissue_info's times; default NULL */
+    unsigned cookie;           /* set by ndl_default_tissue_def */
+} ndl_tissue_def;
+
+NDL_API ndl_tissue_def ndl_default_tissue_def(void);
+
+/* Functions that return an sb_result refuse a NULL tissue; the others need one. */
+typedef struct ndl_tissue ndl_tissue;
+
+/* What a step did. */
+typedef struct ndl_tissue_info {
+    int iterations;        /* of the linear solve */
+    sb_real residual;      /* sqrt(r.M^-1 r) relative to its start */
+    int capped;            /* 1: max_iterations ended the solve, whose result was taken */
+    int refreshed;         /* tets whose stiffness was turned, or is new */
+    int coarse_refreshed;  /* 1: the preconditioner's coarse matrix was made anew: every ten steps, and when dt,
+                            * damping or supports change */
+    int calmed;            /* 1: the energy had grown by more than came in, and the step was one of Euler */
+    double seconds_force;  /* with a clock, otherwise 0: rotations and forces, */
+    double seconds_matrix; /* stiffness, right-hand side and preconditioner, */
+    double seconds_solve;  /* conjugate gradients, */
+    double seconds_total;  /* and the whole call */
+} ndl_tissue_info;
+
+/* A tissue at rest in the mesh's shape. All memory that stepping needs is taken here; later only changes of the mesh
+ * ask for more, when slack is used up. On failure *tissue is untouched: SB_ERROR_ARGUMENT (field named), _MATERIAL
+ * (region named), _INDEX (fixed node), _NOT_FINITE, _MESH, _MEMORY. */
+NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error);
+NDL_API void ndl_tissue_destroy(ndl_tissue *tissue); /* NULL is fine */
+
+/* The mesh, for a remesher and for reading. x, v and a may be set between steps; fixed flags and the listener are the
+ * tissue's. Valid until the tissue is destroyed. */
+NDL_API ndl_tissue_mesh *ndl_tissue_get_mesh(ndl_tissue *tissue);
+
+/* ---- supports and loads: stay until changed ----
+ * node: a slot in use (SB_ERROR_INDEX). SB_ERROR_NOT_FINITE and SB_ERROR_ARGUMENT change nothing either. What is said
+ * of a node that a split made is forgotten when the split is undone. */
+
+/* Holds the node where it is; remeshing then leaves it where it is in the material, too. */
+NDL_API sb_result ndl_tissue_fix(ndl_tissue *tissue, int node);
+/* Holds the node, and takes it to `position` (m) in the next step, where it has `velocity` (m/s) at the end; NULL: the
+ * mean velocity of its way there. After that step it rests there. */
+NDL_API sb_result ndl_tissue_prescribe(ndl_tissue *tissue, int node, sb_vec3 position, const sb_vec3 *velocity);
+NDL_API sb_result ndl_tissue_release(ndl_tissue *tissue, int node);
+NDL_API int ndl_tissue_is_held(const ndl_tissue *tissue, int node); /* 0 also when there is no such node */
+/* Dead force (N); it replaces the one before. */
+NDL_API sb_result ndl_tissue_set_force(ndl_tissue *tissue, int node, sb_vec3 force);
+NDL_API sb_result ndl_tissue_set_gravity(ndl_tissue *tissue, sb_vec3 gravity);
+NDL_API sb_result ndl_tissue_set_damping(ndl_tissue *tissue, sb_real alpha, sb_real beta);
+/* Young's modulus and Poisson's ratio of a region (0 where one material is for all); density cannot change. */
+NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_real young, sb_real poisson,
+                                          sb_error *error);
+
+/* ---- stepping ---- */
+
+/* Advances by dt (s, > 0): one linear system, solved for accelerations a',
+ *     A a' = f(x, v) - K (dt v + dt^2 (1/2 - beta) a) - C dt (1 - gamma) a,   A = M + beta dt^2 K + gamma dt C,
+ * with lumped M, K = R K0 R^T (the corotated tangent without the change of R) and C = alpha M + beta_s K; Euler has
+ * beta = gamma = 1 and no dt^2 (1/2 - beta) a. Held nodes reach their places exactly.
+ * Linearised steps of Newmark may make energy in large motions. A ledger of energy and work sees to that: when there
+ * is a tenth more than came in, a step is done by Euler, which damps (info->calmed).
+ * Solved by conjugate gradients with 3x3 blocks and a coarse space of 6 rigid modes per about 64 nodes.
+ * info may be NULL. Failures: SB_ERROR_ARGUMENT; SB_ERROR_MEMORY, a change of the mesh found no memory for the matrix
+ * and there still is none; SB_ERROR_DIVERGED, something is not finite (node named). Then positions, velocities and
+ * accelerations are as before, and the tissue can go on. Allocates nothing but after such a change. */
+NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_info *info, sb_error *error);
+
+/* ---- readings: no allocation ----
+ * Arrays are by node slot, [mesh->node_end], of nodes in use; valid until the mesh next changes. */
+NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue);  /* m */
+NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue); /* m/s */
+/* Force (N) of the supports on the tissue at the end of the last step, 0 on free nodes: with gravity and forces the
+ * rate of momentum. */
+NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue);
+typedef struct ndl_tissue_energies {
+    sb_real elastic; /* J */
+    sb_real kinetic; /* J */
+} ndl_tissue_energies;
+NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue);
+NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue); /* kg m/s */
+/* Block (i, j) of the stiffness matrix K (N/m), as the last step used it; zeros where there is none. */
+NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j);
+
+#endif /* NDL_TISSUE_H */
 
 #endif /* NEEDLE_H */
 
@@ -3581,8 +3723,10 @@ static void ndli_tissue_affect(ndl_tissue_mesh *t, int node, int was_alive)
         return;
     t->node_mark[node] = (unsigned char)(was_alive ? NDLI_TOUCHED | NDLI_WAS_ALIVE : NDLI_TOUCHED);
     t->affected[t->affected_count++] = node;
-    if (was_alive)
+    if (was_alive) {
         t->momentum = sb_v3_madd(t->momentum, t->mass[node], t->v[node]);
+        t->net_force = sb_v3_madd(t->net_force, t->mass[node], t->a[node]);
+    }
 }
 
 /* To be called before a tet is changed, and after one is made. */
@@ -3603,7 +3747,7 @@ static void ndli_tissue_touch(ndl_tissue_mesh *t, int tet, int made, int relink)
 NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
 {
     tissue->touched_count = tissue->affected_count = tissue->change_count = 0;
-    tissue->momentum = sb_v3(0, 0, 0);
+    tissue->momentum = tissue->net_force = sb_v3(0, 0, 0);
     tissue->change_mass = 0;
 }
 
@@ -3816,26 +3960,31 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
             ndli_tissue_weigh(tissue, n);
 }
 
-/* Spreads over the change's nodes the momentum that interpolation has lost or made. */
+/* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,
+ * from which a step of Newmark takes half its momentum. */
 static void ndli_tissue_balance(ndl_tissue_mesh *t)
 {
-    sb_vec3 left = t->momentum, dv;
+    sb_vec3 left = t->momentum, force = t->net_force, dv, da;
     sb_real mass = 0;
     for (int i = 0; i < t->affected_count; i++) {
         int n = t->affected[i];
         if (!(t->node_flags[n] & NDL_NODE_ALIVE))
             continue;
         left = sb_v3_madd(left, -t->mass[n], t->v[n]);
+        force = sb_v3_madd(force, -t->mass[n], t->a[n]);
         if (!(t->node_flags[n] & NDL_NODE_FIXED))
             mass += t->mass[n];
     }
     if (!(mass > 0))
         return;
     dv = sb_v3_scale(1 / mass, left);
+    da = sb_v3_scale(1 / mass, force);
     for (int i = 0; i < t->affected_count; i++) {
         int n = t->affected[i];
-        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED))
+        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED)) {
             t->v[n] = sb_v3_add(t->v[n], dv);
+            t->a[n] = sb_v3_add(t->a[n], da);
+        }
     }
 }
 
@@ -5792,6 +5941,2355 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
 {
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
+}
+
+/* ==== src/needle/tissue_state.h ==== */
+/* tissue_state: what is inside a tissue. Floor 4, internal: tissue_matrix.c keeps the stiffness up to date with mesh
+ * and rotations, tissue_precond.c preconditions, tissue_step.c steps; a room above couples rods to it.
+ *
+ * K is stored by nodes and edges of the mesh. A row holds the blocks right of and left of the diagonal, sorted by
+ * column, in a piece of one pool that has room to spare; pieces come in a few sizes and are used again through a list
+ * for each. An edge knows its two blocks and, as a ring, the tets that add to them; a tet knows its six edges. So a
+ * step finds every block by index, and a change of topology touches the edges of changed tets only. Rows and rings are
+ * sorted: the sums form in one order whatever the history, and K is a function of the mesh and the rotations, bit by
+ * bit. (The other way, subtracting a tet's old blocks and adding the new, drifts.)
+ */
+#ifndef NDL_TISSUE_STATE_H
+#define NDL_TISSUE_STATE_H
+
+
+/* How a node takes part in a solve. */
+enum {
+    NDLI_ROW_FREE = 0,
+    NDLI_ROW_HELD = 1,    /* fixed or prescribed: no unknown */
+    NDLI_ROW_ABSENT = 2,  /* slot not in use */
+    NDLI_ROW_COUPLED = 3  /* unknown, but left to another block of the preconditioner (a rod's) */
+};
+
+/* Rows and edges per task: fixed, so that partial sums do not depend on threads. */
+enum { NDLI_SOLID_CHUNK = 256, NDLI_SOLID_BATCHES = 8 };
+
+/* Pieces of the pool have (class + 1) NDLI_SOLID_PIECE places. */
+enum { NDLI_SOLID_PIECE = 4, NDLI_SOLID_CLASSES = 64 };
+
+/* Coefficients of a step of dt: dx = dt v + dt^2 (c0 a + beta a'), dv = dt ((1 - gamma) a + gamma a'),
+ * A = mass M + stiffness K. */
+typedef struct ndli_solid_scheme {
+    sb_real dt, c0, beta, gamma;
+    sb_real mass, stiffness;
+} ndli_solid_scheme;
+
+/* The coarse space: six rigid modes of each aggregate of nodes. u = t + w x arm. */
+typedef struct ndli_solid_coarse {
+    int count;          /* aggregates */
+    int width;          /* of the band */
+    int usable;         /* 1: the factor is there */
+    int age;            /* steps since it was made; 0: to be made */
+    int fresh_iterations; /* of the step it was made for */
+    int wasted;         /* iterations beyond those in the steps since */
+    int listed;         /* 1: lists are those of the present nodes */
+    sb_real made_mass, made_stiffness; /* coefficients it was made with */
+    int *start;         /* [count + 1] into nodes */
+    sb_vec3 *centre;    /* [count] (m) */
+    sb_real *inverse_radius; /* [count] (1/m) */
+    double *factor;     /* [6 count][width + 1], room for a full one */
+    double *unknown;    /* [6 count] */
+    void *block;
+} ndli_solid_coarse;
+
+struct ndl_tissue {
+    ndl_tissue_mesh mesh;
+    sb_allocator allocator;
+    sb_jobs jobs;
+    sb_clock clock;
+    ndl_integrator integrator;
+    sb_real damping_mass, damping_stiffness;
+    sb_vec3 gravity;
+    sb_real lazy_angle, tolerance;
+    int max_iterations;
+    sb_real *lame; /* [material_count][2] lambda, mu (Pa) */
+    int material_count;
+
+    /* nodes: [node_room], vectors with one more to be read beyond */
+    int node_room;
+    sb_vec3 *force, *target, *target_velocity, *reaction;
+    unsigned char *role;         /* NDLI_ROW_... */
+    unsigned char *has_velocity; /* 1: target_velocity was given */
+    unsigned char *node_dirty;   /* 1: a block of the row has changed */
+    int *row_start, *row_count, *row_class; /* class -1: no piece */
+    sb_real (*diagonal)[9];      /* K_ii (N/m) */
+    sb_real (*inverse)[9];       /* A_ii^-1; zeros unless free */
+    int *aggregate;
+    int *coarse_nodes;           /* nodes by aggregate */
+    sb_vec3 *arm;                /* from the aggregate's centre, over its radius */
+    int *scratch;                /* zeros between uses */
+    sb_vec3 *seen_x;             /* x at which forces and matrix were evaluated */
+    sb_vec3 *internal;           /* elastic force on the nodes (N) */
+    sb_vec3 *way;                /* what K acts on for the right-hand side (m) */
+    sb_vec3 *rhs, *unknown, *residual, *search, *correction, *product;
+    sb_vec3 *before;             /* accelerations at the start of the step (m/s^2) */
+    double *partial;             /* [chunks][2] */
+    void *node_block;
+
+    /* tets: [tet_room]; lanes in batches of SB_POLAR_LANES */
+    int tet_room;
+    sb_real *gradients;   /* [batch][9][lanes] of nodes 1..3 (1/m) */
+    sb_real *moduli;      /* [batch][2][lanes] V lambda, V mu (J); 0: slot not in use */
+    sb_real *quats;       /* [batch][4][lanes] */
+    sb_real *old_quats;   /* [batch][4][lanes] of the stiffness */
+    sb_real *rotated;     /* [tet_room][16] R g of 4 nodes, V lambda, V mu, 0, 0: of the stiffness */
+    sb_vec3 *corner_force; /* [4 tet_room] (N) */
+    int *tet_edges;       /* [6 tet_room] or -1 */
+    int *ring_next;       /* [6 tet_room] code 2 (6 t + pair) + flip of the next in the edge's ring, or -1 */
+    unsigned char *stale_tet; /* 1: its stiffness is to be turned whatever its rotation */
+    unsigned char *turned;    /* 1: its stiffness was turned in the present evaluation */
+    double *batch_energy; /* [batch] (J) */
+    void *tet_block;
+
+    /* edges: [edge_room] */
+    int edge_room, edge_end, free_edge;
+    int *edge_nodes;      /* [2] nodes i < j; i < 0: not in use */
+    int *edge_slots;      /* [2] places of (i, j) and (j, i) in the pool; free edges: [0] is the next */
+    int *edge_ring;       /* first code */
+    unsigned char *edge_dirty;
+    void *edge_block;
+
+    /* pool of rows: [slot_room] */
+    int slot_room, slot_end;
+    int free_pieces[NDLI_SOLID_CLASSES]; /* first place, linked through columns; -1 */
+    int *columns, *slot_edge;
+    sb_real (*blocks)[9]; /* with one sb_real to spare */
+    void *slot_block;
+
+    ndli_solid_coarse coarse;
+    int broken;             /* 1: a change of the mesh found no memory: rows and edges are to be made anew */
+    int changed;            /* 1: mesh, materials or supports changed since the last evaluation */
+    int seen_end;           /* node_end of seen_x, 0: none */
+    int acceleration_known;
+    double elastic;         /* J, at seen_x */
+
+    /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
+     * and steps with more take Euler, which damps. */
+    int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
+    int ledger_open;
+    double ledger, next_ledger; /* J, before and after the present step is committed */
+    double work;            /* J, of gravity, forces and supports in the last step */
+    double work_unit;       /* J, sizes of its terms: for rounding */
+    double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
+
+    ndli_solid_scheme scheme;
+    int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
+};
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- tissue_matrix: rest data, rows, edges, forces and stiffness ---- */
+
+SB_INLINE int ndli_solid_chunks(int count) { return count / NDLI_SOLID_CHUNK + (count % NDLI_SOLID_CHUNK != 0); }
+SB_INLINE int ndli_solid_is_node(const ndl_tissue *t, int node)
+{
+    return node >= 0 && node < t->mesh.node_end && t->mesh.node_flags[node] != 0;
+}
+/* Memory for so many node and tet slots (the mesh's capacities), and all rows, edges and rest data made anew from the
+ * mesh. 0: no memory; what nodes know (supports, loads) is kept either way. */
+NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
+/* The mesh's listener. */
+NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
+/* Rest data of a tet from mesh and materials. */
+NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
+/* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
+NDLI_API void ndli_solid_forces(ndl_tissue *t);
+/* K of those tets; returns how many there were. */
+NDLI_API int ndli_solid_stiffness(ndl_tissue *t);
+/* y = mass M x + stiffness K x in some rows; where a row has no unknown x is 0, or whatever shall act on the others. */
+NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
+                                       sb_vec3 *y, int first, int last);
+NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x, sb_vec3 *y);
+/* Place of block (i, j), i != j, in the pool, or -1: no edge joins them. O(log row). */
+NDLI_API int ndli_solid_find(const ndl_tissue *t, int i, int j);
+NDLI_API void ndli_solid_free(ndl_tissue *t);
+
+/* ---- tissue ---- */
+
+/* NDLI_ROW_FREE, _HELD or _COUPLED of a node in use. */
+NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role);
+
+/* ---- tissue_precond ---- */
+
+NDLI_API int ndli_solid_coarse_create(ndl_tissue *t);
+/* A_ii^-1 where it changed, the coarse matrix when it is due; returns 1 when that was made. */
+NDLI_API int ndli_solid_precond_update(ndl_tissue *t);
+/* z = M^-1 r on free rows, 0 elsewhere: blocks and coarse space. Returns r.z. */
+NDLI_API double ndli_solid_precondition(ndl_tissue *t, const sb_vec3 *r, sb_vec3 *z);
+/* Nodes that a change made get the aggregate of the nearest source. */
+NDLI_API void ndli_solid_coarse_changed(ndl_tissue *t, const ndl_mesh_change *change);
+
+/* ---- tissue_step ---- */
+
+/* A step in parts, for those who solve it together with something else. begin: forces, K, scheme, preconditioner and
+ * the right-hand side `rhs` of A a' = rhs on rows with an unknown (0 elsewhere; what held nodes do is in it).
+ * A = scheme.mass M + scheme.stiffness K. Nothing of the state changes before commit. */
+NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error);
+/* unknown = A^-1 rhs from 0. */
+NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error);
+/* x, v, a at the end of the step from the accelerations `unknown`; SB_ERROR_DIVERGED changes nothing. */
+NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error);
+/* After commit: how many iterations the step took, which tells when the coarse matrix is worn. */
+NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations);
+/* A_ii, and A_ij (0 and zeros when no edge joins them). */
+NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node);
+NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block);
+#endif
+
+#endif /* NDL_TISSUE_STATE_H */
+
+/* ==== src/needle/tissue_matrix.c ==== */
+/* tissue_matrix: rest data, rotations, forces, and the stiffness matrix that follows a mesh whose topology changes. */
+
+
+#include <limits.h>
+#include <string.h>
+
+enum { NDLI_LANES = SB_POLAR_LANES };
+
+/* Corners of the six edges of a tet. */
+static const int ndli_solid_pair[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+
+/* ---- memory ---- */
+
+static void ndli_solid_layout_nodes(ndl_tissue *t, sbi_arena *arena, size_t nodes)
+{
+    size_t chunks = nodes / NDLI_SOLID_CHUNK + 1;
+    sb_vec3 **vectors[15];
+    int **ints[6];
+    vectors[0] = &t->force, vectors[1] = &t->target, vectors[2] = &t->target_velocity, vectors[3] = &t->reaction;
+    vectors[4] = &t->arm, vectors[5] = &t->seen_x, vectors[6] = &t->internal, vectors[7] = &t->way;
+    vectors[8] = &t->rhs, vectors[9] = &t->unknown, vectors[10] = &t->residual, vectors[11] = &t->search;
+    vectors[12] = &t->product, vectors[13] = &t->correction, vectors[14] = &t->before;
+    ints[0] = &t->row_start, ints[1] = &t->row_count, ints[2] = &t->row_class, ints[3] = &t->aggregate;
+    ints[4] = &t->coarse_nodes, ints[5] = &t->scratch;
+    for (int i = 0; i < 15; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes + 1, sizeof(sb_vec3));
+    for (int i = 0; i < 6; i++)
+        *ints[i] = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    t->diagonal = (sb_real(*)[9])sbi_arena_take(arena, nodes, sizeof t->diagonal[0]);
+    t->inverse = (sb_real(*)[9])sbi_arena_take(arena, nodes, sizeof t->inverse[0]);
+    t->partial = (double *)sbi_arena_take(arena, chunks, 2 * sizeof(double));
+    t->role = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    t->has_velocity = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    t->node_dirty = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+}
+
+static void ndli_solid_layout_tets(ndl_tissue *t, sbi_arena *arena, size_t tets)
+{
+    size_t lanes = (tets + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
+    t->gradients = (sb_real *)sbi_arena_take(arena, lanes, 9 * sizeof(sb_real));
+    t->moduli = (sb_real *)sbi_arena_take(arena, lanes, 2 * sizeof(sb_real));
+    t->quats = (sb_real *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_real));
+    t->old_quats = (sb_real *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_real));
+    t->rotated = (sb_real *)sbi_arena_take(arena, lanes, 16 * sizeof(sb_real));
+    t->corner_force = (sb_vec3 *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_vec3));
+    t->batch_energy = (double *)sbi_arena_take(arena, lanes / NDLI_LANES, sizeof(double));
+    t->tet_edges = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
+    t->ring_next = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
+    t->stale_tet = (unsigned char *)sbi_arena_take(arena, lanes, 1);
+    t->turned = (unsigned char *)sbi_arena_take(arena, lanes, 1);
+}
+
+static void ndli_solid_layout_edges(ndl_tissue *t, sbi_arena *arena, size_t edges)
+{
+    t->edge_nodes = (int *)sbi_arena_take(arena, edges, 2 * sizeof(int));
+    t->edge_slots = (int *)sbi_arena_take(arena, edges, 2 * sizeof(int));
+    t->edge_ring = (int *)sbi_arena_take(arena, edges, sizeof(int));
+    t->edge_dirty = (unsigned char *)sbi_arena_take(arena, edges, 1);
+}
+
+static void ndli_solid_layout_slots(ndl_tissue *t, sbi_arena *arena, size_t slots)
+{
+    t->blocks = (sb_real(*)[9])sbi_arena_take(arena, slots + 1, sizeof t->blocks[0]);
+    t->columns = (int *)sbi_arena_take(arena, slots, sizeof(int));
+    t->slot_edge = (int *)sbi_arena_take(arena, slots, sizeof(int));
+}
+
+typedef void (*ndli_solid_layout)(ndl_tissue *t, sbi_arena *arena, size_t count);
+
+/* Points the layout's arrays of *t into a fresh block of zeros; NULL: no memory, *t as it was. */
+static void *ndli_solid_allocate(ndl_tissue *t, ndli_solid_layout layout, int count)
+{
+    ndl_tissue made = *t;
+    sbi_arena arena;
+    memset(&arena, 0, sizeof arena);
+    layout(&made, &arena, (size_t)count);
+    if (arena.overflow)
+        return NULL;
+    arena.base = (unsigned char *)sbi_alloc_zeroed(&t->allocator, arena.used, 1);
+    if (!arena.base)
+        return NULL;
+    arena.used = 0;
+    layout(t, &arena, (size_t)count);
+    return arena.base;
+}
+
+/* Room for half as many again. The callers keep count below INT_MAX / 2. */
+static int ndli_solid_more(int count)
+{
+    int64_t roomy = (int64_t)count + count / 2 + 64;
+    return roomy < INT_MAX / 2 ? (int)roomy : INT_MAX / 2;
+}
+
+static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
+{
+    ndl_tissue old = *t;
+    size_t n = (size_t)old.node_room;
+    void *block = ndli_solid_allocate(t, ndli_solid_layout_nodes, room);
+    if (!block)
+        return 0;
+    if (n > 0) {
+        memcpy(t->force, old.force, n * sizeof(sb_vec3));
+        memcpy(t->target, old.target, n * sizeof(sb_vec3));
+        memcpy(t->target_velocity, old.target_velocity, n * sizeof(sb_vec3));
+        memcpy(t->reaction, old.reaction, n * sizeof(sb_vec3));
+        memcpy(t->arm, old.arm, n * sizeof(sb_vec3));
+        memcpy(t->row_start, old.row_start, n * sizeof(int));
+        memcpy(t->row_count, old.row_count, n * sizeof(int));
+        memcpy(t->row_class, old.row_class, n * sizeof(int));
+        memcpy(t->aggregate, old.aggregate, n * sizeof(int));
+        memcpy(t->coarse_nodes, old.coarse_nodes, n * sizeof(int));
+        memcpy(t->diagonal, old.diagonal, n * sizeof t->diagonal[0]);
+        memcpy(t->inverse, old.inverse, n * sizeof t->inverse[0]);
+        memcpy(t->role, old.role, n);
+        memcpy(t->has_velocity, old.has_velocity, n);
+        memcpy(t->node_dirty, old.node_dirty, n);
+    }
+    for (int i = old.node_room; i < room; i++) {
+        t->role[i] = NDLI_ROW_ABSENT;
+        t->row_class[i] = -1;
+    }
+    sbi_free(&t->allocator, old.node_block);
+    t->node_block = block;
+    t->node_room = room;
+    t->seen_end = 0;
+    return 1;
+}
+
+static int ndli_solid_grow_tets(ndl_tissue *t, int room)
+{
+    ndl_tissue old = *t;
+    size_t n = (size_t)old.tet_room, lanes = (n + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
+    size_t all = ((size_t)room + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
+    int fits = room < INT_MAX / 12 - NDLI_LANES; /* the codes of rings are ints */
+    void *block = fits ? ndli_solid_allocate(t, ndli_solid_layout_tets, room) : NULL;
+    if (!block)
+        return 0;
+    for (size_t k = 0; k < 6 * all; k++)
+        t->tet_edges[k] = t->ring_next[k] = -1;
+    for (size_t k = 0; k < 4 * all; k++)
+        t->quats[k] = t->old_quats[k] = (k / NDLI_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+    if (n > 0) {
+        memcpy(t->gradients, old.gradients, lanes * 9 * sizeof(sb_real));
+        memcpy(t->moduli, old.moduli, lanes * 2 * sizeof(sb_real));
+        memcpy(t->quats, old.quats, lanes * 4 * sizeof(sb_real));
+        memcpy(t->old_quats, old.old_quats, lanes * 4 * sizeof(sb_real));
+        memcpy(t->rotated, old.rotated, lanes * 16 * sizeof(sb_real));
+        memcpy(t->tet_edges, old.tet_edges, lanes * 6 * sizeof(int));
+        memcpy(t->ring_next, old.ring_next, lanes * 6 * sizeof(int));
+        memcpy(t->stale_tet, old.stale_tet, lanes);
+    }
+    sbi_free(&t->allocator, old.tet_block);
+    t->tet_block = block;
+    t->tet_room = room;
+    t->seen_end = 0;
+    return 1;
+}
+
+static int ndli_solid_grow_edges(ndl_tissue *t, int room)
+{
+    ndl_tissue old = *t;
+    size_t n = (size_t)old.edge_end;
+    void *block = ndli_solid_allocate(t, ndli_solid_layout_edges, room);
+    if (!block)
+        return 0;
+    if (n > 0) {
+        memcpy(t->edge_nodes, old.edge_nodes, 2 * n * sizeof(int));
+        memcpy(t->edge_slots, old.edge_slots, 2 * n * sizeof(int));
+        memcpy(t->edge_ring, old.edge_ring, n * sizeof(int));
+        memcpy(t->edge_dirty, old.edge_dirty, n);
+    }
+    sbi_free(&t->allocator, old.edge_block);
+    t->edge_block = block;
+    t->edge_room = room;
+    return 1;
+}
+
+static int ndli_solid_grow_slots(ndl_tissue *t, int room)
+{
+    ndl_tissue old = *t;
+    size_t n = (size_t)old.slot_end;
+    void *block = ndli_solid_allocate(t, ndli_solid_layout_slots, room);
+    if (!block)
+        return 0;
+    if (n > 0) {
+        memcpy(t->blocks, old.blocks, n * sizeof t->blocks[0]);
+        memcpy(t->columns, old.columns, n * sizeof(int));
+        memcpy(t->slot_edge, old.slot_edge, n * sizeof(int));
+    }
+    sbi_free(&t->allocator, old.slot_block);
+    t->slot_block = block;
+    t->slot_room = room;
+    return 1;
+}
+
+NDLI_API void ndli_solid_free(ndl_tissue *t)
+{
+    sbi_free(&t->allocator, t->node_block);
+    sbi_free(&t->allocator, t->tet_block);
+    sbi_free(&t->allocator, t->edge_block);
+    sbi_free(&t->allocator, t->slot_block);
+    sbi_free(&t->allocator, t->coarse.block);
+}
+
+/* ---- rest data ---- */
+
+NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    const int *n = mesh->tets + 4 * (size_t)tet;
+    size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
+    sb_real *g = t->gradients + batch * 9 * NDLI_LANES + lane, *m = t->moduli + batch * 2 * NDLI_LANES + lane;
+    const sb_real *lame = t->lame + 2 * (size_t)(t->material_count == 1 ? 0 : mesh->regions[tet]);
+    sb_vec3 a = sb_v3_sub(mesh->X[n[1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->X[n[2]], mesh->X[n[0]]);
+    sb_vec3 c = sb_v3_sub(mesh->X[n[3]], mesh->X[n[0]]), rows[3];
+    sb_real inverse = 1 / sb_v3_dot(a, sb_v3_cross(b, c));
+    rows[0] = sb_v3_scale(inverse, sb_v3_cross(b, c));
+    rows[1] = sb_v3_scale(inverse, sb_v3_cross(c, a));
+    rows[2] = sb_v3_scale(inverse, sb_v3_cross(a, b));
+    for (int k = 0; k < 3; k++) {
+        g[(3 * k) * NDLI_LANES] = rows[k].x;
+        g[(3 * k + 1) * NDLI_LANES] = rows[k].y;
+        g[(3 * k + 2) * NDLI_LANES] = rows[k].z;
+    }
+    m[0] = mesh->volumes[tet] * lame[0];
+    m[NDLI_LANES] = mesh->volumes[tet] * lame[1];
+    t->stale_tet[tet] = 1;
+}
+
+/* A slot out of use: no stiffness, no rotation. */
+static void ndli_solid_blank(ndl_tissue *t, int tet)
+{
+    size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
+    for (size_t k = 0; k < 9; k++)
+        t->gradients[(batch * 9 + k) * NDLI_LANES + lane] = 0;
+    for (size_t k = 0; k < 2; k++)
+        t->moduli[(batch * 2 + k) * NDLI_LANES + lane] = 0;
+    for (size_t k = 0; k < 4; k++)
+        t->quats[(batch * 4 + k) * NDLI_LANES + lane] = k == 0 ? (sb_real)1 : (sb_real)0;
+    t->stale_tet[tet] = 0;
+}
+
+/* ---- rows ---- */
+
+/* First place of a piece; -1: no memory. */
+static int ndli_solid_take_piece(ndl_tissue *t, int size_class)
+{
+    int places = (size_class + 1) * NDLI_SOLID_PIECE, start;
+    if (size_class < NDLI_SOLID_CLASSES && t->free_pieces[size_class] >= 0) {
+        start = t->free_pieces[size_class];
+        t->free_pieces[size_class] = t->columns[start];
+        return start;
+    }
+    if (places > t->slot_room - t->slot_end) {
+        if (t->slot_end > INT_MAX / 4 - places ||
+            !ndli_solid_grow_slots(t, ndli_solid_more(t->slot_end + places)))
+            return -1;
+    }
+    start = t->slot_end;
+    t->slot_end += places;
+    return start;
+}
+
+/* Pieces too large for a list are lost until the next rebuild: a node with hundreds of neighbours is a rare thing. */
+static void ndli_solid_give_piece(ndl_tissue *t, int start, int size_class)
+{
+    if (size_class < 0 || size_class >= NDLI_SOLID_CLASSES)
+        return;
+    t->columns[start] = t->free_pieces[size_class];
+    t->free_pieces[size_class] = start;
+}
+
+static int ndli_solid_class_of(int count) { return (count + NDLI_SOLID_PIECE - 1) / NDLI_SOLID_PIECE - 1; }
+
+/* Tells the edges of the places [from, end) of row i where their blocks are now. */
+static void ndli_solid_renumber(ndl_tissue *t, int i, int from)
+{
+    int end = t->row_start[i] + t->row_count[i];
+    for (int s = from; s < end; s++) {
+        int e = t->slot_edge[s];
+        t->edge_slots[2 * (size_t)e + (t->edge_nodes[2 * (size_t)e] == i ? 0 : 1)] = s;
+    }
+}
+
+/* A larger piece for row i. */
+static int ndli_solid_widen(ndl_tissue *t, int i)
+{
+    int old = t->row_start[i], size_class = t->row_class[i] + 1, start = ndli_solid_take_piece(t, size_class);
+    size_t count = (size_t)t->row_count[i];
+    if (start < 0)
+        return 0;
+    if (count > 0) {
+        memcpy(t->columns + start, t->columns + old, count * sizeof(int));
+        memcpy(t->slot_edge + start, t->slot_edge + old, count * sizeof(int));
+        memcpy(t->blocks + start, t->blocks + old, count * sizeof t->blocks[0]);
+    }
+    ndli_solid_give_piece(t, old, t->row_class[i]);
+    t->row_start[i] = start;
+    t->row_class[i] = size_class;
+    ndli_solid_renumber(t, i, start);
+    return 1;
+}
+
+/* First place in row i whose column is not below j. */
+static int ndli_solid_place(const ndl_tissue *t, int i, int j)
+{
+    int low = t->row_start[i], high = low + t->row_count[i];
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (t->columns[middle] < j)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+NDLI_API int ndli_solid_find(const ndl_tissue *t, int i, int j)
+{
+    int place = ndli_solid_place(t, i, j);
+    return place < t->row_start[i] + t->row_count[i] && t->columns[place] == j ? place : -1;
+}
+
+/* A zero block for `edge` in row i; 0: no memory. */
+static int ndli_solid_put_block(ndl_tissue *t, int i, int j, int edge)
+{
+    int place, end;
+    if (t->row_count[i] == (t->row_class[i] + 1) * NDLI_SOLID_PIECE && !ndli_solid_widen(t, i))
+        return 0;
+    place = ndli_solid_place(t, i, j);
+    end = t->row_start[i] + t->row_count[i];
+    memmove(t->columns + place + 1, t->columns + place, (size_t)(end - place) * sizeof(int));
+    memmove(t->slot_edge + place + 1, t->slot_edge + place, (size_t)(end - place) * sizeof(int));
+    memmove(t->blocks + place + 1, t->blocks + place, (size_t)(end - place) * sizeof t->blocks[0]);
+    t->columns[place] = j;
+    t->slot_edge[place] = edge;
+    memset(t->blocks[place], 0, sizeof t->blocks[0]);
+    t->row_count[i]++;
+    ndli_solid_renumber(t, i, place);
+    return 1;
+}
+
+static void ndli_solid_drop_block(ndl_tissue *t, int i, int place)
+{
+    int end = t->row_start[i] + t->row_count[i], rest = end - place - 1;
+    memmove(t->columns + place, t->columns + place + 1, (size_t)rest * sizeof(int));
+    memmove(t->slot_edge + place, t->slot_edge + place + 1, (size_t)rest * sizeof(int));
+    memmove(t->blocks + place, t->blocks + place + 1, (size_t)rest * sizeof t->blocks[0]);
+    t->row_count[i]--;
+    t->node_dirty[i] = 1;
+    ndli_solid_renumber(t, i, place);
+    if (t->row_count[i] == 0) {
+        ndli_solid_give_piece(t, t->row_start[i], t->row_class[i]);
+        t->row_class[i] = -1;
+    }
+}
+
+/* ---- edges ---- */
+
+static int ndli_solid_take_edge(ndl_tissue *t)
+{
+    int edge = t->free_edge;
+    if (edge >= 0) {
+        t->free_edge = t->edge_slots[2 * (size_t)edge];
+        return edge;
+    }
+    if (t->edge_end == t->edge_room &&
+        (t->edge_end > INT_MAX / 16 || !ndli_solid_grow_edges(t, ndli_solid_more(t->edge_end))))
+        return -1;
+    return t->edge_end++;
+}
+
+/* A new edge i < j without tets; -1: no memory. */
+static int ndli_solid_make_edge(ndl_tissue *t, int i, int j)
+{
+    int edge = ndli_solid_take_edge(t);
+    if (edge < 0)
+        return -1;
+    t->edge_nodes[2 * (size_t)edge] = i;
+    t->edge_nodes[2 * (size_t)edge + 1] = j;
+    t->edge_ring[edge] = -1;
+    if (!ndli_solid_put_block(t, i, j, edge) || !ndli_solid_put_block(t, j, i, edge))
+        return -1; /* the caller gives up: all is made anew */
+    return edge;
+}
+
+static void ndli_solid_drop_edge(ndl_tissue *t, int edge)
+{
+    int *nodes = t->edge_nodes + 2 * (size_t)edge, *slots = t->edge_slots + 2 * (size_t)edge;
+    ndli_solid_drop_block(t, nodes[0], slots[0]);
+    ndli_solid_drop_block(t, nodes[1], slots[1]);
+    nodes[0] = nodes[1] = -1;
+    slots[0] = t->free_edge;
+    t->free_edge = edge;
+    t->edge_dirty[edge] = 0;
+}
+
+/* Takes a tet out of the rings of its edges, and edges without tets away. */
+static void ndli_solid_leave(ndl_tissue *t, int tet)
+{
+    for (int p = 0; p < 6; p++) {
+        int at = 6 * tet + p, edge = t->tet_edges[at], *link;
+        if (edge < 0)
+            continue;
+        for (link = t->edge_ring + edge; *link >> 1 != at; link = t->ring_next + (*link >> 1))
+            continue;
+        *link = t->ring_next[at];
+        t->tet_edges[at] = -1;
+        t->edge_dirty[edge] = 1;
+        if (t->edge_ring[edge] < 0)
+            ndli_solid_drop_edge(t, edge);
+    }
+}
+
+/* Puts a tet into the rings of its edges; 0: no memory. */
+static int ndli_solid_join(ndl_tissue *t, int tet)
+{
+    const int *n = t->mesh.tets + 4 * (size_t)tet;
+    for (int p = 0; p < 6; p++) {
+        int a = n[ndli_solid_pair[p][0]], b = n[ndli_solid_pair[p][1]], flip = a > b, at = 6 * tet + p, *link;
+        int i = flip ? b : a, j = flip ? a : b;
+        int place = t->row_count[i] > 0 ? ndli_solid_find(t, i, j) : -1;
+        int edge = place >= 0 ? t->slot_edge[place] : ndli_solid_make_edge(t, i, j);
+        if (edge < 0)
+            return 0;
+        for (link = t->edge_ring + edge; *link >= 0 && *link >> 1 < at; link = t->ring_next + (*link >> 1))
+            continue;
+        t->ring_next[at] = *link;
+        *link = 2 * at + flip;
+        t->tet_edges[at] = edge;
+        t->edge_dirty[edge] = 1;
+    }
+    return 1;
+}
+
+/* 1 when the tet's edges are those of its nodes. */
+static int ndli_solid_is_joined(const ndl_tissue *t, int tet)
+{
+    const int *n = t->mesh.tets + 4 * (size_t)tet;
+    for (int p = 0; p < 6; p++) {
+        int edge = t->tet_edges[6 * tet + p], a = n[ndli_solid_pair[p][0]], b = n[ndli_solid_pair[p][1]];
+        if (edge < 0 || t->edge_nodes[2 * (size_t)edge] != sbi_min_int(a, b) ||
+            t->edge_nodes[2 * (size_t)edge + 1] != sbi_max_int(a, b))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- all anew ---- */
+
+/* Rows laid out one after the other with room for two more blocks each, so that a new mesh lies in memory in the order
+ * it is read. Columns come later. Uses scratch. */
+static int ndli_solid_lay_rows(ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    int64_t slots = 0, edges = 0;
+    for (int i = 0; i < mesh->node_end; i++) {
+        int count = 0;
+        t->scratch[i] = i + 1; /* a node's mark is the last row that has met it: no clearing between rows */
+        for (int k = mesh->node_flags[i] ? mesh->node_star[i] : -1; k >= 0; k = mesh->corner_next[k])
+            for (int c = 0; c < 4; c++) {
+                int j = mesh->tets[4 * (size_t)(k / 4) + (size_t)c];
+                count += t->scratch[j] != i + 1;
+                t->scratch[j] = i + 1;
+            }
+        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + 2) : -1;
+        t->row_start[i] = (int)slots;
+        t->row_count[i] = 0;
+        t->node_dirty[i] = 1;
+        slots += (int64_t)(t->row_class[i] + 1) * NDLI_SOLID_PIECE;
+        edges += count;
+        if (slots > INT_MAX / 8)
+            break;
+    }
+    memset(t->scratch, 0, (size_t)mesh->node_end * sizeof(int));
+    if (slots > INT_MAX / 8)
+        return 0;
+    t->slot_end = 0; /* nothing worth copying */
+    t->edge_end = 0;
+    if (slots > t->slot_room && !ndli_solid_grow_slots(t, ndli_solid_more((int)slots)))
+        return 0;
+    if (edges / 2 > t->edge_room && !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2))))
+        return 0;
+    t->slot_end = (int)slots;
+    return 1;
+}
+
+NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    t->broken = 1;
+    t->changed = 1;
+    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity))
+        return 0;
+    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity))
+        return 0;
+    t->free_edge = -1;
+    for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
+        t->free_pieces[k] = -1;
+    if (!ndli_solid_lay_rows(t))
+        return 0;
+    for (int i = 0; i < mesh->node_end; i++) {
+        if (!mesh->node_flags[i])
+            t->role[i] = NDLI_ROW_ABSENT;
+        else if (t->role[i] == NDLI_ROW_ABSENT)
+            t->role[i] = NDLI_ROW_FREE;
+    }
+    for (int e = 0; e < t->tet_room; e++)
+        for (int p = 0; p < 6; p++)
+            t->tet_edges[6 * e + p] = -1;
+    for (int e = 0; e < t->tet_room; e++) {
+        if (e >= mesh->tet_end || mesh->tets[4 * (size_t)e] < 0) {
+            ndli_solid_blank(t, e);
+            continue;
+        }
+        ndli_solid_measure(t, e);
+        if (!ndli_solid_join(t, e))
+            return 0;
+    }
+    t->broken = 0;
+    t->inverse_valid = 0;
+    return 1;
+}
+
+/* ---- changes of the mesh ---- */
+
+static void ndli_solid_forget_node(ndl_tissue *t, int node, int role)
+{
+    t->role[node] = (unsigned char)role;
+    t->force[node] = t->reaction[node] = sb_v3(0, 0, 0);
+    t->has_velocity[node] = 0;
+    t->node_dirty[node] = 1;
+}
+
+static int ndli_solid_change_tets(ndl_tissue *t, const ndl_mesh_change *change)
+{
+    for (int i = 0; i < change->removed_count; i++) {
+        ndli_solid_leave(t, change->removed[i]);
+        ndli_solid_blank(t, change->removed[i]);
+    }
+    for (int i = 0; i < change->changed_count; i++)
+        if (!ndli_solid_is_joined(t, change->changed[i]))
+            ndli_solid_leave(t, change->changed[i]);
+    for (int i = 0; i < change->changed_count; i++) {
+        ndli_solid_measure(t, change->changed[i]);
+        if (t->tet_edges[6 * change->changed[i]] < 0 && !ndli_solid_join(t, change->changed[i]))
+            return 0;
+    }
+    for (int i = 0; i < change->created_count; i++) {
+        ndli_solid_measure(t, change->created[i]);
+        if (!ndli_solid_join(t, change->created[i]))
+            return 0;
+    }
+    return 1;
+}
+
+NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
+{
+    ndl_tissue *t = (ndl_tissue *)user;
+    t->changed = 1;
+    if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
+        (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
+        t->broken = 1;
+    for (int i = 0; i < change->removed_node_count; i++)
+        if (change->removed_nodes[i] < t->node_room)
+            ndli_solid_forget_node(t, change->removed_nodes[i], NDLI_ROW_ABSENT);
+    for (int i = 0; i < change->node_count; i++) {
+        int node = change->nodes[i].node;
+        if (change->nodes[i].created && node < t->node_room)
+            ndli_solid_forget_node(t, node, t->mesh.node_flags[node] ? NDLI_ROW_FREE : NDLI_ROW_ABSENT);
+    }
+    ndli_solid_coarse_changed(t, change);
+    if (!t->broken && !ndli_solid_change_tets(t, change))
+        t->broken = 1;
+}
+
+/* ---- rotations and forces: a batch of tets at a time ---- */
+
+/* Displacements of nodes 1..3 relative to node 0: of them, not of positions, so that rest is exact wherever it is. */
+static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*d)[NDLI_LANES])
+{
+    for (int l = 0; l < NDLI_LANES; l++) {
+        int tet = batch * NDLI_LANES + l;
+        const int *n = mesh->tets + 4 * (size_t)tet;
+        sb_vec3 u0;
+        if (tet >= mesh->tet_end || n[0] < 0) {
+            for (int k = 0; k < 9; k++)
+                d[k][l] = 0;
+            continue;
+        }
+        u0 = sb_v3_sub(mesh->x[n[0]], mesh->X[n[0]]);
+        for (int a = 0; a < 3; a++) {
+            sb_vec3 u = sb_v3_sub(sb_v3_sub(mesh->x[n[a + 1]], mesh->X[n[a + 1]]), u0);
+            d[3 * a][l] = u.x;
+            d[3 * a + 1][l] = u.y;
+            d[3 * a + 2][l] = u.z;
+        }
+    }
+}
+
+/* out[3 a + i] = sum_j m[3 i + j] g[3 a + j], lane by lane. */
+SBI_FORCE_INLINE void ndli_solid_apply(const sb_real (*m)[NDLI_LANES], const sb_real (*g)[NDLI_LANES],
+                                       sb_real (*out)[NDLI_LANES])
+{
+    for (int a = 0; a < 3; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < NDLI_LANES; l++)
+                out[3 * a + i][l] = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
+                                    m[3 * i + 2][l] * g[3 * a + 2][l];
+}
+
+/* -V P = -2 V mu (F - R) - V lambda (tr(R^T F) - 3) R, in place of F; returns the energy, V P:(F - R) / 2. */
+SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const sb_real (*moduli)[NDLI_LANES],
+                                          sb_real (*f)[NDLI_LANES])
+{
+    sb_real trace[NDLI_LANES], energy[NDLI_LANES];
+    double sum = 0;
+    for (int l = 0; l < NDLI_LANES; l++) {
+        trace[l] = -3;
+        energy[l] = 0;
+    }
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < NDLI_LANES; l++)
+            trace[l] += r[k][l] * f[k][l];
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < NDLI_LANES; l++) {
+            sb_real strain = f[k][l] - r[k][l];
+            f[k][l] = -2 * moduli[1][l] * strain - moduli[0][l] * trace[l] * r[k][l];
+            energy[l] -= f[k][l] * strain;
+        }
+    for (int l = 0; l < NDLI_LANES; l++)
+        sum += (double)energy[l];
+    return 0.5 * sum;
+}
+
+/* 1 when the tet's rotation is further than the lazy angle from that of its stiffness: with e = q - (+-)q_old,
+ * |R - R_old| = |e| sqrt(4 - |e|^2). */
+static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
+                                 int l)
+{
+    sb_real dot = 0, square = 0, sign;
+    for (int k = 0; k < 4; k++)
+        dot += q[k][l] * old[k][l];
+    sign = dot < 0 ? (sb_real)-1 : (sb_real)1;
+    for (int k = 0; k < 4; k++) {
+        sb_real e = q[k][l] - sign * old[k][l];
+        square += e * e;
+    }
+    return square * (4 - square) > t->lazy_angle * t->lazy_angle;
+}
+
+/* Where a tet has turned or is new: its rotated gradients, and what they were rotated by. */
+static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES], const sb_real (*h)[NDLI_LANES],
+                            const sb_real (*moduli)[NDLI_LANES])
+{
+    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES);
+    for (int l = 0; l < count; l++) {
+        int tet = batch * NDLI_LANES + l;
+        sb_real *out = t->rotated + 16 * (size_t)tet;
+        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
+                                         (t->stale_tet[tet] ||
+                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        if (!t->turned[tet])
+            continue;
+        t->stale_tet[tet] = 0;
+        for (int i = 0; i < 3; i++)
+            out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
+        for (int k = 0; k < 9; k++)
+            out[3 + k] = h[k][l];
+        out[12] = moduli[0][l];
+        out[13] = moduli[1][l];
+        for (int k = 0; k < 4; k++)
+            old[k][l] = q[k][l];
+    }
+}
+
+static void ndli_solid_batch(ndl_tissue *t, int batch)
+{
+    const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
+    const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
+    sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
+    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES], h[9][NDLI_LANES];
+    ndli_solid_gather(&t->mesh, batch, d);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < NDLI_LANES; l++)
+                f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] + d[3 + i][l] * g[3 + j][l] +
+                                  d[6 + i][l] * g[6 + j][l];
+    sb_polar_batch(f, quats, r);
+    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
+    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats, (const sb_real(*)[NDLI_LANES])h, moduli);
+    t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
+    ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_vec3 *out = t->corner_force + 4 * ((size_t)batch * NDLI_LANES + (size_t)l);
+        for (int a = 0; a < 3; a++)
+            out[a + 1] = sb_v3(d[3 * a][l], d[3 * a + 1][l], d[3 * a + 2][l]);
+        out[0] = sb_v3(-(d[0][l] + d[3][l] + d[6][l]), -(d[1][l] + d[4][l] + d[7][l]), -(d[2][l] + d[5][l] + d[8][l]));
+    }
+}
+
+static void ndli_solid_batch_task(void *user, int index)
+{
+    ndl_tissue *t = (ndl_tissue *)user;
+    int end = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
+    int last = sbi_min_int(end, (index + 1) * NDLI_SOLID_BATCHES);
+    for (int batch = index * NDLI_SOLID_BATCHES; batch < last; batch++)
+        ndli_solid_batch(t, batch);
+}
+
+/* Forces of the tets about each node, in the order of its ring. */
+static void ndli_solid_sum_task(void *user, int chunk)
+{
+    ndl_tissue *t = (ndl_tissue *)user;
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    int last = sbi_min_int(mesh->node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = mesh->node_flags[i] ? mesh->node_star[i] : -1; k >= 0; k = mesh->corner_next[k])
+            sum = sb_v3_add(sum, t->corner_force[k]);
+        t->internal[i] = sum;
+    }
+}
+
+NDLI_API void ndli_solid_forces(ndl_tissue *t)
+{
+    int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
+    sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
+    sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
+    t->elastic = 0;
+    for (int k = 0; k < batches; k++)
+        t->elastic += t->batch_energy[k];
+}
+
+/* ---- stiffness ---- */
+
+/* K_ij = sum over the tets of the edge of V (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I), h = R g. */
+static void ndli_solid_edge(ndl_tissue *t, int edge)
+{
+    sb_real l[9] = {0}, m[9] = {0}; /* sums of V lambda h_a h_b^T and V mu h_a h_b^T */
+    const int *slots = t->edge_slots + 2 * (size_t)edge;
+    sb_real *upper = t->blocks[slots[0]], *lower = t->blocks[slots[1]];
+    for (int code = t->edge_ring[edge]; code >= 0; code = t->ring_next[code >> 1]) {
+        int at = code >> 1, tet = at / 6, flip = code & 1;
+        const int *pair = ndli_solid_pair[at % 6];
+        const sb_real *h = t->rotated + 16 * (size_t)tet, *a = h + 3 * pair[flip], *b = h + 3 * pair[1 - flip];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) {
+                sb_real product = a[i] * b[j];
+                l[3 * i + j] += h[12] * product;
+                m[3 * i + j] += h[13] * product;
+            }
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            upper[3 * i + j] = lower[3 * j + i] =
+                l[3 * i + j] + m[3 * j + i] + (i == j ? m[0] + m[4] + m[8] : (sb_real)0);
+}
+
+static void ndli_solid_edge_task(void *user, int chunk)
+{
+    ndl_tissue *t = (ndl_tissue *)user;
+    int last = sbi_min_int(t->edge_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+    for (int e = chunk * NDLI_SOLID_CHUNK; e < last; e++)
+        if (t->edge_dirty[e])
+            ndli_solid_edge(t, e);
+}
+
+/* Diagonal blocks: a rigid translation costs nothing, so K_ii = - sum over j of K_ij. */
+static void ndli_solid_diagonal_task(void *user, int chunk)
+{
+    ndl_tissue *t = (ndl_tissue *)user;
+    int last = sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
+        sb_real sum[9] = {0}, *out = t->diagonal[i];
+        if (!t->node_dirty[i])
+            continue;
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
+            for (int c = 0; c < 9; c++)
+                sum[c] -= t->blocks[k][c];
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                out[3 * a + b] = (sb_real)0.5 * (sum[3 * a + b] + sum[3 * b + a]);
+    }
+}
+
+NDLI_API int ndli_solid_stiffness(ndl_tissue *t)
+{
+    int count = 0;
+    for (int e = 0; e < t->mesh.tet_end; e++)
+        if (t->turned[e]) {
+            count++;
+            for (int p = 0; p < 6; p++)
+                t->edge_dirty[t->tet_edges[6 * e + p]] = 1;
+        }
+    sbi_run(&t->jobs, ndli_solid_edge_task, t, ndli_solid_chunks(t->edge_end));
+    for (int e = 0; e < t->edge_end; e++)
+        if (t->edge_dirty[e]) {
+            t->node_dirty[t->edge_nodes[2 * (size_t)e]] = t->node_dirty[t->edge_nodes[2 * (size_t)e + 1]] = 1;
+            t->edge_dirty[e] = 0;
+        }
+    sbi_run(&t->jobs, ndli_solid_diagonal_task, t, ndli_solid_chunks(t->mesh.node_end));
+    return count;
+}
+
+/* ---- products ---- */
+
+#if SBI_HAS_LANES
+/* As in sparse.c: rows of blocks and vectors are read four at a time; the fourth lane is never summed, and both
+ * arrays have one number to spare at their ends. */
+SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
+{
+    const sb_real *block = t->diagonal[i];
+    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
+    sbi_lanes v = SBI_LANES_AT(&x[i].x), s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
+    sbi_lanes d = {block[6], block[7], block[8], 0};
+    s0 += SBI_LANES_AT(block) * v;
+    s1 += SBI_LANES_AT(block + 3) * v;
+    s2 += d * v;
+    block = t->blocks[t->row_start[i]];
+    for (; column < end; column++, block += 9) {
+        v = SBI_LANES_AT(&x[*column].x);
+        s0 += SBI_LANES_AT(block) * v;
+        s1 += SBI_LANES_AT(block + 3) * v;
+        s2 += SBI_LANES_AT(block + 6) * v;
+    }
+    return sb_v3(s0[0] + s0[1] + s0[2], s1[0] + s1[1] + s1[2], s2[0] + s2[1] + s2[2]);
+}
+#elif defined(__GNUC__) && !defined(SB_NO_VECTORS)
+/* Doubles without AVX: the nine products of a block as four pairs and one, which compilers do not find. The same nine
+ * sums, the same bits. */
+typedef sb_real ndli_solid_two __attribute__((vector_size(2 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+#define NDLI_TWO_AT(pointer) (*(const ndli_solid_two *)(const void *)(pointer))
+SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
+{
+    const sb_real *block = t->diagonal[i], *from = &x[i].x;
+    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
+    ndli_solid_two v20 = {from[2], from[0]};
+    ndli_solid_two s0 = NDLI_TWO_AT(block) * NDLI_TWO_AT(from), s1 = NDLI_TWO_AT(block + 2) * v20;
+    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1);
+    ndli_solid_two s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
+    sb_real s4 = block[8] * from[2];
+    block = t->blocks[t->row_start[i]];
+    for (; column < end; column++, block += 9) {
+        const sb_real *w = &x[*column].x;
+        ndli_solid_two w01 = NDLI_TWO_AT(w), w20 = {w[2], w[0]};
+        s0 += NDLI_TWO_AT(block) * w01;
+        s1 += NDLI_TWO_AT(block + 2) * w20;
+        s2 += NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(w + 1);
+        s3 += NDLI_TWO_AT(block + 6) * w01;
+        s4 += block[8] * w[2];
+    }
+    return sb_v3(s0[0] + s0[1] + s1[0], s1[1] + s2[0] + s2[1], s3[0] + s3[1] + s4);
+}
+#undef NDLI_TWO_AT
+#else
+SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
+{
+    const sb_real *block = t->diagonal[i];
+    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
+    sb_real v0 = x[i].x, v1 = x[i].y, v2 = x[i].z;
+    sb_real s00 = block[0] * v0, s01 = block[1] * v1, s02 = block[2] * v2, s10 = block[3] * v0, s11 = block[4] * v1;
+    sb_real s12 = block[5] * v2, s20 = block[6] * v0, s21 = block[7] * v1, s22 = block[8] * v2;
+    block = t->blocks[t->row_start[i]];
+    for (; column < end; column++, block += 9) {
+        v0 = x[*column].x, v1 = x[*column].y, v2 = x[*column].z;
+        s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
+        s10 += block[3] * v0, s11 += block[4] * v1, s12 += block[5] * v2;
+        s20 += block[6] * v0, s21 += block[7] * v1, s22 += block[8] * v2;
+    }
+    return sb_v3(s00 + s01 + s02, s10 + s11 + s12, s20 + s21 + s22);
+}
+#endif
+
+NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
+                                       sb_vec3 *y, int first, int last)
+{
+    for (int i = first; i < last; i++)
+        y[i] = sb_v3_madd(sb_v3_scale(mass * t->mesh.mass[i], x[i]), stiffness, ndli_solid_row(t, x, i));
+}
+
+typedef struct ndli_solid_product {
+    const ndl_tissue *t;
+    sb_real mass, stiffness;
+    const sb_vec3 *x;
+    sb_vec3 *y;
+} ndli_solid_product;
+
+static void ndli_solid_product_task(void *user, int chunk)
+{
+    const ndli_solid_product *p = (const ndli_solid_product *)user;
+    int last = sbi_min_int(p->t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+    ndli_solid_multiply_rows(p->t, p->mass, p->stiffness, p->x, p->y, chunk * NDLI_SOLID_CHUNK, last);
+}
+
+NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x, sb_vec3 *y)
+{
+    ndli_solid_product p;
+    p.t = t;
+    p.mass = mass;
+    p.stiffness = stiffness;
+    p.x = x;
+    p.y = y;
+    sbi_run(&t->jobs, ndli_solid_product_task, &p, ndli_solid_chunks(t->mesh.node_end));
+}
+
+/* ==== src/needle/tissue_precond.c ==== */
+/* tissue_precond: blocks on the diagonal, plus six rigid modes of each aggregate of some 64 nodes.
+ *
+ * The blocks smooth, the modes carry what is long: without them iterations grow with the number of elements along the
+ * body. Added, not multiplied: one product with A per iteration. Any coarse matrix that is positive definite keeps the
+ * whole so, which is why one of some steps ago will do. */
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    NDLI_COARSE_NODES = 64,     /* nodes of an aggregate */
+    NDLI_COARSE_MOST = 96,      /* aggregates: the factor is n^2 m^2 of their unknowns and band */
+    NDLI_COARSE_LEAST_NODES = 8, /* smaller ones join a neighbour */
+    NDLI_COARSE_AGE = 10,       /* steps, or */
+    NDLI_COARSE_WASTE = 12      /* iterations too many, which take as long as a new coarse matrix does */
+};
+
+/* ---- aggregates ---- */
+
+static int ndli_coarse_axis_cells(sb_real extent, sb_real cell)
+{
+    sb_real count = extent / cell + (sb_real)0.5;
+    return count < 1 ? 1 : count > 64 ? 64 : (int)count;
+}
+
+/* Cells along each axis for boxes of a given edge. */
+static int ndli_coarse_cells(sb_vec3 size, sb_real edge, int cells[3])
+{
+    cells[0] = ndli_coarse_axis_cells(size.x, edge);
+    cells[1] = ndli_coarse_axis_cells(size.y, edge);
+    cells[2] = ndli_coarse_axis_cells(size.z, edge);
+    return cells[0] * cells[1] * cells[2];
+}
+
+static void ndli_coarse_bounds(const ndl_tissue_mesh *mesh, sb_vec3 *low, sb_vec3 *size)
+{
+    sb_vec3 high = mesh->X[0];
+    *low = high;
+    for (int i = 1; i < mesh->node_end; i++) {
+        *low = sb_v3(sb_min(low->x, mesh->X[i].x), sb_min(low->y, mesh->X[i].y), sb_min(low->z, mesh->X[i].z));
+        high = sb_v3(sb_max(high.x, mesh->X[i].x), sb_max(high.y, mesh->X[i].y), sb_max(high.z, mesh->X[i].z));
+    }
+    *size = sb_v3_sub(high, *low);
+}
+
+static int ndli_coarse_index(sb_real at, sb_real extent, int cells)
+{
+    sb_real scaled = extent > 0 ? at / extent * (sb_real)cells : 0;
+    int index = scaled > 0 ? (int)sb_min(scaled, (sb_real)(cells - 1)) : 0;
+    return index;
+}
+
+/* aggregate[node] = number of its box, the longest axis slowest: neighbours have near numbers and the band is small. */
+static void ndli_coarse_box(ndl_tissue *t, sb_vec3 low, sb_vec3 size, const int cells[3])
+{
+    int order[3] = {0, 1, 2};
+    sb_real extent[3];
+    extent[0] = size.x, extent[1] = size.y, extent[2] = size.z;
+    for (int a = 0; a < 2; a++)
+        for (int b = 0; b < 2 - a; b++)
+            if (cells[order[b]] < cells[order[b + 1]]) {
+                int swap = order[b];
+                order[b] = order[b + 1];
+                order[b + 1] = swap;
+            }
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_vec3 from = sb_v3_sub(t->mesh.X[i], low);
+        sb_real at[3];
+        int number = 0;
+        at[0] = from.x, at[1] = from.y, at[2] = from.z;
+        for (int k = 0; k < 3; k++)
+            number = number * cells[order[k]] + ndli_coarse_index(at[order[k]], extent[order[k]], cells[order[k]]);
+        t->aggregate[i] = number;
+    }
+}
+
+/* Nodes of boxes with few go to the box of a neighbour with enough, from the outside in. scratch: sizes of boxes. */
+static void ndli_coarse_merge(ndl_tissue *t, int *sizes)
+{
+    int moved = 1;
+    while (moved) {
+        moved = 0;
+        for (int i = 0; i < t->mesh.node_end; i++) {
+            if (sizes[t->aggregate[i]] >= NDLI_COARSE_LEAST_NODES)
+                continue;
+            for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
+                int other = t->aggregate[t->columns[k]];
+                if (sizes[other] < NDLI_COARSE_LEAST_NODES)
+                    continue;
+                sizes[t->aggregate[i]]--; /* stays small: all its nodes leave, as far as they have where to */
+                sizes[other]++;
+                t->aggregate[i] = other;
+                moved = 1;
+                break;
+            }
+        }
+    }
+}
+
+static void ndli_coarse_count(const ndl_tissue *t, int *sizes, int cells)
+{
+    memset(sizes, 0, (size_t)cells * sizeof(int));
+    for (int i = 0; i < t->mesh.node_end; i++)
+        sizes[t->aggregate[i]]++;
+}
+
+/* Aggregates of all nodes, numbered without gaps; their number. sizes: scratch for all boxes there may be. */
+static int ndli_coarse_aggregate(ndl_tissue *t, int *sizes)
+{
+    int nodes = t->mesh.node_count, cells[3], all, used, number = 0;
+    int goal = sbi_max_int(1, sbi_min_int(NDLI_COARSE_MOST, nodes / NDLI_COARSE_NODES));
+    sb_vec3 low, size;
+    sb_real edge;
+    ndli_coarse_bounds(&t->mesh, &low, &size);
+    edge = sb_max(sb_max(size.x, size.y), size.z);
+    /* smaller boxes until enough of them hold nodes */
+    do {
+        all = ndli_coarse_cells(size, edge, cells);
+        ndli_coarse_box(t, low, size, cells);
+        ndli_coarse_count(t, sizes, all);
+        used = 0;
+        for (int k = 0; k < all; k++)
+            used += sizes[k] >= NDLI_COARSE_LEAST_NODES;
+        edge *= (sb_real)0.92;
+    } while (used < goal && all < 8 * NDLI_COARSE_MOST);
+    ndli_coarse_merge(t, sizes);
+    for (int k = 0; k < all; k++)
+        sizes[k] = sizes[k] > 0 ? number++ : -1;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        t->aggregate[i] = sizes[t->aggregate[i]];
+    return number;
+}
+
+static void ndli_coarse_layout(ndli_solid_coarse *coarse, sbi_arena *arena, size_t count)
+{
+    coarse->start = (int *)sbi_arena_take(arena, count + 1, sizeof(int));
+    coarse->centre = (sb_vec3 *)sbi_arena_take(arena, count, sizeof(sb_vec3));
+    coarse->inverse_radius = (sb_real *)sbi_arena_take(arena, count, sizeof(sb_real));
+    coarse->factor = (double *)sbi_arena_take(arena, 36 * count * count, sizeof(double));
+    coarse->unknown = (double *)sbi_arena_take(arena, 6 * count, sizeof(double));
+}
+
+NDLI_API int ndli_solid_coarse_create(ndl_tissue *t)
+{
+    size_t boxes = 64 * 64 * 64;
+    int *sizes = (int *)sbi_alloc(&t->allocator, boxes, sizeof(int));
+    ndli_solid_coarse coarse;
+    sbi_arena arena;
+    memset(&coarse, 0, sizeof coarse);
+    memset(&arena, 0, sizeof arena);
+    if (!sizes)
+        return 0;
+    coarse.count = ndli_coarse_aggregate(t, sizes);
+    sbi_free(&t->allocator, sizes);
+    ndli_coarse_layout(&coarse, &arena, (size_t)coarse.count);
+    arena.base = (unsigned char *)sbi_alloc_zeroed(&t->allocator, arena.used, 1);
+    if (!arena.base)
+        return 0;
+    arena.used = 0;
+    ndli_coarse_layout(&coarse, &arena, (size_t)coarse.count);
+    coarse.block = arena.base;
+    t->coarse = coarse;
+    return 1;
+}
+
+NDLI_API void ndli_solid_coarse_changed(ndl_tissue *t, const ndl_mesh_change *change)
+{
+    /* a source may be one of the new nodes' slots: read all first */
+    for (int i = 0; i < change->node_count; i++) {
+        const ndl_node_change *node = change->nodes + i;
+        int best = 0;
+        for (int c = 1; c < 4; c++)
+            if (node->weights[c] > node->weights[best])
+                best = c;
+        if (node->sources[best] < t->node_room && node->node < t->node_room)
+            t->scratch[node->node] = t->aggregate[node->sources[best]];
+    }
+    for (int i = 0; i < change->node_count; i++) {
+        const ndl_node_change *node = change->nodes + i;
+        int aggregate;
+        if (node->node >= t->node_room)
+            continue;
+        aggregate = node->created ? t->scratch[node->node] : t->aggregate[node->node];
+        t->scratch[node->node] = 0;
+        t->aggregate[node->node] = aggregate;
+        t->arm[node->node] = sb_v3_scale(t->coarse.inverse_radius[aggregate],
+                                         sb_v3_sub(t->mesh.x[node->node], t->coarse.centre[aggregate]));
+    }
+    t->coarse.listed = 0;
+}
+
+/* Nodes by aggregate, ascending. */
+static void ndli_coarse_list(ndl_tissue *t)
+{
+    ndli_solid_coarse *coarse = &t->coarse;
+    int *start = coarse->start;
+    memset(start, 0, ((size_t)coarse->count + 1) * sizeof(int));
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->mesh.node_flags[i])
+            start[t->aggregate[i] + 1]++;
+    for (int k = 0; k < coarse->count; k++)
+        start[k + 1] += start[k];
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->mesh.node_flags[i])
+            t->coarse_nodes[start[t->aggregate[i]]++] = i;
+    memmove(start + 1, start, (size_t)coarse->count * sizeof(int));
+    start[0] = 0;
+    coarse->listed = 1;
+}
+
+/* ---- the coarse matrix P^T A P ---- */
+
+/* Centres and arms at the nodes' present places. */
+static void ndli_coarse_measure(ndl_tissue *t)
+{
+    ndli_solid_coarse *coarse = &t->coarse;
+    for (int k = 0; k < coarse->count; k++) {
+        int first = coarse->start[k], end = coarse->start[k + 1];
+        sb_vec3 centre = sb_v3(0, 0, 0);
+        sb_real square = 0;
+        for (int n = first; n < end; n++)
+            centre = sb_v3_add(centre, t->mesh.x[t->coarse_nodes[n]]);
+        centre = sb_v3_scale(1 / (sb_real)sbi_max_int(1, end - first), centre);
+        for (int n = first; n < end; n++) {
+            sb_vec3 arm = sb_v3_sub(t->mesh.x[t->coarse_nodes[n]], centre);
+            square += sb_v3_dot(arm, arm);
+        }
+        coarse->centre[k] = centre;
+        coarse->inverse_radius[k] = square > 0 ? sb_sqrt((sb_real)(end - first) / square) : 0;
+        for (int n = first; n < end; n++)
+            t->arm[t->coarse_nodes[n]] =
+                sb_v3_scale(coarse->inverse_radius[k], sb_v3_sub(t->mesh.x[t->coarse_nodes[n]], centre));
+    }
+}
+
+/* w = M_i^T B M_j with M = (I, -[arm]): what the block B of the nodes i, j adds to their aggregates' block. */
+static void ndli_coarse_project(const sb_real *block, sb_real factor, sb_vec3 arm_i, sb_vec3 arm_j, double w[6][6])
+{
+    for (int r = 0; r < 3; r++) {
+        sb_vec3 row = sb_v3(factor * block[3 * r], factor * block[3 * r + 1], factor * block[3 * r + 2]);
+        sb_vec3 turn = sb_v3_cross(arm_j, row);
+        w[r][0] = (double)row.x, w[r][1] = (double)row.y, w[r][2] = (double)row.z;
+        w[r][3] = (double)turn.x, w[r][4] = (double)turn.y, w[r][5] = (double)turn.z;
+    }
+    for (int c = 0; c < 6; c++) {
+        w[3][c] = (double)arm_i.y * w[2][c] - (double)arm_i.z * w[1][c];
+        w[4][c] = (double)arm_i.z * w[0][c] - (double)arm_i.x * w[2][c];
+        w[5][c] = (double)arm_i.x * w[1][c] - (double)arm_i.y * w[0][c];
+    }
+}
+
+/* Adds w to block (I, J) of the lower half, and w^T to (J, I): of that what lies in the lower half. */
+static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const double w[6][6], int twice)
+{
+    size_t stride = (size_t)coarse->width + 1;
+    for (int r = 0; r < 6; r++)
+        for (int c = 0; c < 6; c++) {
+            int row = 6 * I + r, column = 6 * J + c;
+            if (I > J) {
+                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] += w[r][c];
+            } else if (I < J) {
+                coarse->factor[(size_t)column * stride + (size_t)(row - column + coarse->width)] += w[r][c];
+            } else if (c <= r) {
+                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] +=
+                    twice ? w[r][c] + w[c][r] : w[r][c];
+            }
+        }
+}
+
+static void ndli_coarse_assemble(ndl_tissue *t)
+{
+    ndli_solid_coarse *coarse = &t->coarse;
+    int reach = 0;
+    double w[6][6];
+    for (int e = 0; e < t->edge_end; e++) {
+        const int *n = t->edge_nodes + 2 * (size_t)e;
+        if (n[0] >= 0) {
+            int gap = t->aggregate[n[0]] - t->aggregate[n[1]];
+            reach = sbi_max_int(reach, gap < 0 ? -gap : gap);
+        }
+    }
+    coarse->width = 6 * reach + 5;
+    memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_real block[9];
+        if (t->role[i] != NDLI_ROW_FREE)
+            continue;
+        for (int c = 0; c < 9; c++)
+            block[c] = t->scheme.stiffness * t->diagonal[i][c];
+        for (int c = 0; c < 9; c += 4)
+            block[c] += t->scheme.mass * t->mesh.mass[i];
+        ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
+        ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
+    }
+    for (int e = 0; e < t->edge_end; e++) {
+        const int *n = t->edge_nodes + 2 * (size_t)e;
+        if (n[0] < 0 || t->role[n[0]] != NDLI_ROW_FREE || t->role[n[1]] != NDLI_ROW_FREE)
+            continue;
+        ndli_coarse_project(t->blocks[t->edge_slots[2 * (size_t)e]], t->scheme.stiffness, t->arm[n[0]], t->arm[n[1]],
+                            w);
+        ndli_coarse_add(coarse, t->aggregate[n[0]], t->aggregate[n[1]], (const double(*)[6])w, 1);
+    }
+}
+
+/* A = L D L^T by rows of the band, 1/D on the diagonal; 0: not positive definite. A mode that nothing resists (all its
+ * nodes held, or in line) has no residual either: any pivot will do. */
+static int ndli_coarse_factor(ndli_solid_coarse *coarse)
+{
+    int n = 6 * coarse->count, width = coarse->width;
+    size_t stride = (size_t)width + 1;
+    double largest = 0;
+    for (int i = 0; i < n; i++) {
+        double d = coarse->factor[(size_t)i * stride + (size_t)width];
+        largest = d > largest ? d : largest;
+    }
+    if (!(largest > 0) || !(largest <= (double)SB_REAL_MAX))
+        return 0;
+    for (int i = 0; i < n; i++) {
+        double *row = coarse->factor + (size_t)i * stride + width - i, pivot;
+        int first = sbi_max_int(0, i - width);
+        row[i] = pivot = row[i] + 1e-9 * largest;
+        for (int j = first; j < i; j++) {
+            const double *other = coarse->factor + (size_t)j * stride + width - j;
+            int k = sbi_max_int(first, j - width);
+            double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+            for (; k + 4 <= j; k += 4) {
+                s0 += row[k] * other[k];
+                s1 += row[k + 1] * other[k + 1];
+                s2 += row[k + 2] * other[k + 2];
+                s3 += row[k + 3] * other[k + 3];
+            }
+            for (; k < j; k++)
+                s0 += row[k] * other[k];
+            row[j] -= (s0 + s1) + (s2 + s3);
+        }
+        for (int j = first; j < i; j++) {
+            double scaled = row[j] * coarse->factor[(size_t)j * stride + (size_t)width];
+            pivot -= row[j] * scaled;
+            row[j] = scaled;
+        }
+        if (!(pivot > 0))
+            return 0;
+        row[i] = 1 / pivot;
+    }
+    return 1;
+}
+
+static void ndli_coarse_solve(const ndli_solid_coarse *coarse, double *b)
+{
+    int n = 6 * coarse->count, width = coarse->width;
+    size_t stride = (size_t)width + 1;
+    for (int i = 0; i < n; i++) {
+        const double *row = coarse->factor + (size_t)i * stride + width - i;
+        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+        int j = sbi_max_int(0, i - width);
+        for (; j + 4 <= i; j += 4) {
+            s0 += row[j] * b[j];
+            s1 += row[j + 1] * b[j + 1];
+            s2 += row[j + 2] * b[j + 2];
+            s3 += row[j + 3] * b[j + 3];
+        }
+        for (; j < i; j++)
+            s0 += row[j] * b[j];
+        b[i] -= (s0 + s1) + (s2 + s3);
+    }
+    for (int i = 0; i < n; i++)
+        b[i] *= coarse->factor[(size_t)i * stride + (size_t)width];
+    for (int i = n - 1; i > 0; i--) {
+        const double *SB_RESTRICT row = coarse->factor + (size_t)i * stride + width - i;
+        double known = b[i];
+        for (int j = sbi_max_int(0, i - width); j < i; j++)
+            b[j] -= row[j] * known;
+    }
+}
+
+/* ---- blocks ---- */
+
+static void ndli_precond_block_task(void *user, int chunk)
+{
+    ndl_tissue *t = (ndl_tissue *)user;
+    int last = sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
+        sb_mat3 inverse;
+        if (t->inverse_valid && !t->node_dirty[i])
+            continue;
+        t->node_dirty[i] = 0;
+        if (t->role[i] != NDLI_ROW_FREE || sb_m3_spd_inverse(ndli_solid_node_block(t, i), &inverse) != 0)
+            inverse = sb_m3_zero();
+        memcpy(t->inverse[i], inverse.m, sizeof t->inverse[i]);
+    }
+}
+
+static int ndli_precond_coarse_is_due(const ndl_tissue *t)
+{
+    const ndli_solid_coarse *coarse = &t->coarse;
+    sb_real mass = t->scheme.mass - coarse->made_mass, stiffness = t->scheme.stiffness - coarse->made_stiffness;
+    return coarse->age <= 0 || coarse->age >= NDLI_COARSE_AGE || coarse->wasted >= NDLI_COARSE_WASTE ||
+           sb_abs(mass) > (sb_real)0.1 * coarse->made_mass ||
+           sb_abs(stiffness) > (sb_real)0.1 * coarse->made_stiffness;
+}
+
+NDLI_API int ndli_solid_precond_update(ndl_tissue *t)
+{
+    ndli_solid_coarse *coarse = &t->coarse;
+    sbi_run(&t->jobs, ndli_precond_block_task, t, ndli_solid_chunks(t->mesh.node_end));
+    t->inverse_valid = 1;
+    if (!coarse->listed)
+        ndli_coarse_list(t);
+    if (!ndli_precond_coarse_is_due(t))
+        return 0;
+    ndli_coarse_measure(t);
+    ndli_coarse_assemble(t);
+    coarse->usable = ndli_coarse_factor(coarse);
+    coarse->age = coarse->wasted = 0;
+    coarse->made_mass = t->scheme.mass;
+    coarse->made_stiffness = t->scheme.stiffness;
+    return 1;
+}
+
+/* ---- applying it ---- */
+
+typedef struct ndli_precond_job {
+    ndl_tissue *t;
+    const sb_vec3 *r;
+    sb_vec3 *z;
+} ndli_precond_job;
+
+/* unknown = P^T r, an aggregate at a time. */
+static void ndli_precond_restrict_task(void *user, int k)
+{
+    const ndli_precond_job *job = (const ndli_precond_job *)user;
+    ndl_tissue *t = job->t;
+    double *out = t->coarse.unknown + 6 * (size_t)k;
+    double s[6] = {0, 0, 0, 0, 0, 0};
+    for (int n = t->coarse.start[k]; n < t->coarse.start[k + 1]; n++) {
+        int i = t->coarse_nodes[n];
+        sb_vec3 r, turn;
+        if (t->role[i] != NDLI_ROW_FREE)
+            continue;
+        r = job->r[i];
+        turn = sb_v3_cross(t->arm[i], r);
+        s[0] += (double)r.x, s[1] += (double)r.y, s[2] += (double)r.z;
+        s[3] += (double)turn.x, s[4] += (double)turn.y, s[5] += (double)turn.z;
+    }
+    memcpy(out, s, sizeof s);
+}
+
+/* z = D^-1 r + P unknown, and the chunk's r.z. */
+static void ndli_precond_apply_task(void *user, int chunk)
+{
+    const ndli_precond_job *job = (const ndli_precond_job *)user;
+    ndl_tissue *t = job->t;
+    int last = sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+    double sum = 0;
+    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
+        const sb_real *m = t->inverse[i];
+        sb_vec3 r = job->r[i], z;
+        if (t->role[i] != NDLI_ROW_FREE) {
+            job->z[i] = sb_v3(0, 0, 0);
+            continue;
+        }
+        z = sb_v3(m[0] * r.x + m[1] * r.y + m[2] * r.z, m[3] * r.x + m[4] * r.y + m[5] * r.z,
+                  m[6] * r.x + m[7] * r.y + m[8] * r.z);
+        if (t->coarse.usable) {
+            const double *u = t->coarse.unknown + 6 * (size_t)t->aggregate[i];
+            sb_vec3 turn = sb_v3((sb_real)u[3], (sb_real)u[4], (sb_real)u[5]);
+            z = sb_v3_add(sb_v3_add(z, sb_v3((sb_real)u[0], (sb_real)u[1], (sb_real)u[2])),
+                          sb_v3_cross(turn, t->arm[i]));
+        }
+        job->z[i] = z;
+        sum += (double)r.x * (double)z.x + (double)r.y * (double)z.y + (double)r.z * (double)z.z;
+    }
+    t->partial[2 * chunk] = sum;
+}
+
+NDLI_API double ndli_solid_precondition(ndl_tissue *t, const sb_vec3 *r, sb_vec3 *z)
+{
+    int chunks = ndli_solid_chunks(t->mesh.node_end);
+    double sum = 0;
+    ndli_precond_job job;
+    job.t = t;
+    job.r = r;
+    job.z = z;
+    if (t->coarse.usable) {
+        sbi_run(&t->jobs, ndli_precond_restrict_task, &job, t->coarse.count);
+        ndli_coarse_solve(&t->coarse, t->coarse.unknown);
+    }
+    sbi_run(&t->jobs, ndli_precond_apply_task, &job, chunks);
+    for (int k = 0; k < chunks; k++)
+        sum += t->partial[2 * k];
+    return sum;
+}
+
+/* ==== src/needle/tissue_step.c ==== */
+/* tissue_step: one linear system for the accelerations at the end of the step. */
+
+#include <string.h>
+
+static double ndli_solid_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
+
+/* ---- the step's terms ---- */
+
+static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
+{
+    ndli_solid_scheme *s = &t->scheme;
+    sb_real mass = s->mass, stiffness = s->stiffness;
+    int newmark = t->integrator == NDL_NEWMARK && !t->calm;
+    s->dt = dt;
+    s->beta = newmark ? (sb_real)0.25 : (sb_real)1;
+    s->c0 = newmark ? (sb_real)0.25 : (sb_real)0;
+    s->gamma = newmark ? (sb_real)0.5 : (sb_real)1;
+    s->mass = 1 + s->gamma * dt * t->damping_mass;
+    s->stiffness = s->beta * dt * dt + s->gamma * dt * t->damping_stiffness;
+    if (s->mass != mass || s->stiffness != stiffness)
+        t->inverse_valid = 0;
+}
+
+/* Velocity without the part that the unknown acceleration brings. */
+static sb_vec3 ndli_solid_coast(const ndl_tissue *t, int i)
+{
+    return sb_v3_madd(t->mesh.v[i], t->scheme.dt * (1 - t->scheme.gamma), t->before[i]);
+}
+
+/* Velocity of a held node at the end of the step. */
+static sb_vec3 ndli_solid_held_velocity(const ndl_tissue *t, int i)
+{
+    if (t->has_velocity[i])
+        return t->target_velocity[i];
+    return sb_v3_scale(1 / t->scheme.dt, sb_v3_sub(t->target[i], t->mesh.x[i]));
+}
+
+/* Elastic force, weight and load. */
+static sb_vec3 ndli_solid_load(const ndl_tissue *t, int i)
+{
+    return sb_v3_madd(sb_v3_add(t->internal[i], t->force[i]), t->mesh.mass[i], t->gravity);
+}
+
+/* way = what K acts on at the end of the step, displacement and beta_s times velocity, but for the unknown's part. */
+static void ndli_solid_set_way(ndl_tissue *t)
+{
+    const ndli_solid_scheme *s = &t->scheme;
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_vec3 way = sb_v3(0, 0, 0);
+        if (t->role[i] == NDLI_ROW_HELD) {
+            way = sb_v3_sub(t->target[i], t->mesh.x[i]);
+            way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_held_velocity(t, i));
+        } else if (t->role[i] != NDLI_ROW_ABSENT) {
+            way = sb_v3_madd(sb_v3_scale(s->dt, t->mesh.v[i]), s->dt * s->dt * s->c0, t->before[i]);
+            way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_coast(t, i));
+        }
+        t->way[i] = way;
+    }
+}
+
+static void ndli_solid_set_rhs(ndl_tissue *t)
+{
+    ndli_solid_set_way(t);
+    ndli_solid_multiply(t, 0, 1, t->way, t->product);
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_vec3 b;
+        t->rhs[i] = sb_v3(0, 0, 0);
+        if (t->role[i] == NDLI_ROW_HELD || t->role[i] == NDLI_ROW_ABSENT)
+            continue;
+        b = sb_v3_sub(ndli_solid_load(t, i), t->product[i]);
+        t->rhs[i] = sb_v3_madd(b, -t->damping_mass * t->mesh.mass[i], ndli_solid_coast(t, i));
+    }
+}
+
+/* before = accelerations, those of M a = f - C v where there are none yet. */
+static void ndli_solid_set_before(ndl_tissue *t)
+{
+    int n = t->mesh.node_end;
+    if (t->acceleration_known || t->integrator == NDL_EULER) {
+        memcpy(t->before, t->mesh.a, (size_t)n * sizeof(sb_vec3));
+        return;
+    }
+    for (int i = 0; i < n; i++)
+        t->way[i] = t->role[i] == NDLI_ROW_ABSENT ? sb_v3(0, 0, 0) : t->mesh.v[i];
+    ndli_solid_multiply(t, t->damping_mass, t->damping_stiffness, t->way, t->product);
+    for (int i = 0; i < n; i++) {
+        t->before[i] = sb_v3(0, 0, 0);
+        if (t->role[i] != NDLI_ROW_HELD && t->role[i] != NDLI_ROW_ABSENT)
+            t->before[i] = sb_v3_scale(1 / t->mesh.mass[i], sb_v3_sub(ndli_solid_load(t, i), t->product[i]));
+    }
+}
+
+/* Forces and K at the present positions, unless they are there: a step that failed leaves them for the next. */
+static void ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
+{
+    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
+    double begin = ndli_solid_now(t), middle;
+    if (!t->changed && t->seen_end == t->mesh.node_end && memcmp(t->seen_x, t->mesh.x, bytes) == 0)
+        return;
+    ndli_solid_forces(t);
+    middle = ndli_solid_now(t);
+    info->seconds_force = middle - begin;
+    info->refreshed = ndli_solid_stiffness(t);
+    memcpy(t->seen_x, t->mesh.x, bytes);
+    t->seen_end = t->mesh.node_end;
+    t->changed = 0;
+}
+
+/* ---- the ledger ---- */
+
+static double ndli_solid_kinetic(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] != NDLI_ROW_ABSENT)
+            sum += 0.5 * (double)t->mesh.mass[i] * (double)sb_v3_dot(t->mesh.v[i], t->mesh.v[i]);
+    return sum;
+}
+
+static double ndli_solid_whereabouts(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] != NDLI_ROW_ABSENT)
+            sum += (double)t->mesh.x[i].x + (double)t->mesh.x[i].y + (double)t->mesh.x[i].z + (double)t->mesh.v[i].x +
+                   (double)t->mesh.v[i].y + (double)t->mesh.v[i].z;
+    return sum;
+}
+
+/* 1 when there is a tenth more energy than came in. The ledger follows what is lost, a twentieth of it per step (the
+ * energy of a sound Newmark step goes up and down a little), and slowly what changes of the mesh bring. Where others
+ * have set the state it is opened anew. */
+static int ndli_solid_has_gained(ndl_tissue *t, int changed)
+{
+    double energy = t->elastic + ndli_solid_kinetic(t), allowed = t->ledger + t->work;
+    double noise = 64 * (double)SB_EPSILON * t->work_unit;
+    int gained;
+    if (!t->ledger_open || (!changed && ndli_solid_whereabouts(t) != t->left_at))
+        allowed = energy;
+    gained = energy > 1.1 * allowed + noise;
+    t->next_ledger = allowed + (gained ? 0.01 : energy < allowed ? 0.05 : 0) * (energy - allowed);
+    return gained;
+}
+
+NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error)
+{
+    double begin;
+    int changed = t->changed;
+    if (t->broken && !ndli_solid_rebuild(t))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of the changed tissue");
+    begin = ndli_solid_now(t);
+    ndli_solid_evaluate(t, info);
+    t->calm = t->watched && ndli_solid_has_gained(t, changed);
+    info->calmed = t->calm;
+    ndli_solid_set_scheme(t, dt);
+    ndli_solid_set_before(t);
+    ndli_solid_set_rhs(t);
+    info->coarse_refreshed = ndli_solid_precond_update(t);
+    info->seconds_matrix = ndli_solid_now(t) - begin - info->seconds_force;
+    return SB_OK;
+}
+
+NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node)
+{
+    sb_mat3 a;
+    for (int c = 0; c < 9; c++)
+        a.m[c / 3][c % 3] = t->scheme.stiffness * t->diagonal[node][c];
+    for (int c = 0; c < 3; c++)
+        a.m[c][c] += t->scheme.mass * t->mesh.mass[node];
+    return a;
+}
+
+NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block)
+{
+    int place = ndli_solid_find(t, i, j);
+    *block = sb_m3_zero();
+    for (int c = 0; place >= 0 && c < 9; c++)
+        block->m[c / 3][c % 3] = t->scheme.stiffness * t->blocks[place][c];
+    return place >= 0;
+}
+
+/* ---- conjugate gradients ---- */
+
+typedef struct ndli_solid_cg {
+    ndl_tissue *t;
+    sb_real factor;
+} ndli_solid_cg;
+
+static int ndli_solid_end(const ndl_tissue *t, int chunk)
+{
+    return sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
+}
+
+/* p = z + factor p */
+static void ndli_solid_direction_task(void *user, int chunk)
+{
+    const ndli_solid_cg *cg = (const ndli_solid_cg *)user;
+    ndl_tissue *t = cg->t;
+    for (int i = chunk * NDLI_SOLID_CHUNK; i < ndli_solid_end(t, chunk); i++)
+        t->search[i] = sb_v3_madd(t->correction[i], cg->factor, t->search[i]);
+}
+
+/* q = A p, p.q; p is 0 on rows without an unknown. */
+static void ndli_solid_cg_product_task(void *user, int chunk)
+{
+    ndl_tissue *t = ((const ndli_solid_cg *)user)->t;
+    int first = chunk * NDLI_SOLID_CHUNK, last = ndli_solid_end(t, chunk);
+    double sum = 0;
+    ndli_solid_multiply_rows(t, t->scheme.mass, t->scheme.stiffness, t->search, t->product, first, last);
+    for (int i = first; i < last; i++)
+        sum += (double)t->search[i].x * (double)t->product[i].x + (double)t->search[i].y * (double)t->product[i].y +
+               (double)t->search[i].z * (double)t->product[i].z;
+    t->partial[2 * chunk] = sum;
+}
+
+/* a += factor p, r -= factor q; r stays as it is where there is no unknown: nothing reads it. */
+static void ndli_solid_advance_task(void *user, int chunk)
+{
+    const ndli_solid_cg *cg = (const ndli_solid_cg *)user;
+    ndl_tissue *t = cg->t;
+    for (int i = chunk * NDLI_SOLID_CHUNK; i < ndli_solid_end(t, chunk); i++) {
+        t->unknown[i] = sb_v3_madd(t->unknown[i], cg->factor, t->search[i]);
+        t->residual[i] = sb_v3_madd(t->residual[i], -cg->factor, t->product[i]);
+    }
+}
+
+static double ndli_solid_curvature(ndli_solid_cg *cg)
+{
+    int chunks = ndli_solid_chunks(cg->t->mesh.node_end);
+    double sum = 0;
+    sbi_run(&cg->t->jobs, ndli_solid_cg_product_task, cg, chunks);
+    for (int k = 0; k < chunks; k++)
+        sum += cg->t->partial[2 * k];
+    return sum;
+}
+
+static int ndli_solid_is_finite(double x) { return x - x == 0; }
+
+/* Names a node whose equation is not finite, if one is. */
+static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
+{
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (!sb_v3_is_finite(t->rhs[i]))
+            return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "the force on node %d is not finite", i);
+    return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
+}
+
+NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error)
+{
+    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
+    int chunks = ndli_solid_chunks(t->mesh.node_end);
+    double rz, first, target;
+    ndli_solid_cg cg;
+    cg.t = t;
+    cg.factor = 0;
+    memset(t->unknown, 0, bytes);
+    memset(t->search, 0, bytes);
+    memcpy(t->residual, t->rhs, bytes);
+    first = rz = ndli_solid_precondition(t, t->residual, t->correction);
+    target = (double)t->tolerance * (double)t->tolerance * first;
+    info->iterations = info->capped = 0;
+    while (rz > target && ndli_solid_is_finite(rz) && !info->capped) {
+        double curvature, last = rz;
+        sbi_run(&t->jobs, ndli_solid_direction_task, &cg, chunks);
+        curvature = ndli_solid_curvature(&cg);
+        if (!(curvature > 0) || !ndli_solid_is_finite(curvature))
+            return ndli_solid_lost(t, error);
+        cg.factor = (sb_real)(rz / curvature);
+        sbi_run(&t->jobs, ndli_solid_advance_task, &cg, chunks);
+        rz = ndli_solid_precondition(t, t->residual, t->correction);
+        cg.factor = (sb_real)(rz / last);
+        info->iterations++;
+        info->capped = info->iterations >= t->max_iterations && rz > target;
+    }
+    if (!ndli_solid_is_finite(rz) || !ndli_solid_is_finite(first))
+        return ndli_solid_lost(t, error);
+    info->residual = first > 0 && rz > 0 ? (sb_real)sqrt(rz / first) : 0;
+    return SB_OK;
+}
+
+/* ---- the end of the step ---- */
+
+/* Where a node in use will be. */
+static void ndli_solid_arrive(const ndl_tissue *t, int i, sb_vec3 *x, sb_vec3 *v, sb_vec3 *a)
+{
+    const ndli_solid_scheme *s = &t->scheme;
+    if (t->role[i] == NDLI_ROW_HELD) {
+        *x = t->target[i];
+        *v = ndli_solid_held_velocity(t, i);
+        *a = sb_v3_scale(1 / s->dt, sb_v3_sub(*v, t->mesh.v[i]));
+        return;
+    }
+    *a = t->unknown[i];
+    *v = sb_v3_madd(ndli_solid_coast(t, i), s->dt * s->gamma, *a);
+    *x = sb_v3_madd(t->mesh.x[i], s->dt, t->mesh.v[i]);
+    *x = sb_v3_madd(*x, s->dt * s->dt * s->c0, t->before[i]);
+    *x = sb_v3_madd(*x, s->dt * s->dt * s->beta, *a);
+}
+
+/* Forces of the supports: the balance of their rows. */
+static void ndli_solid_react(ndl_tissue *t)
+{
+    int n = t->mesh.node_end;
+    for (int i = 0; i < n; i++)
+        if (t->role[i] != NDLI_ROW_HELD && t->role[i] != NDLI_ROW_ABSENT)
+            t->way[i] = sb_v3_madd(t->way[i], t->scheme.stiffness, t->unknown[i]);
+    for (int i = 0; i < n; i++) {
+        sb_vec3 x, v, a, inertia;
+        t->reaction[i] = sb_v3(0, 0, 0);
+        if (t->role[i] != NDLI_ROW_HELD)
+            continue;
+        ndli_solid_arrive(t, i, &x, &v, &a);
+        ndli_solid_multiply_rows(t, 0, 1, t->way, t->product, i, i + 1);
+        inertia = sb_v3_scale(t->mesh.mass[i], sb_v3_madd(a, t->damping_mass, v));
+        t->reaction[i] = sb_v3_sub(sb_v3_add(inertia, t->product[i]), ndli_solid_load(t, i));
+    }
+}
+
+/* Work of gravity, forces and supports on the way to the end of the step; where a support's force has changed, the
+ * larger. Called with the reactions of the last step, and after with the present ones. */
+static void ndli_solid_note_work(ndl_tissue *t, int after)
+{
+    double sum = 0, size = 0;
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        sb_vec3 x, v, a, load;
+        double support, dead;
+        if (t->role[i] == NDLI_ROW_ABSENT)
+            continue;
+        ndli_solid_arrive(t, i, &x, &v, &a);
+        x = sb_v3_sub(x, t->mesh.x[i]);
+        load = sb_v3_madd(t->force[i], t->mesh.mass[i], t->gravity);
+        support = t->role[i] == NDLI_ROW_HELD ? (double)sb_v3_dot(t->reaction[i], x) : 0;
+        dead = (double)sb_v3_dot(load, x);
+        sum += support + dead;
+        size += fabs(support) + fabs(dead);
+    }
+    t->work = after && t->work > sum ? t->work : sum;
+    t->work_unit = size + t->elastic;
+}
+
+NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
+{
+    sb_vec3 x, v, a;
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        if (t->role[i] == NDLI_ROW_ABSENT)
+            continue;
+        ndli_solid_arrive(t, i, &x, &v, &a);
+        if (!sb_v3_is_finite(x) || !sb_v3_is_finite(v) || !sb_v3_is_finite(a))
+            return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "the motion of node %d is not finite", i);
+    }
+    ndli_solid_note_work(t, 0);
+    ndli_solid_react(t);
+    ndli_solid_note_work(t, 1);
+    for (int i = 0; i < t->mesh.node_end; i++) {
+        if (t->role[i] == NDLI_ROW_ABSENT)
+            continue;
+        ndli_solid_arrive(t, i, &x, &v, &a);
+        t->mesh.x[i] = x;
+        t->mesh.v[i] = v;
+        t->mesh.a[i] = a;
+        t->has_velocity[i] = 0;
+    }
+    t->acceleration_known = 1;
+    t->ledger = t->next_ledger;
+    t->ledger_open = t->watched;
+    t->left_at = ndli_solid_whereabouts(t);
+    return SB_OK;
+}
+
+NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations)
+{
+    if (t->coarse.age++ == 0)
+        t->coarse.fresh_iterations = iterations;
+    t->coarse.wasted += sbi_max_int(0, iterations - t->coarse.fresh_iterations);
+}
+
+NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_info *info, sb_error *error)
+{
+    ndl_tissue_info own;
+    sb_result result;
+    double begin, middle;
+    info = info ? info : &own;
+    memset(info, 0, sizeof *info);
+    if (!tissue || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue and dt > 0, not %g", (double)dt);
+    begin = ndli_solid_now(tissue);
+    tissue->watched = tissue->integrator == NDL_NEWMARK;
+    result = ndli_solid_begin(tissue, dt, info, error);
+    tissue->calm = tissue->calm && result == SB_OK;
+    middle = ndli_solid_now(tissue);
+    if (result == SB_OK)
+        result = ndli_solid_solve(tissue, info, error);
+    info->seconds_solve = ndli_solid_now(tissue) - middle;
+    if (result == SB_OK)
+        result = ndli_solid_commit(tissue, error);
+    if (result == SB_OK)
+        ndli_solid_wear(tissue, info->iterations);
+    tissue->watched = tissue->calm = 0;
+    info->seconds_total = ndli_solid_now(tissue) - begin;
+    return result;
+}
+
+/* ==== src/needle/tissue.c ==== */
+/* tissue: creation, supports, loads and readings. */
+
+#include <string.h>
+
+enum { NDLI_TISSUE_COOKIE = 0x7155 };
+
+NDL_API ndl_tissue_def ndl_default_tissue_def(void)
+{
+    ndl_tissue_def def;
+    memset(&def, 0, sizeof def);
+    def.integrator = NDL_NEWMARK;
+    def.damping_stiffness = (sb_real)0.005;
+    def.slack = (sb_real)0.2;
+    def.lazy_angle = (sb_real)0.01;
+    def.tolerance = (sb_real)1e-3;
+    def.max_iterations = 200;
+    def.cookie = NDLI_TISSUE_COOKIE;
+    return def;
+}
+
+/* ---- creation ---- */
+
+static sb_result ndli_solid_check_elastic(sb_real young, sb_real poisson, int region, sb_error *error)
+{
+    if (!(young > 0) || !sb_is_finite(young))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "region %d: young must be positive and finite, not %g", region,
+                        (double)young);
+    if (!(poisson > -1) || !(poisson < (sb_real)0.5))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "region %d: poisson must be in (-1, 0.5), not %g", region,
+                        (double)poisson);
+    return SB_OK;
+}
+
+static sb_result ndli_solid_check_numbers(const ndl_tissue_def *def, sb_error *error)
+{
+    if (def->integrator != NDL_NEWMARK && def->integrator != NDL_EULER)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "integrator %d is unknown", (int)def->integrator);
+    if (!(def->damping_mass >= 0) || !sb_is_finite(def->damping_mass) || !(def->damping_stiffness >= 0) ||
+        !sb_is_finite(def->damping_stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "damping_mass and damping_stiffness must be >= 0 and finite");
+    if (!sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "gravity is not finite");
+    if (!(def->lazy_angle >= 0) || !(def->lazy_angle <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "lazy_angle is not in [0, 1]");
+    if (!(def->tolerance > 0) || !(def->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tolerance is not in (0, 1)");
+    if (def->max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_iterations must be at least 1, not %d", def->max_iterations);
+    return SB_OK;
+}
+
+static sb_result ndli_solid_check_def(const ndl_tissue_def *def, sb_error *error)
+{
+    sb_result result;
+    if (!def || def->cookie != NDLI_TISSUE_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by ndl_default_tissue_def");
+    if (!def->mesh || !def->materials || def->material_count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tissue needs a mesh and materials");
+    if (def->fixed_count < 0 || (def->fixed_count > 0 && !def->fixed_nodes))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fixed_nodes is NULL or fixed_count negative");
+    result = ndli_solid_check_numbers(def, error);
+    for (int i = 0; result == SB_OK && i < def->material_count; i++) {
+        const ndl_tissue_material *m = def->materials + i;
+        result = ndli_solid_check_elastic(m->young, m->poisson, i, error);
+        if (result == SB_OK && (!(m->density > 0) || !sb_is_finite(m->density)))
+            result = sbi_fail(error, SB_ERROR_MATERIAL, "region %d: density must be positive and finite", i);
+    }
+    for (int i = 0; result == SB_OK && i < def->fixed_count; i++)
+        if (def->fixed_nodes[i] < 0 || def->fixed_nodes[i] >= def->mesh->node_count)
+            result = sbi_fail_node(error, SB_ERROR_INDEX, def->fixed_nodes[i], "fixed node %d does not exist",
+                                   def->fixed_nodes[i]);
+    return result;
+}
+
+static void ndli_solid_set_lame(sb_real *lame, sb_real young, sb_real poisson)
+{
+    lame[0] = young * poisson / ((1 + poisson) * (1 - 2 * poisson));
+    lame[1] = young / (2 * (1 + poisson));
+}
+
+static void ndli_solid_configure(ndl_tissue *t, const ndl_tissue_def *def)
+{
+    t->jobs = def->jobs;
+    t->clock = def->clock;
+    t->integrator = def->integrator;
+    t->damping_mass = def->damping_mass;
+    t->damping_stiffness = def->damping_stiffness;
+    t->gravity = def->gravity;
+    t->lazy_angle = def->lazy_angle;
+    t->tolerance = def->tolerance;
+    t->max_iterations = def->max_iterations;
+}
+
+/* The mesh with the densities, and Lame's constants. */
+static sb_result ndli_solid_make_mesh(ndl_tissue *t, const ndl_tissue_def *def, sb_error *error)
+{
+    size_t count = (size_t)def->material_count;
+    sb_real *densities = (sb_real *)sbi_alloc(&t->allocator, count, sizeof(sb_real));
+    sb_result result = SB_ERROR_MEMORY;
+    t->lame = (sb_real *)sbi_alloc(&t->allocator, count, 2 * sizeof(sb_real));
+    if (densities && t->lame) {
+        for (size_t i = 0; i < count; i++) {
+            densities[i] = def->materials[i].density;
+            ndli_solid_set_lame(t->lame + 2 * i, def->materials[i].young, def->materials[i].poisson);
+        }
+        t->material_count = def->material_count;
+        result = ndl_tissue_mesh_create(def->mesh, densities, def->material_count, def->slack, &t->allocator, &t->mesh,
+                                        error);
+    } else {
+        sbi_fail(error, result, "out of memory for %d materials", def->material_count);
+    }
+    sbi_free(&t->allocator, densities);
+    return result;
+}
+
+NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error)
+{
+    ndl_tissue *t;
+    sb_result result;
+    if (!tissue)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    result = ndli_solid_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    t = (ndl_tissue *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *t);
+    if (!t)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tissue");
+    t->allocator = def->allocator;
+    ndli_solid_configure(t, def);
+    result = ndli_solid_make_mesh(t, def, error);
+    if (result == SB_OK && (!ndli_solid_rebuild(t) || !ndli_solid_coarse_create(t)))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of a tissue of %d nodes",
+                          def->mesh->node_count);
+    if (result != SB_OK) {
+        ndl_tissue_destroy(t);
+        return result;
+    }
+    for (int i = 0; i < def->fixed_count; i++)
+        ndl_tissue_fix(t, def->fixed_nodes[i]);
+    t->mesh.listener = ndli_solid_changed;
+    t->mesh.listener_user = t;
+    *tissue = t;
+    return SB_OK;
+}
+
+NDL_API void ndl_tissue_destroy(ndl_tissue *tissue)
+{
+    sb_allocator allocator;
+    if (!tissue)
+        return;
+    allocator = tissue->allocator;
+    ndli_solid_free(tissue);
+    sbi_free(&allocator, tissue->lame);
+    ndl_tissue_mesh_free(&tissue->mesh);
+    sbi_free(&allocator, tissue);
+}
+
+NDL_API ndl_tissue_mesh *ndl_tissue_get_mesh(ndl_tissue *tissue) { return &tissue->mesh; }
+
+/* ---- supports and loads ---- */
+
+/* A slot in use for which there is memory. */
+static int ndli_solid_knows(const ndl_tissue *t, int node)
+{
+    return t && ndli_solid_is_node(t, node) && node < t->node_room;
+}
+
+NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role)
+{
+    if (t->role[node] == role)
+        return;
+    if (t->role[node] == NDLI_ROW_HELD || role == NDLI_ROW_HELD)
+        t->coarse.age = 0; /* the rows of a coupled node may stay in the coarse matrix for a while */
+    t->role[node] = (unsigned char)role;
+    t->node_dirty[node] = 1;
+}
+
+static void ndli_solid_hold(ndl_tissue *t, int node, sb_vec3 position)
+{
+    ndli_solid_set_role(t, node, NDLI_ROW_HELD);
+    t->target[node] = position;
+    t->has_velocity[node] = 0;
+    t->mesh.node_flags[node] |= NDL_NODE_FIXED;
+}
+
+NDL_API sb_result ndl_tissue_fix(ndl_tissue *tissue, int node)
+{
+    if (!ndli_solid_knows(tissue, node))
+        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
+    ndli_solid_hold(tissue, node, tissue->mesh.x[node]);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_prescribe(ndl_tissue *tissue, int node, sb_vec3 position, const sb_vec3 *velocity)
+{
+    if (!ndli_solid_knows(tissue, node))
+        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(position) || (velocity && !sb_v3_is_finite(*velocity)))
+        return SB_ERROR_NOT_FINITE;
+    ndli_solid_hold(tissue, node, position);
+    if (velocity) {
+        tissue->target_velocity[node] = *velocity;
+        tissue->has_velocity[node] = 1;
+    }
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_release(ndl_tissue *tissue, int node)
+{
+    if (!ndli_solid_knows(tissue, node))
+        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
+    if (tissue->role[node] == NDLI_ROW_HELD) {
+        ndli_solid_set_role(tissue, node, NDLI_ROW_FREE);
+        tissue->mesh.node_flags[node] = (unsigned char)(tissue->mesh.node_flags[node] & ~NDL_NODE_FIXED);
+    }
+    return SB_OK;
+}
+
+NDL_API int ndl_tissue_is_held(const ndl_tissue *tissue, int node)
+{
+    return ndli_solid_knows(tissue, node) && tissue->role[node] == NDLI_ROW_HELD;
+}
+
+NDL_API sb_result ndl_tissue_set_force(ndl_tissue *tissue, int node, sb_vec3 force)
+{
+    if (!ndli_solid_knows(tissue, node))
+        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(force))
+        return SB_ERROR_NOT_FINITE;
+    tissue->force[node] = force;
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_set_gravity(ndl_tissue *tissue, sb_vec3 gravity)
+{
+    if (!tissue)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(gravity))
+        return SB_ERROR_NOT_FINITE;
+    tissue->gravity = gravity;
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_set_damping(ndl_tissue *tissue, sb_real alpha, sb_real beta)
+{
+    if (!tissue || !(alpha >= 0) || !(beta >= 0))
+        return SB_ERROR_ARGUMENT;
+    if (!sb_is_finite(alpha) || !sb_is_finite(beta))
+        return SB_ERROR_NOT_FINITE;
+    tissue->damping_mass = alpha;
+    tissue->damping_stiffness = beta;
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_real young, sb_real poisson,
+                                          sb_error *error)
+{
+    sb_result result;
+    if (!tissue)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    if (region < 0 || region >= tissue->material_count)
+        return sbi_fail(error, SB_ERROR_INDEX, "region %d has no material", region);
+    result = ndli_solid_check_elastic(young, poisson, region, error);
+    if (result != SB_OK)
+        return result;
+    ndli_solid_set_lame(tissue->lame + 2 * (size_t)region, young, poisson);
+    for (int e = 0; !tissue->broken && e < tissue->mesh.tet_end; e++)
+        if (tissue->mesh.tets[4 * (size_t)e] >= 0)
+            ndli_solid_measure(tissue, e);
+    tissue->changed = 1;
+    tissue->coarse.age = 0;
+    return SB_OK;
+}
+
+/* ---- readings ---- */
+
+NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue->mesh.x; }
+NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue->mesh.v; }
+NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue->reaction; }
+
+/* V (mu |F - R|^2 + lambda/2 (tr(R^T F) - 3)^2) of a tet. */
+static sb_real ndli_solid_energy(const ndl_tissue *t, int tet)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    const int *n = mesh->tets + 4 * (size_t)tet;
+    const sb_real *lame = t->lame + 2 * (size_t)(t->material_count == 1 ? 0 : mesh->regions[tet]);
+    sb_mat3 shape, now, f, r, gap;
+    sb_real trace;
+    shape = sb_m3_columns(sb_v3_sub(mesh->X[n[1]], mesh->X[n[0]]), sb_v3_sub(mesh->X[n[2]], mesh->X[n[0]]),
+                          sb_v3_sub(mesh->X[n[3]], mesh->X[n[0]]));
+    now = sb_m3_columns(sb_v3_sub(mesh->x[n[1]], mesh->x[n[0]]), sb_v3_sub(mesh->x[n[2]], mesh->x[n[0]]),
+                        sb_v3_sub(mesh->x[n[3]], mesh->x[n[0]]));
+    f = sb_m3_mul(now, sb_m3_inverse(shape));
+    r = sb_quat_to_mat3(sb_m3_polar_cold(f));
+    gap = sb_m3_sub(f, r);
+    trace = sb_m3_ddot(r, gap);
+    return mesh->volumes[tet] * (lame[1] * sb_m3_ddot(gap, gap) + (sb_real)0.5 * lame[0] * trace * trace);
+}
+
+NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue)
+{
+    const ndl_tissue_mesh *mesh = &tissue->mesh;
+    double elastic = 0, kinetic = 0;
+    ndl_tissue_energies energies;
+    for (int e = 0; e < mesh->tet_end; e++)
+        if (mesh->tets[4 * (size_t)e] >= 0)
+            elastic += (double)ndli_solid_energy(tissue, e);
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->node_flags[i])
+            kinetic += 0.5 * (double)mesh->mass[i] * (double)sb_v3_dot(mesh->v[i], mesh->v[i]);
+    energies.elastic = (sb_real)elastic;
+    energies.kinetic = (sb_real)kinetic;
+    return energies;
+}
+
+NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue)
+{
+    const ndl_tissue_mesh *mesh = &tissue->mesh;
+    double sum[3] = {0, 0, 0};
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->node_flags[i]) {
+            sum[0] += (double)mesh->mass[i] * (double)mesh->v[i].x;
+            sum[1] += (double)mesh->mass[i] * (double)mesh->v[i].y;
+            sum[2] += (double)mesh->mass[i] * (double)mesh->v[i].z;
+        }
+    return sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]);
+}
+
+NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
+{
+    sb_mat3 k = sb_m3_zero();
+    const sb_real *block;
+    int place;
+    if (tissue->broken || !ndli_solid_knows(tissue, i) || !ndli_solid_knows(tissue, j))
+        return k;
+    place = i == j || tissue->row_count[i] == 0 ? -1 : ndli_solid_find(tissue, i, j);
+    if (i != j && place < 0)
+        return k;
+    block = i == j ? tissue->diagonal[i] : tissue->blocks[place];
+    for (int c = 0; c < 9; c++)
+        k.m[c / 3][c % 3] = block[c];
+    return k;
 }
 
 #endif /* NDL_IMPLEMENTATION */

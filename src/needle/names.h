@@ -65,6 +65,25 @@
 #define ndl_remesh_limit ndl_remesh_limit_f32
 #define ndl_remesh_material_point ndl_remesh_material_point_f32
 #define ndl_remesh_split_count ndl_remesh_split_count_f32
+#define ndl_default_tissue_def ndl_default_tissue_def_f32
+#define ndl_tissue_create ndl_tissue_create_f32
+#define ndl_tissue_destroy ndl_tissue_destroy_f32
+#define ndl_tissue_get_mesh ndl_tissue_get_mesh_f32
+#define ndl_tissue_fix ndl_tissue_fix_f32
+#define ndl_tissue_prescribe ndl_tissue_prescribe_f32
+#define ndl_tissue_release ndl_tissue_release_f32
+#define ndl_tissue_is_held ndl_tissue_is_held_f32
+#define ndl_tissue_set_force ndl_tissue_set_force_f32
+#define ndl_tissue_set_gravity ndl_tissue_set_gravity_f32
+#define ndl_tissue_set_damping ndl_tissue_set_damping_f32
+#define ndl_tissue_set_material ndl_tissue_set_material_f32
+#define ndl_tissue_step ndl_tissue_step_f32
+#define ndl_tissue_positions ndl_tissue_positions_f32
+#define ndl_tissue_velocities ndl_tissue_velocities_f32
+#define ndl_tissue_reactions ndl_tissue_reactions_f32
+#define ndl_tissue_get_energies ndl_tissue_get_energies_f32
+#define ndl_tissue_momentum ndl_tissue_momentum_f32
+#define ndl_tissue_stiffness ndl_tissue_stiffness_f32
 #endif
 #endif
 

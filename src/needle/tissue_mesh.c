@@ -421,8 +421,10 @@ static void ndli_tissue_affect(ndl_tissue_mesh *t, int node, int was_alive)
         return;
     t->node_mark[node] = (unsigned char)(was_alive ? NDLI_TOUCHED | NDLI_WAS_ALIVE : NDLI_TOUCHED);
     t->affected[t->affected_count++] = node;
-    if (was_alive)
+    if (was_alive) {
         t->momentum = sb_v3_madd(t->momentum, t->mass[node], t->v[node]);
+        t->net_force = sb_v3_madd(t->net_force, t->mass[node], t->a[node]);
+    }
 }
 
 /* To be called before a tet is changed, and after one is made. */
@@ -443,7 +445,7 @@ static void ndli_tissue_touch(ndl_tissue_mesh *t, int tet, int made, int relink)
 NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
 {
     tissue->touched_count = tissue->affected_count = tissue->change_count = 0;
-    tissue->momentum = sb_v3(0, 0, 0);
+    tissue->momentum = tissue->net_force = sb_v3(0, 0, 0);
     tissue->change_mass = 0;
 }
 
@@ -656,26 +658,31 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
             ndli_tissue_weigh(tissue, n);
 }
 
-/* Spreads over the change's nodes the momentum that interpolation has lost or made. */
+/* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,
+ * from which a step of Newmark takes half its momentum. */
 static void ndli_tissue_balance(ndl_tissue_mesh *t)
 {
-    sb_vec3 left = t->momentum, dv;
+    sb_vec3 left = t->momentum, force = t->net_force, dv, da;
     sb_real mass = 0;
     for (int i = 0; i < t->affected_count; i++) {
         int n = t->affected[i];
         if (!(t->node_flags[n] & NDL_NODE_ALIVE))
             continue;
         left = sb_v3_madd(left, -t->mass[n], t->v[n]);
+        force = sb_v3_madd(force, -t->mass[n], t->a[n]);
         if (!(t->node_flags[n] & NDL_NODE_FIXED))
             mass += t->mass[n];
     }
     if (!(mass > 0))
         return;
     dv = sb_v3_scale(1 / mass, left);
+    da = sb_v3_scale(1 / mass, force);
     for (int i = 0; i < t->affected_count; i++) {
         int n = t->affected[i];
-        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED))
+        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED)) {
             t->v[n] = sb_v3_add(t->v[n], dv);
+            t->a[n] = sb_v3_add(t->a[n], da);
+        }
     }
 }
 

@@ -91,7 +91,7 @@ typedef struct ndl_tissue_mesh {
     ndl_node_change *changes;
     sb_vec3 *change_state; /* [3] x, v, a of each */
     int change_count;
-    sb_vec3 momentum;
+    sb_vec3 momentum, net_force; /* sums of m v and m a over the nodes of the change, before it */
     sb_real change_mass; /* of the tets before the change */
     void *block;
 } ndl_tissue_mesh;
