@@ -70,33 +70,33 @@ static void ndli_steer_drop_waypoint(ndl_steer *steer)
 }
 
 /* Searches the way anew, at half the clearance where the whole one leaves none that gets there. */
-static void ndli_steer_replan(ndl_steer *steer, const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target,
-                              double sense)
+static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target,
+                              double sense, ndl_plan *plan)
 {
     ndl_plan_def close = *def;
-    ndl_plan plan;
+    ndl_plan other;
     close.clearance = (sb_real)0.5 * def->clearance;
     steer->plans++;
-    ndli_plan_search(def, pose, target, sense, &steer->plan);
-    if (steer->plan.outcome == NDL_PLAN_SHORT) {
-        ndli_plan_search(&close, pose, target, sense, &plan);
-        if (plan.distance < steer->plan.distance - def->tolerance)
-            steer->plan = plan;
-    }
-    ndli_steer_mark(steer, def, pose);
+    ndli_plan_search(def, pose, target, sense, plan);
+    if (plan->outcome != NDL_PLAN_SHORT)
+        return;
+    ndli_plan_search(&close, pose, target, sense, &other);
+    if (other.distance < plan->distance - def->tolerance)
+        *plan = other;
 }
 
-/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. */
+/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is clear
+ * but does not get there gives place only to one that is better by far: changing from one to another and back, a needle
+ * would turn and never go on. */
 static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target)
 {
     ndl_plan_def def = steer->def.plan;
-    ndl_plan plan;
-    double sense = steer->updates > 0 && steer->plan.piece_count > 0 ? (double)steer->plan.pieces[0].twist : 0;
-    int clear = 0;
+    ndl_plan plan, other;
+    double sense = steer->plan.piece_count > 0 ? (double)steer->plan.pieces[0].twist : 0;
+    sb_real enough = (sb_real)0.5 * steer->def.reach;
+    int clear;
     def.curvature *= 1 - steer->def.reserve;
-    def.max_length -= steer->inserted;
-    if (def.max_length < 0)
-        def.max_length = 0;
+    def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
     for (;;) { /* waypoints that the tip has come to, or can get no nearer to, are done with */
         clear = ndli_plan_aim(&def, 0.5 * (double)def.clearance, pose, steer->waypoints, steer->waypoint_count, target,
                               sense, &plan);
@@ -104,15 +104,13 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
             break;
         ndli_steer_drop_waypoint(steer);
     }
-    if (clear && (def.obstacle_count == 0 || plan.distance <= (sb_real)0.5 * steer->def.reach)) {
-        steer->plan = plan;
-        return;
+    if (def.obstacle_count > 0 && (!clear || plan.distance > enough)) {
+        ndli_steer_search(steer, &def, pose, target, sense, &other);
+        if (!clear || other.distance < plan.distance - enough)
+            plan = other;
     }
-    ndli_steer_replan(steer, &def, pose, target, sense);
-    if (clear && plan.distance <= steer->plan.distance) {
-        steer->plan = plan;
-        ndli_steer_mark(steer, &def, pose);
-    }
+    steer->plan = plan;
+    ndli_steer_mark(steer, &def, pose);
 }
 
 /* ---- the command ---- */
