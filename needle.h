@@ -739,9 +739,9 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 /* steer: where a bevelled needle goes, plans of helices to a target past obstacles, a controller that follows them, and
  * one that pushes tissue so that a target moves onto a straight needle's path. Floor 5.
  *
- * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side. With
- * a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no tissue
- * and no rod, only the curvature of the circles, which is measured (see ndl_bevel). Lengths in m, angles in rad.
+ * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side.
+ * With a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no
+ * tissue and no rod, only the curvature of the circles, which is measured (see ndl_bevel). Lengths in m, angles in rad.
  *
  *     ndl_steer_def def = ndl_default_steer_def(10, 0.15);   (radius 10 cm, at most 15 cm deep)
  *     ndl_steer steer;
@@ -821,8 +821,8 @@ typedef struct ndl_obstacle {
     const sb_shape *shape; /* for NDL_OBSTACLE_SHAPE, borrowed; a function needs its max_slope */
 } ndl_obstacle;
 
-/* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value divided
- * by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
+/* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value
+ * divided by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
 NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point);
 
 /* ---- plans ---- */
@@ -863,9 +863,11 @@ typedef struct ndl_plan_def {
                          * then leave gaps that are up to pi k/w^2 wide about a twist of w */
     sb_real tolerance;  /* m, in [1e-6 max_length, max_length]; default 1/1000 of the radius 1/curvature */
     int max_boxes;      /* most boxes of one search, >= 1; default 5000. When they run out `bound` is lower */
-    const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none */
+    const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none. For a controller they may be moved, but
+                        * not added to, between updates */
     int obstacle_count;
-    sb_real clearance;  /* m from obstacles, >= 0 (half the needle's diameter, and margin); default 1/200 of the radius */
+    sb_real clearance;  /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
+                         * radius */
     int max_pieces;     /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
     int samples;        /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
     unsigned cookie;    /* set by ndl_default_plan_def; a def made without it is refused */
@@ -878,11 +880,12 @@ NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length)
  * first ones sampled and improved, the last one aimed at the target; of those that reach the target one that is short
  * and has room on both sides. A path ends where it is nearest: it is never inserted further. A tip nearer to an
  * obstacle than def.clearance keeps nine tenths of the distance it has. SB_OK with any outcome. SB_ERROR_ARGUMENT,
- * _NOT_FINITE (field or obstacle named) leave *plan untouched. 3 us where the target can be reached with turning, up to
- * 1 ms where it cannot, 1 to 20 ms among obstacles. Deterministic to the bit. */
+ * _NOT_FINITE (field or obstacle named) leave *plan untouched. 2 us where turning gets there, else about 0.3 ms (1 ms
+ * where max_boxes run out), 1 to 10 ms past obstacles (without turning to 0.1 s). Deterministic to the bit. */
 NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip, sb_vec3 target, ndl_plan *plan,
                                 sb_error *error);
-/* The pose `length` (m) along a plan, in [0, plan->length] (clamped), from the tip it was made for. */
+/* The pose `length` (m) along a plan, in [0, plan->length] (clamped), from the tip it was made for; at 0
+ * with its first turn made. */
 NDL_API ndl_tip_pose ndl_plan_pose(const ndl_plan *plan, sb_real curvature, const ndl_tip_pose *tip, sb_real length);
 
 /* ---- feedback ---- */
@@ -907,8 +910,8 @@ typedef struct ndl_steer_command {
 /* Start from ndl_default_steer_def. */
 typedef struct ndl_steer_def {
     ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
-    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less than
-                          * it should, or tissue that gives way, can be made up for; default 0.15 */
+    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
+                          * than it should, or tissue that gives way, can be made up for; default 0.15 */
     sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
     sb_real max_turn;    /* rad per update, > 0; default 1 */
     sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
@@ -928,8 +931,9 @@ typedef struct ndl_steer {
     ndl_steer_def def;
     ndl_steer_status status;
     sb_real inserted;  /* m commanded */
-    int updates, plans; /* plans: how often the way past the obstacles was searched anew */
+    int updates, plans; /* plans: how often a way past the obstacles was searched */
     int waited;        /* updates of the present wait */
+    int next_search;   /* the update from which a better way is looked for again, while the present one is clear */
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
     ndl_plan plan;     /* from the last sensed tip */
@@ -977,17 +981,19 @@ typedef struct ndl_push {
     int limited;           /* the force asked for was beyond the cone, max_force or max_rate */
 } ndl_push;
 
-/* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched. */
+/* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched.
+ * */
 NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_error *error);
-/* From the sensed point of interest (m) after another dt (s, > 0) to the manipulator's force (N): the one within cone and
- * max_force that comes nearest to displacing the point by proportional error + integral of the error. While a limit
- * holds, the integral grows only where that leads away from the limit. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing. */
+/* From the sensed point of interest (m) after another dt (s, > 0) to the manipulator's force (N): the one within cone
+ * and max_force that comes nearest to displacing the point by proportional error + integral of the error. While a limit
+ * holds, the integral grows only where that leads away from the limit. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing.
+ * */
 NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_vec3 *force);
 
 /* The cheapest of `count` places to push at: def with each compliance and direction (directions may be NULL: def's) in
  * turn, for a point of interest at `point`. *best: the index of the one that needs the least force, or, where none
- * brings the point all the way, of the one that leaves the least; *force (N) and *left (m, may both be NULL): that force
- * and what it leaves. SB_ERROR_ARGUMENT and _NOT_FINITE leave all untouched. */
+ * brings the point all the way, of the one that leaves the least; *force (N) and *left (m, may both be NULL): that
+ * force and what it leaves. SB_ERROR_ARGUMENT and _NOT_FINITE leave all untouched. */
 NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compliances, const sb_vec3 *directions,
                                   int count, sb_vec3 point, int *best, sb_vec3 *force, sb_real *left, sb_error *error);
 
@@ -6835,8 +6841,8 @@ static int ndli_route_better(const ndli_route *a, const ndli_route *b)
     return reaches_a ? a->cost < b->cost : a->plan.distance < b->plan.distance;
 }
 
-/* Cost (m) of a path that reaches: its length, what lacks to twice the clearance, and what lacks to a margin by which the
- * last piece could still be bent (a needle that bends less than planned would miss). */
+/* Cost (m) of a path that reaches: its length, what lacks to twice the clearance, and what lacks to a margin by which
+ * the last piece could still be bent (a needle that bends less than planned would miss). */
 static double ndli_route_cost(const ndli_router *router, const ndl_plan *plan, ndli_v3 last)
 {
     double radius = 1 / (double)router->def->curvature, cost = (double)plan->length;
@@ -6884,7 +6890,8 @@ static void ndli_route_consider(const ndli_router *router, ndli_route *route, nd
         *best = *route;
 }
 
-/* Points of a Kronecker sequence: they fill the unit cube evenly, in any number of dimensions, with no random numbers. */
+/* Points of a Kronecker sequence: they fill the unit cube evenly, in any number of dimensions, with no random numbers.
+ * */
 static void ndli_route_sample(const ndli_router *router, ndli_route *best, int *boxes)
 {
     double golden = router->pieces == 2 ? 1.2207440846057596 : 1.1127756842787055; /* x^(n + 1) = x + 1 */
@@ -6925,7 +6932,7 @@ static void ndli_plan_route(const ndl_plan_def *def, const ndli_field *field, co
     ndli_route best;
     double most = (double)def->max_length, chord = ndli_norm(ndli_sub(target, pose->p));
     int boxes = plan->boxes;
-    quick.max_boxes = def->max_boxes < 200 ? def->max_boxes : 200;
+    quick.max_boxes = def->max_boxes < 40 ? def->max_boxes : 40; /* for its rank among others a rough end will do */
     router.def = &quick;
     router.field = *field;
     router.pose = *pose;
@@ -7172,15 +7179,16 @@ static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const n
         *plan = other;
 }
 
-/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is clear
- * but does not get there gives place only to one that is better by far: changing from one to another and back, a needle
- * would turn and never go on. */
+/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
+ * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
+ * needle would turn and never go on. */
 static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target)
 {
     ndl_plan_def def = steer->def.plan;
     ndl_plan plan, other;
     double sense = steer->plan.piece_count > 0 ? (double)steer->plan.pieces[0].twist : 0;
     sb_real enough = (sb_real)0.5 * steer->def.reach;
+    const int between = 8; /* updates, while there is no hurry */
     int clear;
     def.curvature *= 1 - steer->def.reserve;
     def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
@@ -7191,7 +7199,8 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
             break;
         ndli_steer_drop_waypoint(steer);
     }
-    if (def.obstacle_count > 0 && (!clear || plan.distance > enough)) {
+    if (def.obstacle_count > 0 && (!clear || (plan.distance > enough && steer->updates >= steer->next_search))) {
+        steer->next_search = steer->updates + between;
         ndli_steer_search(steer, &def, pose, target, sense, &other);
         if (!clear || other.distance < plan.distance - enough)
             plan = other;
@@ -7204,12 +7213,13 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
 
 static ndl_steer_status ndli_steer_end(const ndl_steer *steer, double distance)
 {
+    int obstacles = steer->def.plan.obstacle_count > 0;
+    sb_real little = 2 * steer->def.plan.tolerance;
     if (distance <= (double)steer->def.reach)
         return NDL_STEER_REACHED;
     if (steer->inserted + (sb_real)0.25 * steer->def.step >= steer->def.plan.max_length)
         return NDL_STEER_LIMIT;
-    if (steer->plan.outcome == NDL_PLAN_BLOCKED ||
-        (steer->def.plan.obstacle_count > 0 && steer->plan.distance > steer->plan.bound + 2 * steer->def.plan.tolerance))
+    if (steer->plan.outcome == NDL_PLAN_BLOCKED || (obstacles && steer->plan.distance > steer->plan.bound + little))
         return NDL_STEER_BLOCKED; /* without obstacles there would be a way to get nearer */
     return NDL_STEER_CLOSEST;
 }
@@ -7231,7 +7241,7 @@ static void ndli_steer_move(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
     const ndl_plan_piece *piece = steer->plan.pieces;
     ndli_v3 g = ndli_pose_in(pose, steer->waypoint_count > 0 ? ndli_from(steer->waypoints[0]) : target);
     double aside = sqrt(g.x * g.x + g.y * g.y), worth = ndli_steer_worth(steer, aside), most = (double)def->max_turn;
-    double turn = worth * (double)piece->turn, insertion = (double)(piece->length < def->step ? piece->length : def->step);
+    double turn = worth * (double)piece->turn, insertion = (double)sb_min(piece->length, def->step);
     if (fabs(turn) > (double)def->turn_first && steer->waited < def->max_wait) {
         steer->waited++;
         insertion = 0;
@@ -7450,7 +7460,7 @@ NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_err
 static ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
 {
     ndli_v3 off = ndli_push_across(def, ndli_sub(point, ndli_from(def->line_point)));
-    double radius = (double)def->clear_radius, distance = ndli_norm(off);
+    double radius = (double)def->clear_radius, distance = ndli_norm(off), inside = distance;
     if (!(radius > 0))
         return ndli_scale(-1, off);
     if (distance >= radius)
@@ -7459,8 +7469,7 @@ static ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
         off = ndli_push_across(def, ndli_from(def->direction)), distance = ndli_norm(off);
     if (!(distance > 1e-6))
         return ndli_scale(radius, ndli_from(sb_v3_perpendicular(def->line_direction)));
-    return ndli_scale((radius - ndli_norm(ndli_push_across(def, ndli_sub(point, ndli_from(def->line_point))))) / distance,
-                      off);
+    return ndli_scale((radius - inside) / distance, off);
 }
 
 NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_vec3 *force)
@@ -7507,7 +7516,7 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
     int found = -1, best_there = 0;
     sb_result result;
     if (!def || !compliances || !best || count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def, compliances or best is NULL, or there is nothing to choose from");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def, compliances or best is NULL, or there are no candidates");
     result = ndli_push_check(def, error);
     if (result != SB_OK)
         return result;

@@ -147,8 +147,8 @@ static void test_s_shape(void)
 
 enum { PATH = 4000 };
 
-/* Insertion into rigid tissue, in a plane: the last edge, of length l, runs from a point of the path to the tip; the tip
- * advances along it and aside by the bevel's offset. Fills the path and returns its length in points. */
+/* Insertion into rigid tissue, in a plane: the last edge, of length l, runs from a point of the path to the tip; the
+ * tip advances along it and aside by the bevel's offset. Fills the path and returns its length in points. */
 static int rigid_insertion(const ndl_bevel *bevel, double l, double d, double depth, double (*path)[2])
 {
     int count = 0;
@@ -406,6 +406,43 @@ static void test_plan_speed(void)
     CHECK(boxes < 200 * 2500); /* about a third of a millisecond each */
 }
 
+/* Limits that leave little, and numbers that leave the range of the problem. */
+static void test_plan_extremes(void)
+{
+    ndl_tip_pose tip = start_pose();
+    ndl_plan_def def = ndl_default_plan_def(10, REAL(0.1));
+    sb_vec3 target = sb_v3(REAL(0.01), 0, REAL(0.06));
+    ndl_plan plan;
+    double out, expected;
+    for (int turn = 0; turn <= 1; turn++) { /* arcs only */
+        def.turn = turn;
+        def.max_twist = 0;
+        CHECK_OK(ndl_plan_make(&def, &tip, target, &plan, NULL));
+        CHECK(plan.pieces[0].twist == 0 && sb_abs(plan.pieces[0].turn) <= REAL(1.5708) * REAL(turn));
+        /* nearest point of the circle about (radius, 0) in the plane of the bend; without turning it bends to m2 */
+        out = turn ? 0.01 : 0;
+        expected = fabs(hypot(0.1 - out, 0.06) - 0.1);
+        expected = turn ? expected : hypot(expected, 0.01);
+        CHECK_NEAR(plan.distance, expected, 1e-4 + 1e-6);
+    }
+    def = ndl_default_plan_def(10, REAL(0.1));
+    def.max_twist = REAL(1e30);
+    CHECK_OK(ndl_plan_make(&def, &tip, target, &plan, NULL));
+    CHECK(plan.distance < REAL(0.07) && plan.boxes <= def.max_boxes + 2);
+    def = ndl_default_plan_def(REAL(1e-6), REAL(0.1)); /* all but straight */
+    def.tolerance = REAL(1e-4);
+    CHECK_OK(ndl_plan_make(&def, &tip, target, &plan, NULL));
+    CHECK_NEAR(plan.distance, 0.01, 2e-4);
+    CHECK_NEAR(plan.length, 0.06, 2e-3);
+    def = ndl_default_plan_def(10, REAL(0.1));
+    CHECK_OK(ndl_plan_make(&def, &tip, sb_v3(0, 0, REAL(1e6)), &plan, NULL));
+    CHECK_INT(plan.outcome, NDL_PLAN_SHORT);
+    CHECK(plan.length > REAL(0.09));
+    CHECK_OK(ndl_plan_make(&def, &tip, tip.position, &plan, NULL));
+    CHECK_INT(plan.outcome, NDL_PLAN_REACHES);
+    CHECK(plan.length == 0);
+}
+
 /* ---- obstacles ---- */
 
 static ndl_obstacle obstacle(ndl_obstacle_kind kind, sb_vec3 a, sb_vec3 b, double radius)
@@ -494,9 +531,9 @@ static double plan_room(const ndl_plan *plan, const ndl_plan_def *def, const ndl
 
 static sb_mesh icosahedron(void)
 {
-    static const int faces[20][3] = {{0, 11, 5},  {0, 5, 1},   {0, 1, 7},   {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
-                                     {11, 10, 2}, {10, 7, 6},  {7, 1, 8},   {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
-                                     {3, 8, 9},   {4, 9, 5},   {2, 4, 11},  {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
+    static const int faces[20][3] = {{0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11}, {1, 5, 9},
+                                     {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+                                     {3, 8, 9},  {4, 9, 5},  {2, 4, 11},  {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
     static const double nodes[12][3] = {{-1, 1.618, 0}, {1, 1.618, 0}, {-1, -1.618, 0}, {1, -1.618, 0},
                                         {0, -1, 1.618}, {0, 1, 1.618}, {0, -1, -1.618}, {0, 1, -1.618},
                                         {1.618, 0, -1}, {1.618, 0, 1}, {-1.618, 0, -1}, {-1.618, 0, 1}};
@@ -508,7 +545,8 @@ static sb_mesh icosahedron(void)
     mesh.nodes = (sb_vec3 *)malloc(12 * sizeof(sb_vec3));
     mesh.elements = (int *)malloc(60 * sizeof(int));
     for (int i = 0; i < 12; i++)
-        mesh.nodes[i] = sb_v3(REAL(3.5e-3 * nodes[i][0]), REAL(3.5e-3 * nodes[i][1]), REAL(0.05 + 3.5e-3 * nodes[i][2]));
+        mesh.nodes[i] =
+            sb_v3(REAL(3.5e-3 * nodes[i][0]), REAL(3.5e-3 * nodes[i][1]), REAL(0.05 + 3.5e-3 * nodes[i][2]));
     for (int i = 0; i < 60; i++)
         mesh.elements[i] = faces[i / 3][i % 3];
     return mesh;
@@ -649,8 +687,8 @@ static void test_plan_failures(void)
 
 /* ---- feedback ---- */
 
-/* A tip in tissue, as far as kinematics go: it bends otherwise than calibrated, is sensed with noise, and its roll follows
- * the base with play (friction along the shaft) and late. */
+/* A tip in tissue, as far as kinematics go: it bends otherwise than calibrated, is sensed with noise, and its roll
+ * follows the base with play (friction along the shaft) and late. */
 typedef struct insertion {
     ndl_tip_pose tip;
     unsigned long long seed;
@@ -706,7 +744,9 @@ static void insertion_move(insertion *in, const ndl_steer_command *command)
     } else {
         in->tip = ndl_tip_turn(&in->tip, REAL(turned));
     }
-    in->hash = (in->hash ^ scene_hash(command, sizeof *command)) * 1099511628211ULL;
+    in->hash = (in->hash ^ scene_hash(&command->insertion, sizeof(sb_real))) * 1099511628211ULL;
+    in->hash = (in->hash ^ scene_hash(&command->turn, sizeof(sb_real))) * 1099511628211ULL;
+    in->hash = (in->hash ^ scene_hash(&command->expected, sizeof(sb_real))) * 1099511628211ULL;
 }
 
 /* Runs the loop; returns the final distance of the true tip. *room: the least distance from obstacles on the way. */
@@ -800,7 +840,7 @@ static void test_steer_steady_twist(void)
 static void test_steer_obstacles(void)
 {
     unsigned long long seed = 31;
-    int runs = check_quick() ? 4 : 30, hits = 0, clear = 0;
+    int runs = check_quick() ? 4 : 20, hits = 0, clear = 0;
     for (int i = 0; i < runs; i++) {
         ndl_steer_def def = ndl_default_steer_def(10, REAL(0.16));
         double y = check_random_in(&seed, -0.005, 0.005), x = check_random_in(&seed, 0.001, 0.011), room = 1;
@@ -865,6 +905,32 @@ static void test_steer_ends(void)
     insertion_run(&in, &steer, sb_v3(0, 0, REAL(0.04)), &status, NULL);
     CHECK_INT(status, NDL_STEER_LIMIT);
     CHECK_INT(steer.updates, 3);
+}
+
+/* The commands of three insertions: freely, with a steady twist, past a cylinder. */
+static void test_steer_golden(void)
+{
+    unsigned long long hash = 0;
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("golden hashes are of double");
+        return;
+    }
+    for (int i = 0; i < 3; i++) {
+        ndl_steer_def def = ndl_default_steer_def(10, REAL(0.14));
+        insertion in = make_insertion(77, 1, 9.5);
+        ndl_obstacle o = obstacle(NDL_OBSTACLE_CYLINDER, sb_v3(-1, 0, REAL(0.05)), sb_v3(1, 0, REAL(0.05)), 0.005);
+        ndl_steer_status status = NDL_STEER_GOING;
+        ndl_steer steer;
+        def.plan.turn = i != 1;
+        def.plan.obstacles = &o;
+        def.plan.obstacle_count = i == 2;
+        CHECK_OK(ndl_steer_begin(&def, &steer, NULL));
+        insertion_run(&in, &steer, sb_v3(REAL(0.012), REAL(-0.007), REAL(0.1)), &status, NULL);
+        hash = (hash ^ in.hash) * 1099511628211ULL;
+    }
+    if (getenv("GOLDEN"))
+        printf("  steer 0x%016llxULL\n", hash);
+    CHECK(hash == 0x8d2475360b33221fULL);
 }
 
 static void test_steer_failures(void)
@@ -966,12 +1032,12 @@ static void test_push_onto_path(void)
         ndl_push_def def = push_def();
         ndl_push push;
         double overshoot = 0, lag = i < 3 ? 0 : 0.1;
-        sb_mat3 tissue = def.compliance;
+        sb_mat3 tissue = def.compliance,
+                turned = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(0, 0, REAL(0.5))));
         if (i % 3 == 1)
             tissue = sb_m3_scale(REAL(1.8), tissue); /* softer, */
         if (i % 3 == 2) /* or stiffer and turned by half a radian */
-            tissue = sb_m3_scale(REAL(0.6), sb_m3_mul(sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(0, 0, REAL(0.5)))),
-                                                      tissue));
+            tissue = sb_m3_scale(REAL(0.6), sb_m3_mul(turned, tissue));
         CHECK_OK(ndl_push_begin(&def, &push, NULL));
         CHECK(push_run(&push, &tissue, point, lag, 1000, &overshoot) < 1e-5);
         CHECK(overshoot < 1e-3);
@@ -1238,11 +1304,13 @@ CHECK_SUITE(steer, {"helices have the rates of the model", test_helix_rates},
             {"S shape", test_s_shape}, {"bevels in rigid tissue", test_bevel_in_rigid_tissue},
             {"bevel values", test_bevel_values}, {"bevel failures", test_bevel_failures},
             {"plans against brute force", test_plan_brute_force}, {"plans reach what can be", test_plan_reachable},
-            {"plans of any place and size", test_plan_symmetry}, {"work of plans", test_plan_speed},
+            {"plans of any place and size", test_plan_symmetry}, {"plans at their limits", test_plan_extremes},
+            {"work of plans", test_plan_speed},
             {"distances of obstacles", test_obstacle_distance}, {"plans round obstacles", test_plan_round_obstacles},
             {"outcomes of plans", test_plan_outcomes}, {"plan failures", test_plan_failures},
             {"95 of 100 targets", test_steer_hits}, {"steady twist", test_steer_steady_twist},
             {"two cylinders", test_steer_obstacles}, {"how steering ends", test_steer_ends},
+            {"golden commands", test_steer_golden},
             {"steering failures", test_steer_failures}, {"pushing onto a path", test_push_onto_path},
             {"pushing in any unit", test_push_scale}, {"no wind-up", test_push_windup},
             {"limits of pushing", test_push_limits}, {"pushing is optimal", test_push_optimal},

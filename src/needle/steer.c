@@ -85,15 +85,16 @@ static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const n
         *plan = other;
 }
 
-/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is clear
- * but does not get there gives place only to one that is better by far: changing from one to another and back, a needle
- * would turn and never go on. */
+/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
+ * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
+ * needle would turn and never go on. */
 static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target)
 {
     ndl_plan_def def = steer->def.plan;
     ndl_plan plan, other;
     double sense = steer->plan.piece_count > 0 ? (double)steer->plan.pieces[0].twist : 0;
     sb_real enough = (sb_real)0.5 * steer->def.reach;
+    const int between = 8; /* updates, while there is no hurry */
     int clear;
     def.curvature *= 1 - steer->def.reserve;
     def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
@@ -104,7 +105,8 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
             break;
         ndli_steer_drop_waypoint(steer);
     }
-    if (def.obstacle_count > 0 && (!clear || plan.distance > enough)) {
+    if (def.obstacle_count > 0 && (!clear || (plan.distance > enough && steer->updates >= steer->next_search))) {
+        steer->next_search = steer->updates + between;
         ndli_steer_search(steer, &def, pose, target, sense, &other);
         if (!clear || other.distance < plan.distance - enough)
             plan = other;
@@ -117,12 +119,13 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
 
 static ndl_steer_status ndli_steer_end(const ndl_steer *steer, double distance)
 {
+    int obstacles = steer->def.plan.obstacle_count > 0;
+    sb_real little = 2 * steer->def.plan.tolerance;
     if (distance <= (double)steer->def.reach)
         return NDL_STEER_REACHED;
     if (steer->inserted + (sb_real)0.25 * steer->def.step >= steer->def.plan.max_length)
         return NDL_STEER_LIMIT;
-    if (steer->plan.outcome == NDL_PLAN_BLOCKED ||
-        (steer->def.plan.obstacle_count > 0 && steer->plan.distance > steer->plan.bound + 2 * steer->def.plan.tolerance))
+    if (steer->plan.outcome == NDL_PLAN_BLOCKED || (obstacles && steer->plan.distance > steer->plan.bound + little))
         return NDL_STEER_BLOCKED; /* without obstacles there would be a way to get nearer */
     return NDL_STEER_CLOSEST;
 }
@@ -144,7 +147,7 @@ static void ndli_steer_move(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
     const ndl_plan_piece *piece = steer->plan.pieces;
     ndli_v3 g = ndli_pose_in(pose, steer->waypoint_count > 0 ? ndli_from(steer->waypoints[0]) : target);
     double aside = sqrt(g.x * g.x + g.y * g.y), worth = ndli_steer_worth(steer, aside), most = (double)def->max_turn;
-    double turn = worth * (double)piece->turn, insertion = (double)(piece->length < def->step ? piece->length : def->step);
+    double turn = worth * (double)piece->turn, insertion = (double)sb_min(piece->length, def->step);
     if (fabs(turn) > (double)def->turn_first && steer->waited < def->max_wait) {
         steer->waited++;
         insertion = 0;

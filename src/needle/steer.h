@@ -1,9 +1,9 @@
 /* steer: where a bevelled needle goes, plans of helices to a target past obstacles, a controller that follows them, and
  * one that pushes tissue so that a target moves onto a straight needle's path. Floor 5.
  *
- * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side. With
- * a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no tissue
- * and no rod, only the curvature of the circles, which is measured (see ndl_bevel). Lengths in m, angles in rad.
+ * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side.
+ * With a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no
+ * tissue and no rod, only the curvature of the circles, which is measured (see ndl_bevel). Lengths in m, angles in rad.
  *
  *     ndl_steer_def def = ndl_default_steer_def(10, 0.15);   (radius 10 cm, at most 15 cm deep)
  *     ndl_steer steer;
@@ -86,8 +86,8 @@ typedef struct ndl_obstacle {
     const sb_shape *shape; /* for NDL_OBSTACLE_SHAPE, borrowed; a function needs its max_slope */
 } ndl_obstacle;
 
-/* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value divided
- * by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
+/* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value
+ * divided by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
 NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point);
 
 /* ---- plans ---- */
@@ -128,9 +128,11 @@ typedef struct ndl_plan_def {
                          * then leave gaps that are up to pi k/w^2 wide about a twist of w */
     sb_real tolerance;  /* m, in [1e-6 max_length, max_length]; default 1/1000 of the radius 1/curvature */
     int max_boxes;      /* most boxes of one search, >= 1; default 5000. When they run out `bound` is lower */
-    const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none */
+    const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none. For a controller they may be moved, but
+                        * not added to, between updates */
     int obstacle_count;
-    sb_real clearance;  /* m from obstacles, >= 0 (half the needle's diameter, and margin); default 1/200 of the radius */
+    sb_real clearance;  /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
+                         * radius */
     int max_pieces;     /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
     int samples;        /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
     unsigned cookie;    /* set by ndl_default_plan_def; a def made without it is refused */
@@ -143,11 +145,12 @@ NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length)
  * first ones sampled and improved, the last one aimed at the target; of those that reach the target one that is short
  * and has room on both sides. A path ends where it is nearest: it is never inserted further. A tip nearer to an
  * obstacle than def.clearance keeps nine tenths of the distance it has. SB_OK with any outcome. SB_ERROR_ARGUMENT,
- * _NOT_FINITE (field or obstacle named) leave *plan untouched. 3 us where the target can be reached with turning, up to
- * 1 ms where it cannot, 1 to 20 ms among obstacles. Deterministic to the bit. */
+ * _NOT_FINITE (field or obstacle named) leave *plan untouched. 2 us where turning gets there, else about 0.3 ms (1 ms
+ * where max_boxes run out), 1 to 10 ms past obstacles (without turning to 0.1 s). Deterministic to the bit. */
 NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip, sb_vec3 target, ndl_plan *plan,
                                 sb_error *error);
-/* The pose `length` (m) along a plan, in [0, plan->length] (clamped), from the tip it was made for. */
+/* The pose `length` (m) along a plan, in [0, plan->length] (clamped), from the tip it was made for; at 0
+ * with its first turn made. */
 NDL_API ndl_tip_pose ndl_plan_pose(const ndl_plan *plan, sb_real curvature, const ndl_tip_pose *tip, sb_real length);
 
 /* ---- feedback ---- */
@@ -172,8 +175,8 @@ typedef struct ndl_steer_command {
 /* Start from ndl_default_steer_def. */
 typedef struct ndl_steer_def {
     ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
-    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less than
-                          * it should, or tissue that gives way, can be made up for; default 0.15 */
+    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
+                          * than it should, or tissue that gives way, can be made up for; default 0.15 */
     sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
     sb_real max_turn;    /* rad per update, > 0; default 1 */
     sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
@@ -193,8 +196,9 @@ typedef struct ndl_steer {
     ndl_steer_def def;
     ndl_steer_status status;
     sb_real inserted;  /* m commanded */
-    int updates, plans; /* plans: how often the way past the obstacles was searched anew */
+    int updates, plans; /* plans: how often a way past the obstacles was searched */
     int waited;        /* updates of the present wait */
+    int next_search;   /* the update from which a better way is looked for again, while the present one is clear */
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
     ndl_plan plan;     /* from the last sensed tip */
@@ -242,17 +246,19 @@ typedef struct ndl_push {
     int limited;           /* the force asked for was beyond the cone, max_force or max_rate */
 } ndl_push;
 
-/* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched. */
+/* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched.
+ * */
 NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_error *error);
-/* From the sensed point of interest (m) after another dt (s, > 0) to the manipulator's force (N): the one within cone and
- * max_force that comes nearest to displacing the point by proportional error + integral of the error. While a limit
- * holds, the integral grows only where that leads away from the limit. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing. */
+/* From the sensed point of interest (m) after another dt (s, > 0) to the manipulator's force (N): the one within cone
+ * and max_force that comes nearest to displacing the point by proportional error + integral of the error. While a limit
+ * holds, the integral grows only where that leads away from the limit. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing.
+ * */
 NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_vec3 *force);
 
 /* The cheapest of `count` places to push at: def with each compliance and direction (directions may be NULL: def's) in
  * turn, for a point of interest at `point`. *best: the index of the one that needs the least force, or, where none
- * brings the point all the way, of the one that leaves the least; *force (N) and *left (m, may both be NULL): that force
- * and what it leaves. SB_ERROR_ARGUMENT and _NOT_FINITE leave all untouched. */
+ * brings the point all the way, of the one that leaves the least; *force (N) and *left (m, may both be NULL): that
+ * force and what it leaves. SB_ERROR_ARGUMENT and _NOT_FINITE leave all untouched. */
 NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compliances, const sb_vec3 *directions,
                                   int count, sb_vec3 point, int *best, sb_vec3 *force, sb_real *left, sb_error *error);
 

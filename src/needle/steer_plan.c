@@ -384,8 +384,8 @@ static int ndli_route_better(const ndli_route *a, const ndli_route *b)
     return reaches_a ? a->cost < b->cost : a->plan.distance < b->plan.distance;
 }
 
-/* Cost (m) of a path that reaches: its length, what lacks to twice the clearance, and what lacks to a margin by which the
- * last piece could still be bent (a needle that bends less than planned would miss). */
+/* Cost (m) of a path that reaches: its length, what lacks to twice the clearance, and what lacks to a margin by which
+ * the last piece could still be bent (a needle that bends less than planned would miss). */
 static double ndli_route_cost(const ndli_router *router, const ndl_plan *plan, ndli_v3 last)
 {
     double radius = 1 / (double)router->def->curvature, cost = (double)plan->length;
@@ -433,7 +433,8 @@ static void ndli_route_consider(const ndli_router *router, ndli_route *route, nd
         *best = *route;
 }
 
-/* Points of a Kronecker sequence: they fill the unit cube evenly, in any number of dimensions, with no random numbers. */
+/* Points of a Kronecker sequence: they fill the unit cube evenly, in any number of dimensions, with no random numbers.
+ * */
 static void ndli_route_sample(const ndli_router *router, ndli_route *best, int *boxes)
 {
     double golden = router->pieces == 2 ? 1.2207440846057596 : 1.1127756842787055; /* x^(n + 1) = x + 1 */
@@ -474,7 +475,7 @@ static void ndli_plan_route(const ndl_plan_def *def, const ndli_field *field, co
     ndli_route best;
     double most = (double)def->max_length, chord = ndli_norm(ndli_sub(target, pose->p));
     int boxes = plan->boxes;
-    quick.max_boxes = def->max_boxes < 200 ? def->max_boxes : 200;
+    quick.max_boxes = def->max_boxes < 40 ? def->max_boxes : 40; /* for its rank among others a rough end will do */
     router.def = &quick;
     router.field = *field;
     router.pose = *pose;

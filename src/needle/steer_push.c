@@ -173,7 +173,7 @@ NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_err
 static ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
 {
     ndli_v3 off = ndli_push_across(def, ndli_sub(point, ndli_from(def->line_point)));
-    double radius = (double)def->clear_radius, distance = ndli_norm(off);
+    double radius = (double)def->clear_radius, distance = ndli_norm(off), inside = distance;
     if (!(radius > 0))
         return ndli_scale(-1, off);
     if (distance >= radius)
@@ -182,8 +182,7 @@ static ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
         off = ndli_push_across(def, ndli_from(def->direction)), distance = ndli_norm(off);
     if (!(distance > 1e-6))
         return ndli_scale(radius, ndli_from(sb_v3_perpendicular(def->line_direction)));
-    return ndli_scale((radius - ndli_norm(ndli_push_across(def, ndli_sub(point, ndli_from(def->line_point))))) / distance,
-                      off);
+    return ndli_scale((radius - inside) / distance, off);
 }
 
 NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_vec3 *force)
@@ -230,7 +229,7 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
     int found = -1, best_there = 0;
     sb_result result;
     if (!def || !compliances || !best || count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def, compliances or best is NULL, or there is nothing to choose from");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def, compliances or best is NULL, or there are no candidates");
     result = ndli_push_check(def, error);
     if (result != SB_OK)
         return result;
