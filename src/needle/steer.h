@@ -16,7 +16,7 @@
  *
  * Nothing here allocates; calls on different objects are independent of each other. Sources: Webster et al. 2006
  * (nonholonomic model), Hauser et al. 2009 (feedback on helical paths), Torabi et al. 2009 (single-point manipulation),
- * Chentanez 2010, 9.3 and 12.2. */
+ * Chentanez 2010, 10.1 and 12.2. */
 #ifndef NDL_STEER_H
 #define NDL_STEER_H
 

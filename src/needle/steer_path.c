@@ -63,14 +63,14 @@ NDLI_API ndli_pose ndli_pose_turn(const ndli_pose *pose, double angle)
 /* ---- helices ---- */
 
 /* sin(a)/a, (1 - cos a)/a^2, (a - sin a)/a^3 for a^2 = `square`, and (1/a) d/da of the last two. */
-typedef struct ndli_turn {
+typedef struct ndli_helix_factors {
     double c0, c1, c2, d1, d2;
-} ndli_turn;
+} ndli_helix_factors;
 
 /* Below half a radian by series: the quotients would lose digits. */
-static ndli_turn ndli_turn_series(double a)
+static ndli_helix_factors ndli_helix_series(double a)
 {
-    ndli_turn q;
+    ndli_helix_factors q;
     q.c2 = 1.0 / 6 - a * (1.0 / 120 - a * (1.0 / 5040 - a * (1.0 / 362880 - a * (1.0 / 39916800 - a / 6227020800.0))));
     q.c1 = 0.5 - a * (1.0 / 24 - a * (1.0 / 720 - a * (1.0 / 40320 - a * (1.0 / 3628800 - a / 479001600.0))));
     q.c0 = 1 - a * q.c2;
@@ -79,12 +79,12 @@ static ndli_turn ndli_turn_series(double a)
     return q;
 }
 
-static ndli_turn ndli_turn_of(double square)
+static ndli_helix_factors ndli_helix_factors_of(double square)
 {
-    ndli_turn q;
+    ndli_helix_factors q;
     double a, s, c;
     if (square < 0.25)
-        return ndli_turn_series(square);
+        return ndli_helix_series(square);
     a = sqrt(square);
     sbi_dense_sin_cos(a, &s, &c);
     q.c0 = s / a;
@@ -96,7 +96,7 @@ static ndli_turn ndli_turn_of(double square)
 }
 
 /* The frame turns by the rotation vector s (-k, 0, w); p = s (I + c1 [v] + c2 [v]^2) (0, 0, 1). */
-static ndli_v3 ndli_helix_point_of(const ndli_turn *q, double k, double w, double s)
+static ndli_v3 ndli_helix_point_of(const ndli_helix_factors *q, double k, double w, double s)
 {
     double b = k * s;
     return ndli_v(-s * q->c2 * b * (w * s), s * q->c1 * b, s * (1 - q->c2 * b * b));
@@ -104,13 +104,13 @@ static ndli_v3 ndli_helix_point_of(const ndli_turn *q, double k, double w, doubl
 
 NDLI_API ndli_v3 ndli_helix_point(double k, double w, double s)
 {
-    ndli_turn q = ndli_turn_of(s * s * (k * k + w * w));
+    ndli_helix_factors q = ndli_helix_factors_of(s * s * (k * k + w * w));
     return ndli_helix_point_of(&q, k, w, s);
 }
 
 NDLI_API ndli_helix_end ndli_helix_derive(double k, double w, double s)
 {
-    ndli_turn q = ndli_turn_of(s * s * (k * k + w * w));
+    ndli_helix_factors q = ndli_helix_factors_of(s * s * (k * k + w * w));
     ndli_helix_end e;
     double b = k * s, x = w * s;
     e.p = ndli_helix_point_of(&q, k, w, s);
@@ -121,7 +121,7 @@ NDLI_API ndli_helix_end ndli_helix_derive(double k, double w, double s)
 
 NDLI_API ndli_pose ndli_pose_helix(const ndli_pose *pose, double k, double w, double s)
 {
-    ndli_turn q = ndli_turn_of(s * s * (k * k + w * w));
+    ndli_helix_factors q = ndli_helix_factors_of(s * s * (k * k + w * w));
     double b = k * s, x = w * s;
     ndli_pose r;
     r.p = ndli_pose_out(pose, ndli_helix_point_of(&q, k, w, s));
@@ -238,7 +238,7 @@ NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *def
 
 /* ---- obstacles ---- */
 
-static double ndli_clamp(double x, double low, double high)
+static double ndli_path_clamp(double x, double low, double high)
 {
     return x < low ? low : x > high ? high : x;
 }
@@ -246,7 +246,7 @@ static double ndli_clamp(double x, double low, double high)
 static double ndli_distance_capsule(const ndl_obstacle *o, ndli_v3 p)
 {
     ndli_v3 axis = ndli_sub(ndli_from(o->b), ndli_from(o->a)), d = ndli_sub(p, ndli_from(o->a));
-    double square = ndli_dot(axis, axis), at = square > 0 ? ndli_clamp(ndli_dot(d, axis) / square, 0, 1) : 0;
+    double square = ndli_dot(axis, axis), at = square > 0 ? ndli_path_clamp(ndli_dot(d, axis) / square, 0, 1) : 0;
     return ndli_norm(ndli_madd(d, -at, axis)) - (double)o->radius;
 }
 
