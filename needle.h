@@ -23,7 +23,8 @@
  *
  * WHAT IT DOES NOT DO
  *
- * In this version: needles alone (rods), and tissue meshes whose nodes follow a needle's tip; not yet the two coupled.
+ * In this version: needles alone (rods), tissue that moves and whose mesh follows a needle's tip, and steering plans; not yet
+ * needles that feel the tissue.
  *
  * A FIRST PROGRAM
  *
@@ -215,6 +216,24 @@
 #define ndl_tissue_get_energies ndl_tissue_get_energies_f32
 #define ndl_tissue_momentum ndl_tissue_momentum_f32
 #define ndl_tissue_stiffness ndl_tissue_stiffness_f32
+#define ndl_helix_pose ndl_helix_pose_f32
+#define ndl_tip_turn ndl_tip_turn_f32
+#define ndl_helix_radius ndl_helix_radius_f32
+#define ndl_helix_pitch ndl_helix_pitch_f32
+#define ndl_bevel_offset ndl_bevel_offset_f32
+#define ndl_bevel_shift ndl_bevel_shift_f32
+#define ndl_bevel_curvature ndl_bevel_curvature_f32
+#define ndl_obstacle_distance ndl_obstacle_distance_f32
+#define ndl_default_plan_def ndl_default_plan_def_f32
+#define ndl_plan_make ndl_plan_make_f32
+#define ndl_plan_pose ndl_plan_pose_f32
+#define ndl_default_steer_def ndl_default_steer_def_f32
+#define ndl_steer_begin ndl_steer_begin_f32
+#define ndl_steer_update ndl_steer_update_f32
+#define ndl_default_push_def ndl_default_push_def_f32
+#define ndl_push_begin ndl_push_begin_f32
+#define ndl_push_update ndl_push_update_f32
+#define ndl_push_choose ndl_push_choose_f32
 #endif
 #endif
 
@@ -827,6 +846,270 @@ NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue); /* kg m/s */
 NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j);
 
 #endif /* NDL_TISSUE_H */
+
+/* ==== src/needle/steer.h ==== */
+/* steer: where a bevelled needle goes, plans of helices to a target past obstacles, a controller that follows them, and
+ * one that pushes tissue so that a target moves onto a straight needle's path. Floor 5.
+ *
+ * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side.
+ * With a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no
+ * tissue and no rod, only the curvature of the circles, which is measured (see ndl_bevel). Lengths in m, angles in rad.
+ *
+ *     ndl_steer_def def = ndl_default_steer_def(10, 0.15);   (radius 10 cm, at most 15 cm deep)
+ *     ndl_steer steer;
+ *     ndl_steer_command command;
+ *     if (ndl_steer_begin(&def, &steer, &error) != SB_OK) ...
+ *     do {                                                   (sense the tip and the target, then:)
+ *         ndl_steer_update(&steer, &tip, target, &command);
+ *         (insert command.insertion, turn the base by command.turn)
+ *     } while (command.status == NDL_STEER_GOING);
+ *
+ * Nothing here allocates; calls on different objects are independent of each other. Sources: Webster et al. 2006
+ * (nonholonomic model), Hauser et al. 2009 (feedback on helical paths), Torabi et al. 2009 (single-point manipulation),
+ * Chentanez 2010, 10.1 and 12.2. */
+#ifndef NDL_STEER_H
+#define NDL_STEER_H
+
+
+/* ---- where a tip goes ---- */
+
+/* Position (m) of a tip and its frame: t points ahead, and the needle bends towards m2. */
+typedef struct ndl_tip_pose {
+    sb_vec3 position;
+    ndl_frame frame; /* orthonormal and right-handed to 1e-3; used made exact */
+} ndl_tip_pose;
+
+/* The pose after `length` (m, either sign) of insertion at a steady twist (rad of turn per m of insertion, about t),
+ * for a tip that bends with `curvature` (1/m). Exact for any size, also for 0. Pure turning is ndl_tip_turn. */
+NDL_API ndl_tip_pose ndl_helix_pose(const ndl_tip_pose *start, sb_real curvature, sb_real twist, sb_real length);
+/* The pose turned in place by `angle` about t. */
+NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle);
+/* Radius (m) of that helix, k/(k^2 + w^2), and its way ahead per turn, 2 pi |w|/(k^2 + w^2); k and w not both 0. */
+NDL_API sb_real ndl_helix_radius(sb_real curvature, sb_real twist);
+NDL_API sb_real ndl_helix_pitch(sb_real curvature, sb_real twist);
+
+/* ---- what a bevel does in a mesh of tissue ----
+ * When the tip node advances by d along t, its material point is put aside by an offset h against which the needle then
+ * bends: X <- X(x_tip) + F^-1 h m2. */
+
+typedef enum ndl_bevel_law {
+    NDL_BEVEL_ANGLE = 1,    /* h = d tan(angle), as the thesis has it: the curvature depends on the edge length */
+    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles of that curvature in rigid tissue for any edge
+                             * length l and step d; softer tissue gives less */
+} ndl_bevel_law;
+
+typedef struct ndl_bevel {
+    ndl_bevel_law law;
+    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE. With edges of mm an effective angle of few degrees,
+                        * not the ground one: 2 tan(angle)/l is the curvature in rigid tissue */
+    sb_real curvature; /* 1/m, for NDL_BEVEL_CURVATURE. Measured: radii of 5 to 50 cm are usual; 0: symmetric tip */
+} ndl_bevel;
+
+/* Offset h (m) for an advance d (m) of a tip whose last edge is edge_length (m) long; 0 for d <= 0 (retraction).
+ * SB_ERROR_ARGUMENT (law, angle, edge_length <= 0, or an edge too long for the circle: |curvature| (l + d) > 2) and
+ * SB_ERROR_NOT_FINITE leave *offset untouched. */
+NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *offset);
+/* The material displacement F^-1 (offset m2) of the tip's material point; F is the deformation gradient about the tip,
+ * averaged by volume over the tip's star (that of one element jumps). SB_ERROR_INVERTED when det F <= 0,
+ * SB_ERROR_NOT_FINITE; *shift is then untouched. */
+NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
+/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
+                                      sb_real *curvature);
+
+/* ---- obstacles ---- */
+
+typedef enum ndl_obstacle_kind {
+    NDL_OBSTACLE_SPHERE = 1,   /* centre a */
+    NDL_OBSTACLE_CAPSULE = 2,  /* all within radius of the segment from a to b */
+    NDL_OBSTACLE_CYLINDER = 3, /* flat ends at a and b, apart */
+    NDL_OBSTACLE_SHAPE = 4     /* inside of a surface or a function. To stay inside an organ, negate its distance */
+} ndl_obstacle_kind;
+
+typedef struct ndl_obstacle {
+    ndl_obstacle_kind kind;
+    sb_vec3 a, b;          /* m */
+    sb_real radius;        /* m, > 0 */
+    const sb_shape *shape; /* for NDL_OBSTACLE_SHAPE, borrowed; a function needs its max_slope */
+} ndl_obstacle;
+
+/* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value
+ * divided by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
+NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point);
+
+/* ---- plans ---- */
+
+enum { NDL_PLAN_PIECES = 3 }; /* most pieces of a plan */
+
+/* First a turn in place, then an insertion at a steady twist. */
+typedef struct ndl_plan_piece {
+    sb_real turn;   /* rad, in [-pi, pi] */
+    sb_real twist;  /* rad/m */
+    sb_real length; /* m, >= 0 */
+} ndl_plan_piece;
+
+typedef enum ndl_plan_outcome {
+    NDL_PLAN_REACHES = 1, /* ends within the tolerance of the target, clear of obstacles */
+    NDL_PLAN_SHORT = 2,   /* clear of obstacles, but ends farther off: `distance` */
+    NDL_PLAN_BLOCKED = 3  /* the tip is in an obstacle already: no pieces */
+} ndl_plan_outcome;
+
+typedef struct ndl_plan {
+    ndl_plan_outcome outcome;
+    int piece_count;
+    ndl_plan_piece pieces[NDL_PLAN_PIECES];
+    sb_real length;    /* m, of all pieces */
+    sb_real distance;  /* m, from the end to the target */
+    sb_real bound;     /* m: without obstacles no plan of one piece ends nearer than this; proven, see ndl_plan_make */
+    sb_real clearance; /* m: no obstacle is nearer to the path, proven; SB_REAL_MAX without obstacles */
+    int boxes;         /* boxes looked at by branch and bound: a measure of the work; 0 when not needed */
+} ndl_plan;
+
+/* What a plan may use. Start from ndl_default_plan_def. */
+typedef struct ndl_plan_def {
+    sb_real curvature;  /* 1/m, > 0 */
+    sb_real max_length; /* m of insertion, > 0 */
+    sb_real max_twist;  /* rad/m, >= 0; default 50 times the curvature */
+    int turn;           /* 1 (default): the base may be turned with no insertion, at the start of each piece: every
+                         * point the needle can bend to is met. 0: steady twist only, as in Hauser et al.: helices
+                         * then leave gaps that are up to pi k/w^2 wide about a twist of w */
+    sb_real tolerance;  /* m, in [1e-6 max_length, max_length]; default 1/1000 of the radius 1/curvature */
+    int max_boxes;      /* most boxes of one search, >= 1; default 5000. When they run out `bound` is lower */
+    const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none. For a controller they may be moved, but
+                        * not added to, between updates */
+    int obstacle_count;
+    sb_real clearance;  /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
+                         * radius */
+    int max_pieces;     /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
+    int samples;        /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
+    unsigned cookie;    /* set by ndl_default_plan_def; a def made without it is refused */
+} ndl_plan_def;
+
+NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length);
+
+/* The helix from the tip that ends nearest to the target (m), to the tolerance: branch and bound over length and twist,
+ * after a descent from a few starts which mostly settles it. Where obstacles are in its way, sequences of pieces: the
+ * first ones sampled and improved, the last one aimed at the target; of those that reach the target one that is short
+ * and has room on both sides. A path ends where it is nearest: it is never inserted further. A tip nearer to an
+ * obstacle than def.clearance keeps nine tenths of the distance it has. SB_OK with any outcome. SB_ERROR_ARGUMENT,
+ * _NOT_FINITE (field or obstacle named) leave *plan untouched. 2 us where turning gets there, else about 0.3 ms (1 ms
+ * where max_boxes run out), 1 to 10 ms past obstacles (without turning to 0.1 s). Deterministic to the bit. */
+NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip, sb_vec3 target, ndl_plan *plan,
+                                sb_error *error);
+/* The pose `length` (m) along a plan, in [0, plan->length] (clamped), from the tip it was made for; at 0
+ * with its first turn made. */
+NDL_API ndl_tip_pose ndl_plan_pose(const ndl_plan *plan, sb_real curvature, const ndl_tip_pose *tip, sb_real length);
+
+/* ---- feedback ---- */
+
+typedef enum ndl_steer_status {
+    NDL_STEER_GOING = 0,
+    NDL_STEER_REACHED = 1, /* within def.reach of the target, and no nearer place ahead */
+    NDL_STEER_CLOSEST = 2, /* can get no closer, but is not within def.reach */
+    NDL_STEER_LIMIT = 3,   /* max_length is used up, or def.max_updates */
+    NDL_STEER_BLOCKED = 4  /* no way on clear of the obstacles was found */
+} ndl_steer_status;
+
+/* What to do until the next update. Divide by the time step for speeds. */
+typedef struct ndl_steer_command {
+    ndl_steer_status status;
+    sb_real insertion; /* m, >= 0; 0 when turning in place and when not going */
+    sb_real turn;      /* rad to turn the base by, about t */
+    sb_real distance;  /* m, from the sensed tip to the target */
+    sb_real expected;  /* m, from the end of the present plan to the target */
+} ndl_steer_command;
+
+/* Start from ndl_default_steer_def. */
+typedef struct ndl_steer_def {
+    ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
+    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
+                          * than it should, or tissue that gives way, can be made up for; default 0.15 */
+    sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
+    sb_real max_turn;    /* rad per update, > 0; default 1 */
+    sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
+                          * the tip follows the base late */
+    sb_real turn_first;  /* rad: insertion waits while the roll is further off than this; default 0.3 */
+    int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
+    sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
+    int max_updates;     /* >= 1; default 10000 */
+    unsigned cookie;     /* set by ndl_default_steer_def */
+} ndl_steer_def;
+
+/* curvature and max_length as in ndl_default_plan_def. */
+NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_length);
+
+/* A controller: plain data, may be copied (a copy is its saved state). Fields are read-only. */
+typedef struct ndl_steer {
+    ndl_steer_def def;
+    ndl_steer_status status;
+    sb_real inserted;  /* m commanded */
+    int updates, plans; /* plans: how often a way past the obstacles was searched */
+    int waited;        /* updates of the present wait */
+    int next_search;   /* the update from which a better way is looked for again, while the present one is clear */
+    int waypoint_count;
+    sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
+    ndl_plan plan;     /* from the last sensed tip */
+} ndl_steer;
+
+/* SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE leave *steer untouched. */
+NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb_error *error);
+/* One round: the plan from the sensed tip to the sensed target (m; tissue moves it), and what to do. Pieces of a plan
+ * past obstacles are aimed anew at where they were to end, and the way is searched anew when that is no longer clear.
+ * Once the status is not GOING it stays and nothing more is commanded; ndl_steer_begin starts over. SB_ERROR_NOT_FINITE
+ * and SB_ERROR_ARGUMENT (a frame that is none) change nothing. Cost: see ndl_plan_make. */
+NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb_vec3 target,
+                                   ndl_steer_command *command);
+
+/* ---- pushing the tissue ---- */
+
+/* Start from ndl_default_push_def, set compliance, line and max_force. The gains have no unit but that of time: the
+ * compliance turns errors into forces. */
+typedef struct ndl_push_def {
+    sb_mat3 compliance;     /* m/N: displacement of the point of interest per force of the manipulator. An estimate will
+                             * do: off by a factor below 2, or 45 degrees */
+    sb_vec3 line_point;     /* m, on the needle's path */
+    sb_vec3 line_direction; /* any length but 0 */
+    sb_real clear_radius;   /* m; 0 (default): move the point onto the path. > 0: out of a cylinder of this radius
+                             * about it (an obstacle) */
+    sb_vec3 direction;      /* in which the manipulator pushes, any length but 0; default 0: any direction (a grip) */
+    sb_real cone;           /* rad, in [0, pi/2]: how far the force may lean from `direction`; default 0.5 */
+    sb_real max_force;      /* N, > 0 */
+    sb_real proportional;   /* >= 0, default 0.3. Tissue that follows at once needs less than 1 */
+    sb_real integral;       /* 1/s, >= 0; default 1 */
+    sb_real max_rate;       /* N/s, > 0; default SB_REAL_MAX */
+    sb_real tolerance;      /* m, > 0: within it the push has arrived; default 5e-4 */
+    unsigned cookie;        /* set by ndl_default_push_def */
+} ndl_push_def;
+
+NDL_API ndl_push_def ndl_default_push_def(void);
+
+/* A PI controller: plain data, may be copied. Fields are read-only. */
+typedef struct ndl_push {
+    ndl_push_def def;      /* directions made unit vectors */
+    sb_vec3 integral;      /* m: the integral part of the displacement asked for */
+    sb_vec3 force;         /* N */
+    sb_vec3 error;         /* m: way that the point has still to go, across the path; 0 when there */
+    int arrived;           /* the last error was within the tolerance */
+    int limited;           /* the force asked for was beyond the cone, max_force or max_rate */
+} ndl_push;
+
+/* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched.
+ * */
+NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_error *error);
+/* From the sensed point of interest (m) after another dt (s, > 0) to the manipulator's force (N): the one within cone
+ * and max_force that comes nearest to displacing the point by proportional error + integral of the error. While a limit
+ * holds, the integral grows only where that leads away from the limit. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing.
+ * */
+NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_vec3 *force);
+
+/* The cheapest of `count` places to push at: def with each compliance and direction (directions may be NULL: def's) in
+ * turn, for a point of interest at `point`. *best: the index of the one that needs the least force, or, where none
+ * brings the point all the way, of the one that leaves the least; *force (N) and *left (m, may both be NULL): that
+ * force and what it leaves. SB_ERROR_ARGUMENT and _NOT_FINITE leave all untouched. */
+NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compliances, const sb_vec3 *directions,
+                                  int count, sb_vec3 point, int *best, sb_vec3 *force, sb_real *left, sb_error *error);
+
+#endif /* NDL_STEER_H */
 
 #endif /* NEEDLE_H */
 
@@ -8290,6 +8573,1487 @@ NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
     for (int c = 0; c < 9; c++)
         k.m[c / 3][c % 3] = block[c];
     return k;
+}
+
+/* ==== src/needle/steer_path.h ==== */
+/* steer_path: poses, helices, and how near paths come to obstacles, in double. Floor 5, internal: the planner's and the
+ * controller's. */
+#ifndef NDL_STEER_PATH_H
+#define NDL_STEER_PATH_H
+
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+typedef struct ndli_pose {
+    ndli_v3 p, m1, m2, t;
+} ndli_pose;
+
+/* The end of a helix from a pose at the origin with axes x, y, z, and its derivatives: d/ds is the tangent. */
+typedef struct ndli_helix_end {
+    ndli_v3 p, ds, dw;
+} ndli_helix_end;
+
+/* Obstacles and the distance that paths keep from them. */
+typedef struct ndli_field {
+    const ndl_obstacle *obstacles;
+    int count;
+    double clearance;
+    double resolution; /* m: least step along a path; between two of them it may be resolution/2 nearer */
+} ndli_field;
+
+/* SB_ERROR_NOT_FINITE, or SB_ERROR_ARGUMENT for a frame that is none. */
+NDLI_API sb_result ndli_pose_read(const ndl_tip_pose *tip, ndli_pose *pose);
+NDLI_API ndl_tip_pose ndli_pose_write(const ndli_pose *pose);
+NDLI_API ndli_pose ndli_pose_turn(const ndli_pose *pose, double angle);
+NDLI_API ndli_pose ndli_pose_helix(const ndli_pose *pose, double k, double w, double s);
+NDLI_API ndli_v3 ndli_pose_out(const ndli_pose *pose, ndli_v3 local); /* world point of a local one */
+NDLI_API ndli_v3 ndli_pose_in(const ndli_pose *pose, ndli_v3 point);  /* local point of a world one */
+NDLI_API ndli_v3 ndli_helix_point(double k, double w, double s);      /* local */
+NDLI_API ndli_helix_end ndli_helix_derive(double k, double w, double s);
+
+NDLI_API double ndli_field_distance(const ndli_field *field, ndli_v3 p); /* DBL_MAX without obstacles */
+/* Follows a helix until an obstacle is nearer than clearance - slack s^3: the length that is free, at most `length`.
+ * *nearest is lowered to what the distance along that length proves to be. */
+NDLI_API double ndli_field_march(const ndli_field *field, const ndli_pose *pose, double k, double w, double length,
+                                 double slack, double *nearest);
+
+/* ---- the planner's, for the controller ---- */
+NDLI_API sb_result ndli_plan_check(const ndl_plan_def *def, sb_error *error);
+/* The plan whose pieces aim at the waypoints in turn, then at the target, with the curvature, limits and tolerance of
+ * def; `sense` is the sign of twist to keep, or 0. Where it meets an obstacle nearer than `clearance` it is cut off
+ * there. Returns whether it is clear. */
+NDLI_API int ndli_plan_aim(const ndl_plan_def *def, double clearance, const ndli_pose *pose, const sb_vec3 *waypoints,
+                           int waypoint_count, ndli_v3 target, double sense, ndl_plan *plan);
+NDLI_API void ndli_plan_search(const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target, double sense,
+                               ndl_plan *plan);
+#endif
+
+#endif /* NDL_STEER_PATH_H */
+
+/* ==== src/needle/steer_path.c ==== */
+/* steer_path: helices, what a bevel does, and distances of paths from obstacles. */
+
+/* ---- poses ---- */
+
+NDLI_API sb_result ndli_pose_read(const ndl_tip_pose *tip, ndli_pose *pose)
+{
+    const ndl_frame *f = &tip->frame;
+    ndli_v3 m1 = ndli_from(f->m1), m2 = ndli_from(f->m2), t = ndli_from(f->t), off;
+    double length;
+    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) ||
+        !sb_v3_is_finite(f->t))
+        return SB_ERROR_NOT_FINITE;
+    off = ndli_sub(ndli_cross(m1, m2), t);
+    if (!(fabs(ndli_norm(t) - 1) < 1e-3) || !(fabs(ndli_norm(m2) - 1) < 1e-3) || !(fabs(ndli_norm(m1) - 1) < 1e-3) ||
+        !(ndli_norm(off) < 1e-3) || !(fabs(ndli_dot(m1, m2)) < 1e-3))
+        return SB_ERROR_ARGUMENT;
+    length = ndli_norm(t);
+    pose->p = ndli_from(tip->position);
+    pose->t = ndli_scale(1 / length, t);
+    m2 = ndli_madd(m2, -ndli_dot(m2, pose->t), pose->t);
+    pose->m2 = ndli_scale(1 / ndli_norm(m2), m2);
+    pose->m1 = ndli_cross(pose->m2, pose->t);
+    return SB_OK;
+}
+
+NDLI_API ndl_tip_pose ndli_pose_write(const ndli_pose *pose)
+{
+    ndl_tip_pose tip;
+    tip.position = ndli_to(pose->p);
+    tip.frame.m1 = ndli_to(pose->m1);
+    tip.frame.m2 = ndli_to(pose->m2);
+    tip.frame.t = ndli_to(pose->t);
+    return tip;
+}
+
+static ndli_v3 ndli_pose_along(const ndli_pose *pose, ndli_v3 local)
+{
+    return ndli_madd(ndli_madd(ndli_scale(local.x, pose->m1), local.y, pose->m2), local.z, pose->t);
+}
+
+NDLI_API ndli_v3 ndli_pose_out(const ndli_pose *pose, ndli_v3 local)
+{
+    return ndli_add(pose->p, ndli_pose_along(pose, local));
+}
+
+NDLI_API ndli_v3 ndli_pose_in(const ndli_pose *pose, ndli_v3 point)
+{
+    ndli_v3 d = ndli_sub(point, pose->p);
+    return ndli_v(ndli_dot(d, pose->m1), ndli_dot(d, pose->m2), ndli_dot(d, pose->t));
+}
+
+NDLI_API ndli_pose ndli_pose_turn(const ndli_pose *pose, double angle)
+{
+    ndli_pose r = *pose;
+    double s, c;
+    sbi_dense_sin_cos(angle, &s, &c);
+    r.m1 = ndli_madd(ndli_scale(c, pose->m1), s, pose->m2);
+    r.m2 = ndli_madd(ndli_scale(c, pose->m2), -s, pose->m1);
+    return r;
+}
+
+/* ---- helices ---- */
+
+/* sin(a)/a, (1 - cos a)/a^2, (a - sin a)/a^3 for a^2 = `square`, and (1/a) d/da of the last two. */
+typedef struct ndli_helix_factors {
+    double c0, c1, c2, d1, d2;
+} ndli_helix_factors;
+
+/* Below half a radian by series: the quotients would lose digits. */
+static ndli_helix_factors ndli_helix_series(double a)
+{
+    ndli_helix_factors q;
+    q.c2 = 1.0 / 6 - a * (1.0 / 120 - a * (1.0 / 5040 - a * (1.0 / 362880 - a * (1.0 / 39916800 - a / 6227020800.0))));
+    q.c1 = 0.5 - a * (1.0 / 24 - a * (1.0 / 720 - a * (1.0 / 40320 - a * (1.0 / 3628800 - a / 479001600.0))));
+    q.c0 = 1 - a * q.c2;
+    q.d1 = -1.0 / 12 + a * (1.0 / 180 - a * (1.0 / 6720 - a * (1.0 / 453600 - a / 47900160.0)));
+    q.d2 = -1.0 / 60 + a * (1.0 / 1260 - a * (1.0 / 60480 - a * (1.0 / 4989600 - a / 622702080.0)));
+    return q;
+}
+
+static ndli_helix_factors ndli_helix_factors_of(double square)
+{
+    ndli_helix_factors q;
+    double a, s, c;
+    if (square < 0.25)
+        return ndli_helix_series(square);
+    a = sqrt(square);
+    sbi_dense_sin_cos(a, &s, &c);
+    q.c0 = s / a;
+    q.c1 = (1 - c) / square;
+    q.c2 = (1 - q.c0) / square;
+    q.d1 = (q.c0 - 2 * q.c1) / square;
+    q.d2 = (q.c1 - 3 * q.c2) / square;
+    return q;
+}
+
+/* The frame turns by the rotation vector s (-k, 0, w); p = s (I + c1 [v] + c2 [v]^2) (0, 0, 1). */
+static ndli_v3 ndli_helix_point_of(const ndli_helix_factors *q, double k, double w, double s)
+{
+    double b = k * s;
+    return ndli_v(-s * q->c2 * b * (w * s), s * q->c1 * b, s * (1 - q->c2 * b * b));
+}
+
+NDLI_API ndli_v3 ndli_helix_point(double k, double w, double s)
+{
+    ndli_helix_factors q = ndli_helix_factors_of(s * s * (k * k + w * w));
+    return ndli_helix_point_of(&q, k, w, s);
+}
+
+NDLI_API ndli_helix_end ndli_helix_derive(double k, double w, double s)
+{
+    ndli_helix_factors q = ndli_helix_factors_of(s * s * (k * k + w * w));
+    ndli_helix_end e;
+    double b = k * s, x = w * s;
+    e.p = ndli_helix_point_of(&q, k, w, s);
+    e.ds = ndli_v(-q.c1 * b * x, q.c0 * b, 1 - q.c1 * b * b);
+    e.dw = ndli_scale(s * s, ndli_v(-b * (q.c2 + q.d2 * x * x), b * x * q.d1, -b * b * x * q.d2));
+    return e;
+}
+
+NDLI_API ndli_pose ndli_pose_helix(const ndli_pose *pose, double k, double w, double s)
+{
+    ndli_helix_factors q = ndli_helix_factors_of(s * s * (k * k + w * w));
+    double b = k * s, x = w * s;
+    ndli_pose r;
+    r.p = ndli_pose_out(pose, ndli_helix_point_of(&q, k, w, s));
+    r.t = ndli_pose_along(pose, ndli_v(-q.c1 * b * x, q.c0 * b, 1 - q.c1 * b * b));
+    r.m2 = ndli_pose_along(pose, ndli_v(-q.c0 * x, 1 - q.c1 * (b * b + x * x), -q.c0 * b));
+    r.t = ndli_scale(1 / ndli_norm(r.t), r.t);
+    r.m2 = ndli_madd(r.m2, -ndli_dot(r.m2, r.t), r.t);
+    r.m2 = ndli_scale(1 / ndli_norm(r.m2), r.m2);
+    r.m1 = ndli_cross(r.m2, r.t);
+    return r;
+}
+
+static ndli_pose ndli_pose_raw(const ndl_tip_pose *tip)
+{
+    ndli_pose pose;
+    pose.p = ndli_from(tip->position);
+    pose.m1 = ndli_from(tip->frame.m1);
+    pose.m2 = ndli_from(tip->frame.m2);
+    pose.t = ndli_from(tip->frame.t);
+    return pose;
+}
+
+NDL_API ndl_tip_pose ndl_helix_pose(const ndl_tip_pose *start, sb_real curvature, sb_real twist, sb_real length)
+{
+    ndli_pose pose = ndli_pose_raw(start);
+    pose = ndli_pose_helix(&pose, (double)curvature, (double)twist, (double)length);
+    return ndli_pose_write(&pose);
+}
+
+NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle)
+{
+    ndli_pose pose = ndli_pose_raw(start);
+    pose = ndli_pose_turn(&pose, (double)angle);
+    return ndli_pose_write(&pose);
+}
+
+NDL_API sb_real ndl_helix_radius(sb_real curvature, sb_real twist)
+{
+    return curvature / (curvature * curvature + twist * twist);
+}
+
+NDL_API sb_real ndl_helix_pitch(sb_real curvature, sb_real twist)
+{
+    return (sb_real)6.283185307179586 * sb_abs(twist) / (curvature * curvature + twist * twist);
+}
+
+/* ---- bevels ---- */
+
+static double ndli_steer_tan(double angle)
+{
+    double s, c;
+    sbi_dense_sin_cos(angle, &s, &c);
+    return s / c;
+}
+
+static sb_result ndli_bevel_check(const ndl_bevel *bevel, double d, double l)
+{
+    if (!bevel)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !ndli_is_finite(d) || !ndli_is_finite(l))
+        return SB_ERROR_NOT_FINITE;
+    if (!(l > 0))
+        return SB_ERROR_ARGUMENT;
+    if (bevel->law == NDL_BEVEL_ANGLE)
+        return fabs((double)bevel->angle) < 1.5 ? SB_OK : SB_ERROR_ARGUMENT;
+    if (bevel->law == NDL_BEVEL_CURVATURE)
+        return d <= 0 || fabs((double)bevel->curvature) * (l + d) <= 2 ? SB_OK : SB_ERROR_ARGUMENT;
+    return SB_ERROR_ARGUMENT;
+}
+
+NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *offset)
+{
+    double d = (double)advance, l = (double)edge_length, angle;
+    sb_result result = ndli_bevel_check(bevel, d, l);
+    if (result != SB_OK || !offset)
+        return result != SB_OK ? result : SB_ERROR_ARGUMENT;
+    angle = bevel->law == NDL_BEVEL_ANGLE ? (double)bevel->angle : 0.5 * (double)bevel->curvature * (l + d);
+    *offset = (sb_real)(d > 0 ? d * ndli_steer_tan(angle) : 0);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
+                                      sb_real *curvature)
+{
+    double d = (double)advance, l = (double)edge_length;
+    sb_result result = ndli_bevel_check(bevel, d, l);
+    if (result != SB_OK || !curvature || !(d >= 0))
+        return result != SB_OK ? result : SB_ERROR_ARGUMENT;
+    /* the angle is the one inscribed in the circle over the chord l + d, about */
+    *curvature = bevel->law == NDL_BEVEL_CURVATURE ? bevel->curvature
+                                                   : (sb_real)(2 * ndli_steer_tan((double)bevel->angle) / (l + d));
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift)
+{
+    sb_real size = 0, det;
+    sb_vec3 x;
+    if (!deformation || !shift)
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < 9; i++)
+        size += sb_abs(deformation->m[i / 3][i % 3]);
+    if (!sb_is_finite(size) || !sb_is_finite(offset) || !sb_v3_is_finite(m2))
+        return SB_ERROR_NOT_FINITE;
+    det = sb_m3_det(*deformation);
+    if (!(det > 0))
+        return SB_ERROR_INVERTED;
+    x = sb_v3_scale(offset, sb_m3_apply(sb_m3_inverse(*deformation), m2));
+    if (!sb_v3_is_finite(x))
+        return SB_ERROR_INVERTED;
+    *shift = x;
+    return SB_OK;
+}
+
+/* ---- obstacles ---- */
+
+static double ndli_path_clamp(double x, double low, double high)
+{
+    return x < low ? low : x > high ? high : x;
+}
+
+static double ndli_distance_capsule(const ndl_obstacle *o, ndli_v3 p)
+{
+    ndli_v3 axis = ndli_sub(ndli_from(o->b), ndli_from(o->a)), d = ndli_sub(p, ndli_from(o->a));
+    double square = ndli_dot(axis, axis), at = square > 0 ? ndli_path_clamp(ndli_dot(d, axis) / square, 0, 1) : 0;
+    return ndli_norm(ndli_madd(d, -at, axis)) - (double)o->radius;
+}
+
+static double ndli_distance_cylinder(const ndl_obstacle *o, ndli_v3 p)
+{
+    ndli_v3 axis = ndli_sub(ndli_from(o->b), ndli_from(o->a)), d = ndli_sub(p, ndli_from(o->a));
+    double length = ndli_norm(axis), along = ndli_dot(d, axis) / length;
+    double out = ndli_norm(ndli_madd(d, -along / length, axis)) - (double)o->radius;
+    double past = fabs(along - 0.5 * length) - 0.5 * length;
+    if (out > 0 && past > 0)
+        return sqrt(out * out + past * past);
+    return out > past ? out : past;
+}
+
+static double ndli_distance_shape(const sb_shape *shape, ndli_v3 p)
+{
+    if (shape->surface)
+        return (double)sb_surface_signed_distance(shape->surface, ndli_to(p), NULL);
+    return (double)shape->distance(shape->user, ndli_to(p)) / (double)shape->max_slope;
+}
+
+static double ndli_obstacle_distance(const ndl_obstacle *o, ndli_v3 p)
+{
+    if (o->kind == NDL_OBSTACLE_SPHERE)
+        return ndli_norm(ndli_sub(p, ndli_from(o->a))) - (double)o->radius;
+    if (o->kind == NDL_OBSTACLE_CAPSULE)
+        return ndli_distance_capsule(o, p);
+    if (o->kind == NDL_OBSTACLE_CYLINDER)
+        return ndli_distance_cylinder(o, p);
+    return ndli_distance_shape(o->shape, p);
+}
+
+NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point)
+{
+    return (sb_real)ndli_obstacle_distance(obstacle, ndli_from(point));
+}
+
+NDLI_API double ndli_field_distance(const ndli_field *field, ndli_v3 p)
+{
+    double least = 1.7976931348623157e308;
+    for (int i = 0; i < field->count; i++) {
+        double d = ndli_obstacle_distance(field->obstacles + i, p);
+        if (!(d >= least)) /* a distance that is no number counts as the nearest */
+            least = d;
+    }
+    return least;
+}
+
+NDLI_API double ndli_field_march(const ndli_field *field, const ndli_pose *pose, double k, double w, double length,
+                                 double slack, double *nearest)
+{
+    double s = 0, d;
+    if (field->count == 0)
+        return length;
+    d = ndli_field_distance(field, pose->p);
+    for (;;) {
+        /* distances change by at most the way made, so half the room there is cannot be too far */
+        double room = d - (field->clearance - slack * s * s * s), step, next;
+        if (!(room >= 0))
+            return 0;
+        if (d < *nearest)
+            *nearest = d;
+        if (s >= length)
+            return length;
+        step = 0.5 * room > field->resolution ? 0.5 * room : field->resolution;
+        step = s + step < length ? step : length - s;
+        next = ndli_field_distance(field, ndli_pose_out(pose, ndli_helix_point(k, w, s + step)));
+        if (!(next >= field->clearance - slack * (s + step) * (s + step) * (s + step)))
+            return s;
+        if (0.5 * (d + next - step) < *nearest)
+            *nearest = 0.5 * (d + next - step);
+        d = next;
+        s = s + step < length ? s + step : length;
+    }
+}
+
+/* ==== src/needle/steer_plan.c ==== */
+/* steer_plan: the helix that ends nearest to a target, and sequences of helices past obstacles. */
+
+static const unsigned ndli_plan_cookie = 0x706c6e31u;
+
+/* ---- the search for one helix ----
+ * f(s, w) = |p(s, w) - g| over lengths and twists. With turning the helix may be turned about the tip's axis: f is
+ * then the distance in the half plane (distance from the axis, way along it), and w >= 0 is enough: -w is the mirror
+ * image. p moves by at most ds/2 and slope dw/2 within a box, so f(middle) less that bounds f from below. */
+
+enum { NDLI_SEARCH_STACK = 128, NDLI_SEARCH_STARTS = 4, NDLI_SEARCH_SEEDS = 256 };
+
+typedef struct ndli_search {
+    double k, s_max, w_low, w_high;
+    ndli_v3 g; /* target in the tip's frame */
+    double rho; /* its distance from the tip's axis */
+    int turn;
+    double tolerance;
+    int max_boxes;
+    const ndli_field *field; /* or NULL: only what is clear of it counts, from this pose */
+    const ndli_pose *pose;
+    double s, w, distance; /* the best so far */
+    double bound;
+    int boxes;
+} ndli_search;
+
+typedef struct ndli_box {
+    double s0, s1, w0, w1, bound;
+} ndli_box;
+
+static double ndli_search_value(const ndli_search *q, double s, double w)
+{
+    ndli_v3 p = ndli_helix_point(q->k, w, s);
+    double r;
+    if (!q->turn)
+        return ndli_norm(ndli_sub(p, q->g));
+    r = sqrt(p.x * p.x + p.y * p.y) - q->rho;
+    return sqrt(r * r + (p.z - q->g.z) * (p.z - q->g.z));
+}
+
+static void ndli_search_keep(ndli_search *q, double s, double w, double value)
+{
+    if (value < q->distance) {
+        q->s = s;
+        q->w = w;
+        q->distance = value;
+    }
+}
+
+/* Takes (s, w) as the best when it is; a path that meets an obstacle is cut off before it. */
+static void ndli_search_offer(ndli_search *q, double s, double w, double value)
+{
+    double unused = 0, free_length;
+    if (!(value < q->distance))
+        return;
+    if (q->field) {
+        free_length = ndli_field_march(q->field, q->pose, q->k, w, s, 0, &unused);
+        if (free_length < s) {
+            s = free_length;
+            value = ndli_search_value(q, s, w);
+        }
+    }
+    ndli_search_keep(q, s, w, value);
+}
+
+/* Residual of f at (s, w), its derivatives, and f^2. */
+static double ndli_search_linear(const ndli_search *q, double s, double w, ndli_v3 *r, ndli_v3 *ds, ndli_v3 *dw)
+{
+    ndli_helix_end e = ndli_helix_derive(q->k, w, s);
+    double out;
+    *r = ndli_sub(e.p, q->g);
+    *ds = e.ds;
+    *dw = e.dw;
+    if (q->turn) {
+        out = sqrt(e.p.x * e.p.x + e.p.y * e.p.y);
+        *r = ndli_v(out - q->rho, 0, e.p.z - q->g.z);
+        *ds = ndli_v(out > 0 ? (e.p.x * e.ds.x + e.p.y * e.ds.y) / out : 0, 0, e.ds.z);
+        *dw = ndli_v(out > 0 ? (e.p.x * e.dw.x + e.p.y * e.dw.y) / out : 0, 0, e.dw.z);
+    }
+    return ndli_dot(*r, *r);
+}
+
+static int ndli_search_leaves(double x, double low, double high, double gradient)
+{
+    return (x <= low && gradient > 0) || (x >= high && gradient < 0);
+}
+
+static double ndli_search_into(double x, double low, double high)
+{
+    return x < low ? low : x > high ? high : x;
+}
+
+/* Levenberg-Marquardt within the limits, from (*s, *w); a variable at a limit that the descent would leave stays. */
+static void ndli_search_descend(const ndli_search *q, double *s, double *w)
+{
+    ndli_v3 r, ds, dw;
+    double damping = 1e-3, enough = q->tolerance / 64 * (q->tolerance / 64);
+    double now = ndli_search_linear(q, *s, *w, &r, &ds, &dw);
+    for (int i = 0; i < 24 && now > enough && damping < 1e8; i++) {
+        double gs = ndli_dot(r, ds), gw = ndli_dot(r, dw), a = ndli_dot(ds, ds), b = ndli_dot(ds, dw),
+               c = ndli_dot(dw, dw), det, try_s, try_w, value;
+        if (ndli_search_leaves(*s, 0, q->s_max, gs))
+            gs = 0, a = 1, b = 0;
+        if (!(c > 0) || ndli_search_leaves(*w, q->w_low, q->w_high, gw))
+            gw = 0, c = 1, b = 0;
+        a *= 1 + damping;
+        c *= 1 + damping;
+        det = a * c - b * b;
+        try_s = ndli_search_into(*s - (c * gs - b * gw) / det, 0, q->s_max);
+        try_w = ndli_search_into(*w - (a * gw - b * gs) / det, q->w_low, q->w_high);
+        value = ndli_search_value(q, try_s, try_w);
+        if (value * value < now) {
+            double gain = now - value * value;
+            *s = try_s;
+            *w = try_w;
+            now = ndli_search_linear(q, *s, *w, &r, &ds, &dw);
+            damping *= 0.1;
+            if (gain < 1e-6 * now)
+                break;
+        } else {
+            damping *= 10;
+        }
+    }
+}
+
+/* Descends from the best of a row of twists, about four to each turn of the helix (f changes as fast as that), all at
+ * the length of the chord. */
+static void ndli_search_start(ndli_search *q)
+{
+    double at[NDLI_SEARCH_STARTS], value[NDLI_SEARCH_STARTS], range = q->w_high - q->w_low;
+    double chord = ndli_norm(q->g), s = chord < q->s_max ? chord : q->s_max, turns = range * s * (2 / 3.14159265358979);
+    int seeds = turns < NDLI_SEARCH_SEEDS - 4 ? (int)turns + 4 : NDLI_SEARCH_SEEDS, count = 0;
+    for (int i = 0; i < seeds; i++) {
+        double w = q->w_low + range * i / (seeds - 1), f = ndli_search_value(q, s, w);
+        int k = count < NDLI_SEARCH_STARTS ? count++ : NDLI_SEARCH_STARTS;
+        for (; k > 0 && f < value[k - 1]; k--)
+            if (k < NDLI_SEARCH_STARTS)
+                value[k] = value[k - 1], at[k] = at[k - 1];
+        if (k < NDLI_SEARCH_STARTS)
+            value[k] = f, at[k] = w;
+    }
+    for (int i = 0; i < count && q->distance > q->tolerance; i++) {
+        double length = s, w = at[i];
+        ndli_search_descend(q, &length, &w);
+        ndli_search_offer(q, length, w, ndli_search_value(q, length, w));
+    }
+}
+
+/* Upper bound of |dp/dw| over a box: k s^3/6, and for tight helices k s/W^2 |(2 + 2/a, 1 + 4/a, (3 + 3/a) k/W)| with
+ * W^2 = k^2 + w^2, a = s W. The first is the limit of small k s, measured to hold everywhere (0.99991 of it at most);
+ * the second follows from 0 <= c2 <= (1 + 1/a)/a^2, |c1'| <= (1 + 4/a)/a^2, |c2'| <= 3 (1 + 1/a)/a^3. */
+static double ndli_search_slope(const ndli_search *q, const ndli_box *b)
+{
+    double w = b->w0 > 0 ? b->w0 : b->w1 < 0 ? b->w1 : 0, square = q->k * q->k + w * w, rate = sqrt(square);
+    double slope = q->k * b->s1 * b->s1 * b->s1 / 6, a = b->s0 * rate, x, y, z, tail;
+    if (!(a > 1))
+        return slope;
+    x = 2 + 2 / a;
+    y = 1 + 4 / a;
+    z = (3 + 3 / a) * q->k / rate;
+    tail = q->k * b->s1 / square * sqrt(x * x + y * y + z * z);
+    return tail < slope ? tail : slope;
+}
+
+/* Looks at a box: offers its middle, sets its bound; `longer`: whether it is to be split along s. */
+static void ndli_search_look(ndli_search *q, ndli_box *b, int *longer)
+{
+    double s = 0.5 * (b->s0 + b->s1), w = 0.5 * (b->w0 + b->w1), value = ndli_search_value(q, s, w);
+    double along = 0.5 * (b->s1 - b->s0), across = 0.5 * (b->w1 - b->w0) * ndli_search_slope(q, b), least;
+    q->boxes++;
+    *longer = along > across;
+    least = value - along - across;
+    b->bound = b->bound > least ? b->bound : least;
+    if (q->field && value < q->distance && b->bound < q->distance - q->tolerance) {
+        /* all paths of the box are within slack s^3 of its middle one */
+        double unused = 0, slack = 0.5 * (b->w1 - b->w0) * q->k / 6;
+        if (ndli_field_march(q->field, q->pose, q->k, w, b->s0, slack, &unused) < b->s0)
+            b->bound = q->distance; /* all are blocked before they get there */
+    }
+    ndli_search_offer(q, s, w, value);
+}
+
+static void ndli_search_branch(ndli_search *q)
+{
+    ndli_box stack[NDLI_SEARCH_STACK];
+    int split[NDLI_SEARCH_STACK], top = 1;
+    memset(stack, 0, sizeof stack[0]);
+    stack[0].s1 = q->s_max;
+    stack[0].w0 = q->w_low;
+    stack[0].w1 = q->w_high;
+    ndli_search_look(q, stack, split);
+    q->bound = q->distance;
+    while (top > 0) {
+        ndli_box b = stack[--top], half[2];
+        int longer[2], first;
+        if (b.bound >= q->distance - q->tolerance || q->boxes >= q->max_boxes || top + 2 > NDLI_SEARCH_STACK) {
+            q->bound = b.bound < q->bound ? b.bound : q->bound;
+            continue;
+        }
+        half[0] = half[1] = b;
+        if (split[top])
+            half[0].s1 = half[1].s0 = 0.5 * (b.s0 + b.s1);
+        else
+            half[0].w1 = half[1].w0 = 0.5 * (b.w0 + b.w1);
+        ndli_search_look(q, half, longer);
+        ndli_search_look(q, half + 1, longer + 1);
+        first = half[1].bound < half[0].bound; /* the more promising half is taken next */
+        stack[top] = half[!first];
+        split[top++] = longer[!first];
+        stack[top] = half[first];
+        split[top++] = longer[first];
+    }
+    q->bound = q->bound < q->distance ? q->bound : q->distance;
+}
+
+static void ndli_search_run(ndli_search *q)
+{
+    q->boxes = 0;
+    q->s = 0;
+    q->w = 0;
+    q->distance = ndli_norm(q->g);
+    q->bound = 0;
+    if (q->distance > q->tolerance)
+        ndli_search_start(q);
+    if (q->distance > q->tolerance)
+        ndli_search_branch(q);
+}
+
+static ndli_search ndli_search_of(const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target, double max_length)
+{
+    ndli_search q;
+    memset(&q, 0, sizeof q);
+    q.k = (double)def->curvature;
+    q.s_max = max_length;
+    q.w_high = (double)def->max_twist;
+    q.w_low = def->turn ? 0 : -q.w_high;
+    q.g = ndli_pose_in(pose, target);
+    q.rho = sqrt(q.g.x * q.g.x + q.g.y * q.g.y);
+    q.turn = def->turn;
+    q.tolerance = (double)def->tolerance;
+    q.max_boxes = def->max_boxes;
+    q.pose = pose;
+    return q;
+}
+
+static double ndli_plan_wrap(double angle)
+{
+    const double pi = 3.141592653589793;
+    return angle > pi ? angle - 2 * pi : angle < -pi ? angle + 2 * pi : angle;
+}
+
+/* The piece that a search found. With turning both w and -w do; the smaller turn is taken, unless it is no more than a
+ * little smaller and against `sense`: a choice that flips with the noise of sensing would never be carried out. */
+static ndl_plan_piece ndli_search_piece(const ndli_search *q, double sense)
+{
+    const double little = 0.5;
+    ndl_plan_piece piece;
+    double turn = 0, w = q->w;
+    if (q->turn && q->rho > 0 && q->s > 0) {
+        ndli_v3 p = ndli_helix_point(q->k, w, q->s);
+        double azimuth = sbi_dense_atan2(q->g.y, q->g.x);
+        double one = ndli_plan_wrap(azimuth - sbi_dense_atan2(p.y, p.x));
+        double two = ndli_plan_wrap(azimuth - sbi_dense_atan2(p.y, -p.x));
+        int mirrored = fabs(two) + (sense > 0 ? little : sense < 0 ? -little : 0) < fabs(one);
+        turn = mirrored ? two : one;
+        w = mirrored ? -w : w;
+    }
+    piece.turn = (sb_real)turn;
+    piece.twist = (sb_real)w;
+    piece.length = (sb_real)q->s;
+    return piece;
+}
+
+/* ---- plans ---- */
+
+static void ndli_plan_clear(ndl_plan *plan)
+{
+    memset(plan, 0, sizeof *plan);
+    plan->outcome = NDL_PLAN_SHORT;
+    plan->clearance = SB_REAL_MAX;
+}
+
+static ndli_pose ndli_plan_follow(const ndli_pose *pose, double k, const ndl_plan_piece *piece, double length)
+{
+    ndli_pose r = ndli_pose_turn(pose, (double)piece->turn);
+    return ndli_pose_helix(&r, k, (double)piece->twist, length);
+}
+
+/* Appends a piece as far as it is clear; returns whether all of it is. *pose moves to its end. */
+static int ndli_plan_append(const ndl_plan_def *def, const ndli_field *field, const ndl_plan_piece *piece,
+                            ndli_pose *pose, ndl_plan *plan)
+{
+    double k = (double)def->curvature, wanted = (double)piece->length, nearest = (double)plan->clearance, length;
+    ndli_pose from = ndli_pose_turn(pose, (double)piece->turn);
+    ndl_plan_piece *to = plan->pieces + plan->piece_count++;
+    length = ndli_field_march(field, &from, k, (double)piece->twist, wanted, 0, &nearest);
+    *to = *piece;
+    if (length < wanted)
+        to->length = (sb_real)length;
+    plan->length += to->length;
+    plan->clearance = (sb_real)nearest;
+    *pose = ndli_pose_helix(&from, k, (double)piece->twist, length);
+    return length >= wanted;
+}
+
+static void ndli_plan_finish(const ndl_plan_def *def, const ndli_pose *end, ndli_v3 target, ndl_plan *plan)
+{
+    plan->distance = (sb_real)ndli_norm(ndli_sub(end->p, target));
+    plan->outcome = plan->distance <= def->tolerance ? NDL_PLAN_REACHES : NDL_PLAN_SHORT;
+}
+
+/* Obstacles at `clearance`, or at nine tenths of the tip's distance where that is less. */
+static ndli_field ndli_plan_field(const ndl_plan_def *def, double clearance, const ndli_pose *pose)
+{
+    ndli_field field;
+    double room;
+    field.obstacles = def->obstacles;
+    field.count = def->obstacle_count;
+    field.clearance = clearance;
+    field.resolution = (double)def->tolerance;
+    room = 0.9 * ndli_field_distance(&field, pose->p);
+    if (room < clearance)
+        field.clearance = room;
+    return field;
+}
+
+NDLI_API int ndli_plan_aim(const ndl_plan_def *def, double clearance, const ndli_pose *pose, const sb_vec3 *waypoints,
+                           int waypoint_count, ndli_v3 target, double sense, ndl_plan *plan)
+{
+    ndli_field field = ndli_plan_field(def, clearance, pose);
+    ndli_pose at = *pose;
+    int clear = !(field.clearance < 0);
+    ndli_plan_clear(plan);
+    for (int i = 0; i <= waypoint_count && clear; i++) {
+        ndli_v3 goal = i < waypoint_count ? ndli_from(waypoints[i]) : target;
+        ndli_search q = ndli_search_of(def, &at, goal, (double)def->max_length - (double)plan->length);
+        ndl_plan_piece piece;
+        ndli_search_run(&q);
+        piece = ndli_search_piece(&q, i == 0 ? sense : 0);
+        plan->boxes += q.boxes;
+        if (waypoint_count == 0)
+            plan->bound = (sb_real)q.bound;
+        clear = ndli_plan_append(def, &field, &piece, &at, plan);
+    }
+    ndli_plan_finish(def, &at, target, plan);
+    if (field.clearance < 0)
+        plan->outcome = NDL_PLAN_BLOCKED;
+    return clear;
+}
+
+/* ---- sequences past obstacles ---- */
+
+/* A sequence is its pieces but the last, which aims: for each three numbers in [0, 1], of turn, twist and length. */
+enum { NDLI_ROUTE_NUMBERS = 3 * (NDL_PLAN_PIECES - 1) };
+
+typedef struct ndli_route {
+    double number[NDLI_ROUTE_NUMBERS];
+    double cost;
+    ndl_plan plan;
+} ndli_route;
+
+typedef struct ndli_router {
+    const ndl_plan_def *def; /* with few boxes for each aim */
+    ndli_field field;
+    ndli_pose pose;
+    ndli_v3 target;
+    double reach; /* m: pieces before the last are shorter than this in all */
+    int pieces;
+} ndli_router;
+
+/* Three tenths of the twists tried are 0: arcs, which turn the needle most. The rest grows as a square: a helix gets
+ * straighter fast. */
+static double ndli_route_twist(double number, double most)
+{
+    double x = 2 * number - 1, size = fabs(x) < 0.3 ? 0 : (fabs(x) - 0.3) / 0.7;
+    return (x < 0 ? -1 : 1) * most * size * size;
+}
+
+static int ndli_route_better(const ndli_route *a, const ndli_route *b)
+{
+    int reaches_a = a->plan.outcome == NDL_PLAN_REACHES, reaches_b = b->plan.outcome == NDL_PLAN_REACHES;
+    if (reaches_a != reaches_b)
+        return reaches_a;
+    return reaches_a ? a->cost < b->cost : a->plan.distance < b->plan.distance;
+}
+
+/* Cost (m) of a path that reaches: its length, what lacks to twice the clearance, and what lacks to a margin by which
+ * the last piece could still be bent (a needle that bends less than planned would miss). */
+static double ndli_route_cost(const ndli_router *router, const ndl_plan *plan, ndli_v3 last)
+{
+    double radius = 1 / (double)router->def->curvature, cost = (double)plan->length;
+    double room = 2 * router->field.clearance - (double)plan->clearance;
+    double out = sqrt(last.x * last.x + last.y * last.y) - radius;
+    double margin = 0.05 * radius - (sqrt(out * out + last.z * last.z) - radius);
+    return cost + (room > 0 ? 4 * room : 0) + (margin > 0 ? 4 * margin : 0);
+}
+
+static void ndli_route_try(const ndli_router *router, ndli_route *route)
+{
+    const ndl_plan_def *def = router->def;
+    ndl_plan *plan = &route->plan;
+    ndli_pose at = router->pose;
+    ndli_v3 last = ndli_v(0, 0, 0);
+    int clear = 1;
+    ndli_plan_clear(plan);
+    for (int i = 0; i < router->pieces && clear; i++) {
+        double left = (double)def->max_length - (double)plan->length;
+        ndl_plan_piece piece;
+        if (i + 1 < router->pieces) {
+            const double *x = route->number + 3 * i;
+            double length = x[2] * router->reach / (router->pieces - 1);
+            piece.turn = (sb_real)(def->turn ? 6.283185307179586 * (x[0] - 0.5) : 0);
+            piece.twist = (sb_real)ndli_route_twist(x[1], (double)def->max_twist);
+            piece.length = (sb_real)(length < left ? length : left);
+        } else {
+            ndli_search q = ndli_search_of(def, &at, router->target, left);
+            ndli_search_run(&q);
+            piece = ndli_search_piece(&q, 0);
+            plan->boxes += q.boxes;
+            last = q.g;
+        }
+        clear = ndli_plan_append(def, &router->field, &piece, &at, plan);
+    }
+    ndli_plan_finish(def, &at, router->target, plan);
+    route->cost = ndli_route_cost(router, plan, last);
+}
+
+static void ndli_route_consider(const ndli_router *router, ndli_route *route, ndli_route *best, int *boxes)
+{
+    ndli_route_try(router, route);
+    *boxes += route->plan.boxes;
+    if (ndli_route_better(route, best))
+        *best = *route;
+}
+
+/* Points of a Kronecker sequence: they fill the unit cube evenly, in any number of dimensions, with no random numbers.
+ * */
+static void ndli_route_sample(const ndli_router *router, ndli_route *best, int *boxes)
+{
+    double golden = router->pieces == 2 ? 1.2207440846057596 : 1.1127756842787055; /* x^(n + 1) = x + 1 */
+    for (int i = 1; i <= router->def->samples; i++) {
+        ndli_route route;
+        double alpha = 1;
+        memset(&route, 0, sizeof route);
+        for (int j = 0; j < 3 * (router->pieces - 1); j++) {
+            double x;
+            alpha /= golden;
+            x = 0.5 + alpha * i;
+            route.number[j] = x - (int)x;
+        }
+        ndli_route_consider(router, &route, best, boxes);
+    }
+}
+
+/* Goes to better neighbours, along one number at a time, in ever smaller steps. */
+static void ndli_route_improve(const ndli_router *router, ndli_route *best, int *boxes)
+{
+    double step = 0.08;
+    for (int round = 0; round < 6; round++, step *= 0.5)
+        for (int j = 0; j < 3 * (router->pieces - 1); j++)
+            for (int side = -1; side <= 1; side += 2) {
+                ndli_route route = *best;
+                double x = route.number[j] + side * step;
+                route.number[j] = j % 3 == 0 ? x - (x >= 1) + (x < 0) : ndli_search_into(x, 0, 1);
+                ndli_route_consider(router, &route, best, boxes);
+            }
+}
+
+/* Better plans than *plan of two and, if need be, more pieces. */
+static void ndli_plan_route(const ndl_plan_def *def, const ndli_field *field, const ndli_pose *pose, ndli_v3 target,
+                            ndl_plan *plan)
+{
+    ndl_plan_def quick = *def;
+    ndli_router router;
+    ndli_route best;
+    double most = (double)def->max_length, chord = ndli_norm(ndli_sub(target, pose->p));
+    int boxes = plan->boxes;
+    quick.max_boxes = def->max_boxes < 40 ? def->max_boxes : 40; /* for its rank among others a rough end will do */
+    router.def = &quick;
+    router.field = *field;
+    router.pose = *pose;
+    router.target = target;
+    router.reach = chord < most ? chord : most;
+    memset(&best, 0, sizeof best);
+    best.plan = *plan;
+    for (int n = 2; n <= def->max_pieces && best.plan.outcome != NDL_PLAN_REACHES; n++) {
+        ndli_route found = best; /* its numbers mean something for n pieces only */
+        router.pieces = n;
+        ndli_route_sample(&router, &found, &boxes);
+        if (found.plan.piece_count == n)
+            ndli_route_improve(&router, &found, &boxes);
+        best = found;
+    }
+    best.plan.boxes = boxes;
+    best.plan.bound = plan->bound;
+    *plan = best.plan;
+}
+
+/* One steady twist past obstacles, without turning. */
+static void ndli_plan_thread(const ndl_plan_def *def, const ndli_field *field, const ndli_pose *pose, ndli_v3 target,
+                             ndl_plan *plan)
+{
+    ndli_search q = ndli_search_of(def, pose, target, (double)def->max_length);
+    ndl_plan found;
+    ndl_plan_piece piece;
+    ndli_pose at = *pose;
+    q.field = field;
+    ndli_search_run(&q);
+    piece = ndli_search_piece(&q, 0);
+    ndli_plan_clear(&found);
+    ndli_plan_append(def, field, &piece, &at, &found);
+    ndli_plan_finish(def, &at, target, &found);
+    found.boxes = plan->boxes + q.boxes;
+    found.bound = plan->bound;
+    if (found.distance < plan->distance)
+        *plan = found;
+    else
+        plan->boxes = found.boxes;
+}
+
+NDLI_API void ndli_plan_search(const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target, double sense,
+                               ndl_plan *plan)
+{
+    ndli_field field = ndli_plan_field(def, (double)def->clearance, pose);
+    if (ndli_plan_aim(def, (double)def->clearance, pose, NULL, 0, target, sense, plan) ||
+        plan->outcome == NDL_PLAN_BLOCKED)
+        return;
+    if (!def->turn)
+        ndli_plan_thread(def, &field, pose, target, plan);
+    if (plan->outcome != NDL_PLAN_REACHES)
+        ndli_plan_route(def, &field, pose, target, plan);
+}
+
+/* ---- the public side ---- */
+
+NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length)
+{
+    ndl_plan_def def;
+    memset(&def, 0, sizeof def);
+    def.curvature = curvature;
+    def.max_length = max_length;
+    def.max_twist = 50 * curvature;
+    def.turn = 1;
+    def.tolerance = (sb_real)1e-3 / curvature;
+    def.max_boxes = 5000;
+    def.clearance = (sb_real)5e-3 / curvature;
+    def.max_pieces = NDL_PLAN_PIECES;
+    def.samples = 400;
+    def.cookie = ndli_plan_cookie;
+    return def;
+}
+
+static int ndli_plan_positive(sb_real x) { return x > 0 && x <= SB_REAL_MAX; }
+static int ndli_plan_not_negative(sb_real x) { return x >= 0 && x <= SB_REAL_MAX; }
+
+static sb_result ndli_obstacle_check(const ndl_obstacle *o, int i, sb_error *error)
+{
+    if (o->kind < NDL_OBSTACLE_SPHERE || o->kind > NDL_OBSTACLE_SHAPE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle %d is of no such kind", i);
+    if (o->kind == NDL_OBSTACLE_SHAPE) {
+        if (!o->shape || (!o->shape->surface && !o->shape->distance))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle %d has no shape", i);
+        if (!o->shape->surface && !ndli_plan_positive(o->shape->max_slope))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle %d: the function needs a max_slope above 0", i);
+        return SB_OK;
+    }
+    if (!sb_v3_is_finite(o->a) || (o->kind != NDL_OBSTACLE_SPHERE && !sb_v3_is_finite(o->b)))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "obstacle %d is not finite", i);
+    if (!ndli_plan_positive(o->radius))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle %d: radius must be finite and above 0", i);
+    if (o->kind == NDL_OBSTACLE_CYLINDER && !(ndli_norm(ndli_sub(ndli_from(o->b), ndli_from(o->a))) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle %d: the ends of the cylinder coincide", i);
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_plan_check(const ndl_plan_def *def, sb_error *error)
+{
+    if (def->cookie != ndli_plan_cookie)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the plan def does not come from ndl_default_plan_def()");
+    if (!ndli_plan_positive(def->curvature) || !ndli_plan_positive(def->max_length))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "curvature and max_length must be finite and above 0");
+    if (!ndli_plan_not_negative(def->max_twist) || !ndli_plan_not_negative(def->clearance))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_twist and clearance must be finite and not negative");
+    if (!(def->tolerance >= (sb_real)1e-6 * def->max_length) || !(def->tolerance <= def->max_length))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tolerance must be between 1e-6 of max_length and max_length");
+    if (def->turn != 0 && def->turn != 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "turn must be 0 or 1");
+    if (def->max_boxes < 1 || def->samples < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_boxes and samples must be at least 1");
+    if (def->max_pieces < 1 || def->max_pieces > NDL_PLAN_PIECES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_pieces must be between 1 and %d", NDL_PLAN_PIECES);
+    if (def->obstacle_count < 0 || (def->obstacle_count > 0 && !def->obstacles))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle_count is negative, or there are no obstacles to count");
+    for (int i = 0; i < def->obstacle_count; i++) {
+        sb_result result = ndli_obstacle_check(def->obstacles + i, i, error);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip, sb_vec3 target, ndl_plan *plan,
+                                sb_error *error)
+{
+    ndli_pose pose;
+    sb_result result;
+    if (!def || !tip || !plan)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def, tip or plan is NULL");
+    result = ndli_plan_check(def, error);
+    if (result != SB_OK)
+        return result;
+    result = ndli_pose_read(tip, &pose);
+    if (result != SB_OK)
+        return sbi_fail(error, result, result == SB_ERROR_NOT_FINITE ? "the tip is not finite"
+                                                                     : "the tip's frame is not orthonormal");
+    if (!sb_v3_is_finite(target))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the target is not finite");
+    ndli_plan_search(def, &pose, ndli_from(target), 0, plan);
+    return SB_OK;
+}
+
+NDL_API ndl_tip_pose ndl_plan_pose(const ndl_plan *plan, sb_real curvature, const ndl_tip_pose *tip, sb_real length)
+{
+    ndli_pose pose;
+    double left = (double)length;
+    pose.p = ndli_from(tip->position);
+    pose.m1 = ndli_from(tip->frame.m1);
+    pose.m2 = ndli_from(tip->frame.m2);
+    pose.t = ndli_from(tip->frame.t);
+    for (int i = 0; i < plan->piece_count && (i == 0 || left > 0); i++) {
+        double whole = (double)plan->pieces[i].length;
+        pose = ndli_plan_follow(&pose, (double)curvature, plan->pieces + i, ndli_search_into(left, 0, whole));
+        left -= whole;
+    }
+    return ndli_pose_write(&pose);
+}
+
+/* ==== src/needle/steer.c ==== */
+/* steer: the controller that replans at every step and follows its plan past obstacles. */
+
+static const unsigned ndli_steer_cookie = 0x73747231u;
+
+NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_length)
+{
+    ndl_steer_def def;
+    memset(&def, 0, sizeof def);
+    def.plan = ndl_default_plan_def(curvature, max_length);
+    def.reserve = (sb_real)0.15;
+    def.step = (sb_real)0.01 / curvature;
+    def.max_turn = 1;
+    def.turn_gain = (sb_real)0.5;
+    def.turn_first = (sb_real)0.3;
+    def.max_wait = 40;
+    def.reach = (sb_real)0.01 / curvature;
+    def.max_updates = 10000;
+    def.cookie = ndli_steer_cookie;
+    return def;
+}
+
+static int ndli_steer_positive(sb_real x) { return x > 0 && x <= SB_REAL_MAX; }
+
+NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb_error *error)
+{
+    sb_result result;
+    if (!def || !steer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def or steer is NULL");
+    if (def->cookie != ndli_steer_cookie)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def does not come from ndl_default_steer_def()");
+    result = ndli_plan_check(&def->plan, error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_steer_positive(def->step) || !ndli_steer_positive(def->max_turn) || !ndli_steer_positive(def->reach))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "step, max_turn and reach must be finite and above 0");
+    if (!(def->turn_gain > 0) || !(def->turn_gain <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "turn_gain must be above 0 and at most 1");
+    if (!(def->turn_first >= 0) || def->max_wait < 0 || def->max_updates < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "turn_first and max_wait must not be negative, max_updates at least 1");
+    if (!(def->reserve >= 0) || !(def->reserve < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reserve must be at least 0 and below 1");
+    memset(steer, 0, sizeof *steer);
+    steer->def = *def;
+    steer->plan.outcome = NDL_PLAN_SHORT;
+    return SB_OK;
+}
+
+/* ---- the plan ---- */
+
+/* Remembers where the pieces of the plan before its last one end. */
+static void ndli_steer_mark(ndl_steer *steer, const ndl_plan_def *def, const ndli_pose *pose)
+{
+    ndl_tip_pose tip = ndli_pose_write(pose);
+    sb_real length = 0;
+    steer->waypoint_count = 0;
+    for (int i = 0; i + 1 < steer->plan.piece_count; i++) {
+        length += steer->plan.pieces[i].length;
+        steer->waypoints[i] = ndl_plan_pose(&steer->plan, def->curvature, &tip, length).position;
+        steer->waypoint_count++;
+    }
+}
+
+static void ndli_steer_drop_waypoint(ndl_steer *steer)
+{
+    for (int i = 1; i < steer->waypoint_count; i++)
+        steer->waypoints[i - 1] = steer->waypoints[i];
+    steer->waypoint_count--;
+}
+
+/* Searches the way anew, at half the clearance where the whole one leaves none that gets there. */
+static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target,
+                              double sense, ndl_plan *plan)
+{
+    ndl_plan_def close = *def;
+    ndl_plan other;
+    close.clearance = (sb_real)0.5 * def->clearance;
+    steer->plans++;
+    ndli_plan_search(def, pose, target, sense, plan);
+    if (plan->outcome != NDL_PLAN_SHORT)
+        return;
+    ndli_plan_search(&close, pose, target, sense, &other);
+    if (other.distance < plan->distance - def->tolerance)
+        *plan = other;
+}
+
+/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
+ * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
+ * needle would turn and never go on. */
+static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target)
+{
+    ndl_plan_def def = steer->def.plan;
+    ndl_plan plan, other;
+    double sense = steer->plan.piece_count > 0 ? (double)steer->plan.pieces[0].twist : 0;
+    sb_real enough = (sb_real)0.5 * steer->def.reach;
+    const int between = 8; /* updates, while there is no hurry */
+    int clear;
+    def.curvature *= 1 - steer->def.reserve;
+    def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
+    for (;;) { /* waypoints that the tip has come to, or can get no nearer to, are done with */
+        clear = ndli_plan_aim(&def, 0.5 * (double)def.clearance, pose, steer->waypoints, steer->waypoint_count, target,
+                              sense, &plan);
+        if (steer->waypoint_count == 0 || !(plan.pieces[0].length < (sb_real)0.5 * steer->def.step))
+            break;
+        ndli_steer_drop_waypoint(steer);
+    }
+    if (def.obstacle_count > 0 && (!clear || (plan.distance > enough && steer->updates >= steer->next_search))) {
+        steer->next_search = steer->updates + between;
+        ndli_steer_search(steer, &def, pose, target, sense, &other);
+        if (!clear || other.distance < plan.distance - enough)
+            plan = other;
+    }
+    steer->plan = plan;
+    ndli_steer_mark(steer, &def, pose);
+}
+
+/* ---- the command ---- */
+
+static ndl_steer_status ndli_steer_end(const ndl_steer *steer, double distance)
+{
+    int obstacles = steer->def.plan.obstacle_count > 0;
+    sb_real little = 2 * steer->def.plan.tolerance;
+    if (distance <= (double)steer->def.reach)
+        return NDL_STEER_REACHED;
+    if (steer->inserted + (sb_real)0.25 * steer->def.step >= steer->def.plan.max_length)
+        return NDL_STEER_LIMIT;
+    if (steer->plan.outcome == NDL_PLAN_BLOCKED || (obstacles && steer->plan.distance > steer->plan.bound + little))
+        return NDL_STEER_BLOCKED; /* without obstacles there would be a way to get nearer */
+    return NDL_STEER_CLOSEST;
+}
+
+/* How much of the roll that the plan asks for is worth turning for: little where the point aimed at lies ahead (its
+ * azimuth is noise), none where what is left to insert can no longer bend the path by the tolerance. */
+static double ndli_steer_worth(const ndl_steer *steer, double aside)
+{
+    double tolerance = (double)steer->def.plan.tolerance, length = (double)steer->plan.length;
+    double bend = 0.5 * (double)steer->def.plan.curvature * length * length;
+    if (bend < tolerance)
+        return 0;
+    return aside < 2 * tolerance ? aside / (2 * tolerance) : 1;
+}
+
+static void ndli_steer_move(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target, ndl_steer_command *command)
+{
+    const ndl_steer_def *def = &steer->def;
+    const ndl_plan_piece *piece = steer->plan.pieces;
+    ndli_v3 g = ndli_pose_in(pose, steer->waypoint_count > 0 ? ndli_from(steer->waypoints[0]) : target);
+    double aside = sqrt(g.x * g.x + g.y * g.y), worth = ndli_steer_worth(steer, aside), most = (double)def->max_turn;
+    double turn = worth * (double)piece->turn, insertion = (double)sb_min(piece->length, def->step);
+    if (fabs(turn) > (double)def->turn_first && steer->waited < def->max_wait) {
+        steer->waited++;
+        insertion = 0;
+    } else {
+        steer->waited = 0;
+    }
+    turn = (double)def->turn_gain * turn + (worth > 0 ? (double)piece->twist * insertion : 0);
+    command->turn = (sb_real)(turn > most ? most : turn < -most ? -most : turn);
+    command->insertion = (sb_real)insertion;
+    steer->inserted += command->insertion;
+}
+
+NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb_vec3 target,
+                                   ndl_steer_command *command)
+{
+    ndli_pose pose;
+    ndli_v3 goal = ndli_from(target);
+    sb_result result;
+    double distance;
+    if (!steer || !tip || !command || steer->def.cookie != ndli_steer_cookie)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(target))
+        return SB_ERROR_NOT_FINITE;
+    result = ndli_pose_read(tip, &pose);
+    if (result != SB_OK)
+        return result;
+    distance = ndli_norm(ndli_sub(goal, pose.p));
+    memset(command, 0, sizeof *command);
+    if (steer->status == NDL_STEER_GOING) {
+        ndli_steer_plan(steer, &pose, goal);
+        steer->updates++;
+        if (steer->plan.length < (sb_real)0.25 * steer->def.step)
+            steer->status = ndli_steer_end(steer, distance);
+        else if (steer->updates >= steer->def.max_updates)
+            steer->status = distance <= (double)steer->def.reach ? NDL_STEER_REACHED : NDL_STEER_LIMIT;
+        else
+            ndli_steer_move(steer, &pose, goal, command);
+    }
+    command->status = steer->status;
+    command->distance = (sb_real)distance;
+    command->expected = steer->plan.distance;
+    return SB_OK;
+}
+
+/* ==== src/needle/steer_push.c ==== */
+/* steer_push: the manipulator that moves a point inside the tissue onto a path, or out of its way. */
+
+static const unsigned ndli_push_cookie = 0x70736831u;
+
+/* What the force may be: |f| <= most and within the cone about `axis` (any direction when `grip`). */
+typedef struct ndli_push_set {
+    ndli_v3 axis;
+    double sine, cosine, most;
+    int grip;
+} ndli_push_set;
+
+NDL_API ndl_push_def ndl_default_push_def(void)
+{
+    ndl_push_def def;
+    memset(&def, 0, sizeof def);
+    def.cone = (sb_real)0.5;
+    def.proportional = (sb_real)0.3;
+    def.integral = 1;
+    def.max_rate = SB_REAL_MAX;
+    def.tolerance = (sb_real)5e-4;
+    def.cookie = ndli_push_cookie;
+    return def;
+}
+
+static ndli_v3 ndli_push_across(const ndl_push_def *def, ndli_v3 v)
+{
+    ndli_v3 t = ndli_from(def->line_direction);
+    return ndli_madd(v, -ndli_dot(v, t), t);
+}
+
+/* The compliance across the path, P C with P = I - t t^T. */
+static ndli_m3 ndli_push_compliance(const ndl_push_def *def, const sb_mat3 *compliance)
+{
+    ndli_m3 a;
+    for (int j = 0; j < 3; j++) {
+        ndli_v3 column = ndli_push_across(def, ndli_from(sb_m3_column(*compliance, j)));
+        a.m[0][j] = column.x;
+        a.m[1][j] = column.y;
+        a.m[2][j] = column.z;
+    }
+    return a;
+}
+
+static double ndli_push_size(const ndli_m3 *a)
+{
+    double sum = 0;
+    for (int i = 0; i < 9; i++)
+        sum += a->m[i / 3][i % 3] * a->m[i / 3][i % 3];
+    return sqrt(sum);
+}
+
+static ndli_push_set ndli_push_set_of(const ndl_push_def *def)
+{
+    ndli_push_set set;
+    set.axis = ndli_from(def->direction);
+    set.grip = !(ndli_dot(set.axis, set.axis) > 0);
+    set.most = (double)def->max_force;
+    sbi_dense_sin_cos((double)def->cone, &set.sine, &set.cosine);
+    return set;
+}
+
+/* The nearest force of the set: first of the cone, then of the ball (a cone's nearest point scaled stays in it). */
+static ndli_v3 ndli_push_project(const ndli_push_set *set, ndli_v3 f)
+{
+    double length;
+    if (!set->grip) {
+        double along = ndli_dot(f, set->axis);
+        ndli_v3 side = ndli_madd(f, -along, set->axis);
+        double out = ndli_norm(side);
+        if (out * set->cosine > along * set->sine) { /* outside the cone: onto its nearest generator, or its apex */
+            double on = along * set->cosine + out * set->sine;
+            if (!(on > 0))
+                return ndli_v(0, 0, 0);
+            f = ndli_scale(on * set->cosine, set->axis);
+            if (out > 0)
+                f = ndli_madd(f, on * set->sine / out, side);
+        }
+    }
+    length = ndli_norm(f);
+    return length > set->most ? ndli_scale(set->most / length, f) : f;
+}
+
+/* The force of the set that minimises |A f - u|^2 + (1e-3 |A|)^2 |f|^2, by accelerated projected gradients (FISTA) from
+ * `f`. The second term keeps forces that move nothing out; it costs an error of 1e-6 of u along the best direction. */
+static ndli_v3 ndli_push_solve(const ndli_m3 *a, const ndli_push_set *set, ndli_v3 u, ndli_v3 f)
+{
+    double size = ndli_push_size(a), rate = 1 / (size * size * (1 + 1e-6)), momentum = 1;
+    ndli_v3 ahead = f, now = f;
+    for (int i = 0; i < 200; i++) {
+        ndli_v3 r = ndli_sub(ndli_m_apply(a, ahead), u), g = ndli_m_tapply(a, r), next;
+        double grown = 0.5 * (1 + sqrt(1 + 4 * momentum * momentum));
+        g = ndli_madd(g, 1e-6 * size * size, ahead);
+        next = ndli_push_project(set, ndli_madd(ahead, -rate, g));
+        if (ndli_dot(ndli_sub(next, now), ndli_sub(ahead, next)) > 0) { /* past the goal: the momentum is lost */
+            momentum = 1;
+            ahead = next;
+        } else {
+            ahead = ndli_madd(next, (momentum - 1) / grown, ndli_sub(next, now));
+            momentum = grown;
+        }
+        now = next;
+    }
+    return now;
+}
+
+/* ---- creation ---- */
+
+static int ndli_push_positive(sb_real x) { return x > 0 && x <= SB_REAL_MAX; }
+static int ndli_push_not_negative(sb_real x) { return x >= 0 && x <= SB_REAL_MAX; }
+
+static int ndli_push_finite(const sb_mat3 *a)
+{
+    for (int i = 0; i < 9; i++)
+        if (!sb_is_finite(a->m[i / 3][i % 3]))
+            return 0;
+    return 1;
+}
+
+static sb_result ndli_push_check(const ndl_push_def *def, sb_error *error)
+{
+    if (def->cookie != ndli_push_cookie)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def does not come from ndl_default_push_def()");
+    if (!sb_v3_is_finite(def->line_point) || !sb_v3_is_finite(def->line_direction) || !sb_v3_is_finite(def->direction))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "line_point, line_direction or direction is not finite");
+    if (!(sb_v3_norm(def->line_direction) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "line_direction has no length");
+    if (!ndli_push_not_negative(def->clear_radius) || !(def->cone >= 0) || !(def->cone <= (sb_real)1.5707964))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "clear_radius must not be negative, cone between 0 and pi/2");
+    if (!ndli_push_positive(def->max_force) || !ndli_push_positive(def->max_rate) ||
+        !ndli_push_positive(def->tolerance))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_force, max_rate and tolerance must be finite and above 0");
+    if (!ndli_push_not_negative(def->proportional) || !ndli_push_not_negative(def->integral))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "proportional and integral must be finite and not negative");
+    return SB_OK;
+}
+
+static ndl_push_def ndli_push_unit(const ndl_push_def *def)
+{
+    ndl_push_def unit = *def;
+    sb_real size = sb_v3_norm(def->direction);
+    unit.line_direction = sb_v3_scale(1 / sb_v3_norm(def->line_direction), def->line_direction);
+    if (size > 0)
+        unit.direction = sb_v3_scale(1 / size, def->direction);
+    return unit;
+}
+
+NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_error *error)
+{
+    ndl_push_def unit;
+    ndli_m3 a;
+    sb_result result;
+    if (!def || !push)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def or push is NULL");
+    result = ndli_push_check(def, error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_push_finite(&def->compliance))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "compliance is not finite");
+    unit = ndli_push_unit(def);
+    a = ndli_push_compliance(&unit, &unit.compliance);
+    if (!(ndli_push_size(&a) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "compliance moves nothing across the path");
+    memset(push, 0, sizeof *push);
+    push->def = unit;
+    return SB_OK;
+}
+
+/* ---- control ---- */
+
+/* The way that a point has still to go, across the path: onto it, or out of the cylinder about it. */
+static ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
+{
+    ndli_v3 off = ndli_push_across(def, ndli_sub(point, ndli_from(def->line_point)));
+    double radius = (double)def->clear_radius, distance = ndli_norm(off), inside = distance;
+    if (!(radius > 0))
+        return ndli_scale(-1, off);
+    if (distance >= radius)
+        return ndli_v(0, 0, 0);
+    if (!(distance > 0)) /* on the axis every way out is as far: the way the manipulator pushes, or any */
+        off = ndli_push_across(def, ndli_from(def->direction)), distance = ndli_norm(off);
+    if (!(distance > 1e-6))
+        return ndli_scale(radius, ndli_from(sb_v3_perpendicular(def->line_direction)));
+    return ndli_scale((radius - inside) / distance, off);
+}
+
+NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_vec3 *force)
+{
+    ndli_push_set set;
+    ndli_m3 a;
+    ndli_v3 error, integral, asked, now, f, step, left;
+    double most, distance;
+    if (!push || !force || push->def.cookie != ndli_push_cookie || !(dt > 0))
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(point) || !sb_is_finite(dt))
+        return SB_ERROR_NOT_FINITE;
+    set = ndli_push_set_of(&push->def);
+    a = ndli_push_compliance(&push->def, &push->def.compliance);
+    error = ndli_push_error(&push->def, ndli_from(point));
+    integral = ndli_madd(ndli_from(push->integral), (double)push->def.integral * (double)dt, error);
+    asked = ndli_madd(integral, (double)push->def.proportional, error);
+    now = ndli_from(push->force);
+    f = ndli_push_solve(&a, &set, asked, now);
+    step = ndli_sub(f, now);
+    most = (double)push->def.max_rate * (double)dt;
+    distance = ndli_norm(step);
+    if (distance > most)
+        f = ndli_madd(now, most / distance, step); /* both ends are in the set, and it is convex */
+    left = ndli_sub(asked, ndli_m_apply(&a, f));
+    push->limited = ndli_norm(left) > 1e-3 * (ndli_norm(asked) + (double)push->def.tolerance);
+    if (!push->limited || ndli_dot(left, error) < 0)
+        push->integral = ndli_to(integral);
+    push->force = ndli_to(f);
+    push->error = ndli_to(error);
+    push->arrived = ndli_norm(error) <= (double)push->def.tolerance;
+    *force = push->force;
+    return SB_OK;
+}
+
+/* ---- where to push ---- */
+
+NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compliances, const sb_vec3 *directions,
+                                  int count, sb_vec3 point, int *best, sb_vec3 *force, sb_real *left, sb_error *error)
+{
+    ndl_push_def unit;
+    ndli_v3 wanted, best_force = ndli_v(0, 0, 0);
+    double best_left = 0;
+    int found = -1, best_there = 0;
+    sb_result result;
+    if (!def || !compliances || !best || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def, compliances or best is NULL, or there are no candidates");
+    result = ndli_push_check(def, error);
+    if (result != SB_OK)
+        return result;
+    if (!sb_v3_is_finite(point))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the point is not finite");
+    for (int i = 0; i < count; i++)
+        if (!ndli_push_finite(compliances + i) || (directions && !sb_v3_is_finite(directions[i])))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "candidate %d is not finite", i);
+    for (int i = 0; i < count; i++) {
+        ndl_push_def candidate = *def;
+        ndli_push_set set;
+        ndli_m3 a;
+        ndli_v3 f;
+        double rest;
+        int there;
+        if (directions)
+            candidate.direction = directions[i];
+        unit = ndli_push_unit(&candidate);
+        set = ndli_push_set_of(&unit);
+        a = ndli_push_compliance(&unit, compliances + i);
+        wanted = ndli_push_error(&unit, ndli_from(point));
+        f = ndli_push_size(&a) > 0 ? ndli_push_solve(&a, &set, wanted, ndli_v(0, 0, 0)) : ndli_v(0, 0, 0);
+        rest = ndli_norm(ndli_sub(wanted, ndli_m_apply(&a, f)));
+        there = rest <= (double)def->tolerance;
+        if (found < 0 || there > best_there ||
+            (there == best_there && (there ? ndli_norm(f) < ndli_norm(best_force) : rest < best_left))) {
+            found = i;
+            best_force = f;
+            best_left = rest;
+            best_there = there;
+        }
+    }
+    *best = found;
+    if (force)
+        *force = ndli_to(best_force);
+    if (left)
+        *left = (sb_real)best_left;
+    return SB_OK;
 }
 
 #endif /* NDL_IMPLEMENTATION */

@@ -84,6 +84,24 @@
 #define ndl_tissue_get_energies ndl_tissue_get_energies_f32
 #define ndl_tissue_momentum ndl_tissue_momentum_f32
 #define ndl_tissue_stiffness ndl_tissue_stiffness_f32
+#define ndl_helix_pose ndl_helix_pose_f32
+#define ndl_tip_turn ndl_tip_turn_f32
+#define ndl_helix_radius ndl_helix_radius_f32
+#define ndl_helix_pitch ndl_helix_pitch_f32
+#define ndl_bevel_offset ndl_bevel_offset_f32
+#define ndl_bevel_shift ndl_bevel_shift_f32
+#define ndl_bevel_curvature ndl_bevel_curvature_f32
+#define ndl_obstacle_distance ndl_obstacle_distance_f32
+#define ndl_default_plan_def ndl_default_plan_def_f32
+#define ndl_plan_make ndl_plan_make_f32
+#define ndl_plan_pose ndl_plan_pose_f32
+#define ndl_default_steer_def ndl_default_steer_def_f32
+#define ndl_steer_begin ndl_steer_begin_f32
+#define ndl_steer_update ndl_steer_update_f32
+#define ndl_default_push_def ndl_default_push_def_f32
+#define ndl_push_begin ndl_push_begin_f32
+#define ndl_push_update ndl_push_update_f32
+#define ndl_push_choose ndl_push_choose_f32
 #endif
 #endif
 

@@ -1,0 +1,193 @@
+/* steer: the controller that replans at every step and follows its plan past obstacles. */
+#include "steer_path.h"
+
+static const unsigned ndli_steer_cookie = 0x73747231u;
+
+NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_length)
+{
+    ndl_steer_def def;
+    memset(&def, 0, sizeof def);
+    def.plan = ndl_default_plan_def(curvature, max_length);
+    def.reserve = (sb_real)0.15;
+    def.step = (sb_real)0.01 / curvature;
+    def.max_turn = 1;
+    def.turn_gain = (sb_real)0.5;
+    def.turn_first = (sb_real)0.3;
+    def.max_wait = 40;
+    def.reach = (sb_real)0.01 / curvature;
+    def.max_updates = 10000;
+    def.cookie = ndli_steer_cookie;
+    return def;
+}
+
+static int ndli_steer_positive(sb_real x) { return x > 0 && x <= SB_REAL_MAX; }
+
+NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb_error *error)
+{
+    sb_result result;
+    if (!def || !steer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def or steer is NULL");
+    if (def->cookie != ndli_steer_cookie)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def does not come from ndl_default_steer_def()");
+    result = ndli_plan_check(&def->plan, error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_steer_positive(def->step) || !ndli_steer_positive(def->max_turn) || !ndli_steer_positive(def->reach))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "step, max_turn and reach must be finite and above 0");
+    if (!(def->turn_gain > 0) || !(def->turn_gain <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "turn_gain must be above 0 and at most 1");
+    if (!(def->turn_first >= 0) || def->max_wait < 0 || def->max_updates < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "turn_first and max_wait must not be negative, max_updates at least 1");
+    if (!(def->reserve >= 0) || !(def->reserve < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reserve must be at least 0 and below 1");
+    memset(steer, 0, sizeof *steer);
+    steer->def = *def;
+    steer->plan.outcome = NDL_PLAN_SHORT;
+    return SB_OK;
+}
+
+/* ---- the plan ---- */
+
+/* Remembers where the pieces of the plan before its last one end. */
+static void ndli_steer_mark(ndl_steer *steer, const ndl_plan_def *def, const ndli_pose *pose)
+{
+    ndl_tip_pose tip = ndli_pose_write(pose);
+    sb_real length = 0;
+    steer->waypoint_count = 0;
+    for (int i = 0; i + 1 < steer->plan.piece_count; i++) {
+        length += steer->plan.pieces[i].length;
+        steer->waypoints[i] = ndl_plan_pose(&steer->plan, def->curvature, &tip, length).position;
+        steer->waypoint_count++;
+    }
+}
+
+static void ndli_steer_drop_waypoint(ndl_steer *steer)
+{
+    for (int i = 1; i < steer->waypoint_count; i++)
+        steer->waypoints[i - 1] = steer->waypoints[i];
+    steer->waypoint_count--;
+}
+
+/* Searches the way anew, at half the clearance where the whole one leaves none that gets there. */
+static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const ndli_pose *pose, ndli_v3 target,
+                              double sense, ndl_plan *plan)
+{
+    ndl_plan_def close = *def;
+    ndl_plan other;
+    close.clearance = (sb_real)0.5 * def->clearance;
+    steer->plans++;
+    ndli_plan_search(def, pose, target, sense, plan);
+    if (plan->outcome != NDL_PLAN_SHORT)
+        return;
+    ndli_plan_search(&close, pose, target, sense, &other);
+    if (other.distance < plan->distance - def->tolerance)
+        *plan = other;
+}
+
+/* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
+ * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
+ * needle would turn and never go on. */
+static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target)
+{
+    ndl_plan_def def = steer->def.plan;
+    ndl_plan plan, other;
+    double sense = steer->plan.piece_count > 0 ? (double)steer->plan.pieces[0].twist : 0;
+    sb_real enough = (sb_real)0.5 * steer->def.reach;
+    const int between = 8; /* updates, while there is no hurry */
+    int clear;
+    def.curvature *= 1 - steer->def.reserve;
+    def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
+    for (;;) { /* waypoints that the tip has come to, or can get no nearer to, are done with */
+        clear = ndli_plan_aim(&def, 0.5 * (double)def.clearance, pose, steer->waypoints, steer->waypoint_count, target,
+                              sense, &plan);
+        if (steer->waypoint_count == 0 || !(plan.pieces[0].length < (sb_real)0.5 * steer->def.step))
+            break;
+        ndli_steer_drop_waypoint(steer);
+    }
+    if (def.obstacle_count > 0 && (!clear || (plan.distance > enough && steer->updates >= steer->next_search))) {
+        steer->next_search = steer->updates + between;
+        ndli_steer_search(steer, &def, pose, target, sense, &other);
+        if (!clear || other.distance < plan.distance - enough)
+            plan = other;
+    }
+    steer->plan = plan;
+    ndli_steer_mark(steer, &def, pose);
+}
+
+/* ---- the command ---- */
+
+static ndl_steer_status ndli_steer_end(const ndl_steer *steer, double distance)
+{
+    int obstacles = steer->def.plan.obstacle_count > 0;
+    sb_real little = 2 * steer->def.plan.tolerance;
+    if (distance <= (double)steer->def.reach)
+        return NDL_STEER_REACHED;
+    if (steer->inserted + (sb_real)0.25 * steer->def.step >= steer->def.plan.max_length)
+        return NDL_STEER_LIMIT;
+    if (steer->plan.outcome == NDL_PLAN_BLOCKED || (obstacles && steer->plan.distance > steer->plan.bound + little))
+        return NDL_STEER_BLOCKED; /* without obstacles there would be a way to get nearer */
+    return NDL_STEER_CLOSEST;
+}
+
+/* How much of the roll that the plan asks for is worth turning for: little where the point aimed at lies ahead (its
+ * azimuth is noise), none where what is left to insert can no longer bend the path by the tolerance. */
+static double ndli_steer_worth(const ndl_steer *steer, double aside)
+{
+    double tolerance = (double)steer->def.plan.tolerance, length = (double)steer->plan.length;
+    double bend = 0.5 * (double)steer->def.plan.curvature * length * length;
+    if (bend < tolerance)
+        return 0;
+    return aside < 2 * tolerance ? aside / (2 * tolerance) : 1;
+}
+
+static void ndli_steer_move(ndl_steer *steer, const ndli_pose *pose, ndli_v3 target, ndl_steer_command *command)
+{
+    const ndl_steer_def *def = &steer->def;
+    const ndl_plan_piece *piece = steer->plan.pieces;
+    ndli_v3 g = ndli_pose_in(pose, steer->waypoint_count > 0 ? ndli_from(steer->waypoints[0]) : target);
+    double aside = sqrt(g.x * g.x + g.y * g.y), worth = ndli_steer_worth(steer, aside), most = (double)def->max_turn;
+    double turn = worth * (double)piece->turn, insertion = (double)sb_min(piece->length, def->step);
+    if (fabs(turn) > (double)def->turn_first && steer->waited < def->max_wait) {
+        steer->waited++;
+        insertion = 0;
+    } else {
+        steer->waited = 0;
+    }
+    turn = (double)def->turn_gain * turn + (worth > 0 ? (double)piece->twist * insertion : 0);
+    command->turn = (sb_real)(turn > most ? most : turn < -most ? -most : turn);
+    command->insertion = (sb_real)insertion;
+    steer->inserted += command->insertion;
+}
+
+NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb_vec3 target,
+                                   ndl_steer_command *command)
+{
+    ndli_pose pose;
+    ndli_v3 goal = ndli_from(target);
+    sb_result result;
+    double distance;
+    if (!steer || !tip || !command || steer->def.cookie != ndli_steer_cookie)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(target))
+        return SB_ERROR_NOT_FINITE;
+    result = ndli_pose_read(tip, &pose);
+    if (result != SB_OK)
+        return result;
+    distance = ndli_norm(ndli_sub(goal, pose.p));
+    memset(command, 0, sizeof *command);
+    if (steer->status == NDL_STEER_GOING) {
+        ndli_steer_plan(steer, &pose, goal);
+        steer->updates++;
+        if (steer->plan.length < (sb_real)0.25 * steer->def.step)
+            steer->status = ndli_steer_end(steer, distance);
+        else if (steer->updates >= steer->def.max_updates)
+            steer->status = distance <= (double)steer->def.reach ? NDL_STEER_REACHED : NDL_STEER_LIMIT;
+        else
+            ndli_steer_move(steer, &pose, goal, command);
+    }
+    command->status = steer->status;
+    command->distance = (sb_real)distance;
+    command->expected = steer->plan.distance;
+    return SB_OK;
+}
