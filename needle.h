@@ -23,8 +23,8 @@
  *
  * WHAT IT DOES NOT DO
  *
- * In this version: needles alone (rods), tissue that moves and whose mesh follows a needle's tip, and steering plans; not yet
- * needles that feel the tissue.
+ * In this version: needles alone (rods), tissue that moves and whose mesh follows a needle's tip, and steering plans; not
+ * yet needles that feel the tissue.
  *
  * A FIRST PROGRAM
  *
