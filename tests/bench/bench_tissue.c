@@ -141,10 +141,10 @@ static void run(const char *name, sb_real lazy, int needle)
         if (ndl_tissue_step(s.tissue, (sb_real)0.02, &info, NULL) != SB_OK || k < WARM)
             continue;
         times[k - WARM] = 1e3 * (info.seconds_total + s.remeshing);
-        phases[0] += 1e3 * info.seconds_force / STEPS;
-        phases[1] += 1e3 * info.seconds_matrix / STEPS;
-        phases[2] += 1e3 * info.seconds_solve / STEPS;
-        phases[3] += 1e3 * s.remeshing / STEPS;
+        phases[0] += 1e3 * info.seconds_force / (int)STEPS;
+        phases[1] += 1e3 * info.seconds_matrix / (int)STEPS;
+        phases[2] += 1e3 * info.seconds_solve / (int)STEPS;
+        phases[3] += 1e3 * s.remeshing / (int)STEPS;
         iterations += info.iterations;
         turned += info.refreshed;
     }
