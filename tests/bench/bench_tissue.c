@@ -153,7 +153,7 @@ static void run(const char *name, sb_real lazy, int needle)
             sum += (double)sb_v3_norm(sb_v3_sub(at->x[i], at->X[i]));
     qsort(times, STEPS, sizeof times[0], compare);
     printf("%s %d %.3f %.3f %.3f %.1f %d %lu %.9g | %.3f %.3f %.3f %.3f\n", name, 3 * s.mesh.node_count,
-           times[STEPS / 2], times[0], times[STEPS * 99 / 100], (double)iterations / STEPS, turned / STEPS,
+           times[STEPS / 2], times[0], times[STEPS * 99 / 100], (double)iterations / (int)STEPS, turned / (int)STEPS,
            (unsigned long)bytes_given, sum, phases[0], phases[1], phases[2], phases[3]);
     ndl_remesh_destroy(s.remesh);
     ndl_tissue_destroy(s.tissue);
