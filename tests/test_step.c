@@ -694,7 +694,7 @@ static void test_linearised_jerks(void)
 static void test_threads(void)
 {
     static const sb_integrator integrators[2] = {SB_EULER, SB_NEWMARK};
-    int steps = check_quick() ? 2 : 10;
+    int steps = check_quick() ? 1 : 10;
     sb_jobs inline_jobs;
     memset(&inline_jobs, 0, sizeof inline_jobs);
     for (int t = 0; t < ELEMENT_TYPES; t++)
