@@ -92,16 +92,17 @@ endef
 
 SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_CFLAGS = -O1 -g
+OTHER_CFLAGS = -O1 # of the builds that differ in language or system only: they compile faster
 MINGW = x86_64-w64-mingw32-gcc
 WASM = $(CLANG) --target=wasm32-wasi --sysroot=/usr -D_WASI_EMULATED_PROCESS_CLOCKS
 
 $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
 $(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float))
-$(eval $(call suite,cpp,$(CXX) $(CFLAGS),-std=c++11 $(WARNINGS) -x c++))
-$(eval $(call suite,openmp,$(CC) $(CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP))
+$(eval $(call suite,cpp,$(CXX) $(OTHER_CFLAGS),-std=c++11 $(WARNINGS) -x c++))
+$(eval $(call suite,openmp,$(CC) $(OTHER_CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP))
 $(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C_WARNINGS)))
-$(eval $(call suite,mingw,$(MINGW) -O2,-std=c99 $(C_WARNINGS),-static,.exe))
-$(eval $(call suite,wasm,$(WASM) -O2,-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm))
+$(eval $(call suite,mingw,$(MINGW) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,.exe))
+$(eval $(call suite,wasm,$(WASM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm))
 
 # Takes most of the suite's time; the builds that differ in language or system only leave it out (SLOW= runs all).
 SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c)) \
