@@ -694,8 +694,8 @@ NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
  * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle. Memory is only asked for
  * when slack is used up. */
 
-/* First contact: puts a node where the skin was hit, which is the needle's entry from then on, and its tip until it goes deeper.
- * The skin keeps its shape: nodes of it move within flat parts only, edges are split where the point lies on them or
+/* First contact: puts a node where the skin was hit, which is the needle's entry from then on, and its tip until it goes
+ * deeper. The skin keeps its shape: nodes of it move within flat parts only, edges are split where the point lies on them or
  * their faces are in one plane; but see entry_slip. info->X: where the entry is. */
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error);
