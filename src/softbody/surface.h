@@ -97,7 +97,7 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
  * of the nearest triangle the point is on. */
 SB_API sb_real sb_surface_signed_distance(const sb_surface *surface, sb_vec3 point, sb_surface_hit *hit);
 /* The same with the sign from sb_surface_inside everywhere: for surfaces with holes, overlaps or loose parts. About
- * twice the time. */
+ * twice the time far from the surface, nine times close to it, where the winding number sums many triangles exactly. */
 SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_vec3 point, sb_surface_hit *hit);
 
 /* Generalised winding number: the solid angle under which the point sees the surface, over 4 pi. 1 inside a closed
@@ -250,7 +250,7 @@ typedef struct sb_shape {
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
  * the nearest, only the winding number tells the sign. Returns 1 when triangles cross, else all are 0. Some 2 us for each
- * triangle, 30 us when they cross. */
+ * triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
 #endif
 
