@@ -28,7 +28,7 @@ WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wun
 C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 INCLUDES = -I. -Itests -Ibuild
 
-PRODUCTS = softbody needle
+PRODUCTS = softbody needle register
 HEADERS = $(PRODUCTS:%=%.h)
 PARTS = $(filter-out %/names.h,$(sort $(shell find $(PRODUCTS:%=src/%) -type f)))
 TESTS = $(wildcard tests/test_*.c)
@@ -284,7 +284,7 @@ build/coverage/case_solve: examples/case_solve.c $(HEADERS) $(wildcard examples/
 build/softbody.pc: Makefile softbody.h FORCE
 	@mkdir -p build
 	@printf '%s\n' 'prefix=$(PREFIX)' 'includedir=$${prefix}/include' '' 'Name: softbody' \
-	    'Description: soft tissue and needles, each in a single C header' \
+	    'Description: soft tissue, needles and registration, each in a single C header' \
 	    "Version: $$(sed -n 's/^#define SB_VERSION_STRING "\(.*\)"/\1/p' softbody.h)" \
 	    'Cflags: -I$${includedir}' 'Libs: -lm' >$@
 

@@ -8,7 +8,7 @@ cd "$1" || exit 1
 for data in *.gcda; do
     (cd ../.. && gcov -t "$1/$data" 2>/dev/null)
 done | awk -F: '
-    $2 ~ /^ *0$/ && $3 == "Source" { ours = $4 ~ /(^|\/)(softbody|needle)\.h$/; first = $4 ~ /needle/ ? 100000 : 0 }
+    $2 ~ /^ *0$/ && $3 == "Source" { ours = $4 ~ /(^|\/)(softbody|needle|register)\.h$/; first = $4 ~ /needle/ ? 100000 : $4 ~ /register/ ? 200000 : 0 }
     !ours { next }
     { line = $2 + 0 > 0 ? first + $2 : 0; count = $1; gsub(/[ *]/, "", count) }
     line > 0 && index($0, "/* ==== src/") {

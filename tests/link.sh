@@ -65,12 +65,12 @@ done
 (cd "$folder" && "$gcc" declarations_float.o implementation.o -lm -o mismatch 2>/dev/null)
 report $((! $?)) "a float caller and a double object must not link"
 
-# Exported names: sb_, ndl_ and nothing else; _f32 at the end in float and only there; none under SB_STATIC.
+# Exported names: sb_, ndl_, reg_ and nothing else; _f32 at the end in float and only there; none under SB_STATIC.
 exported() { nm -g --defined-only "$folder/$1" | awk '{print $3}'; }
-[ -n "$(exported implementation.o)" ] && ! exported implementation.o | grep -v '^\(sb\|ndl\)_' &&
+[ -n "$(exported implementation.o)" ] && ! exported implementation.o | grep -v '^\(sb\|ndl\|reg\)_' &&
     ! exported implementation.o | grep '_f32$'
 report $? "names exported by a double object"
-[ -n "$(exported implementation_float.o)" ] && ! exported implementation_float.o | grep -v '^\(sb\|ndl\)_.*_f32$'
+[ -n "$(exported implementation_float.o)" ] && ! exported implementation_float.o | grep -v '^\(sb\|ndl\|reg\)_.*_f32$'
 report $? "names exported by a float object"
 ! exported static_first.o | grep -v '^main$'
 report $? "names exported under SB_STATIC"

@@ -1,0 +1,37 @@
+/* api: version and linkage of register.h. Results, errors, allocator, vectors and the scalar type are softbody.h's. */
+#ifndef REG_API_H
+#define REG_API_H
+
+#include "../softbody/core.h"
+#include "../softbody/dense.h"
+#include "names.h"
+
+#define REG_VERSION_MAJOR 0
+#define REG_VERSION_MINOR 3
+#define REG_VERSION_PATCH 0
+#define REG_VERSION_STRING "0.3.0"
+
+#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR || \
+    REG_VERSION_PATCH != SB_VERSION_PATCH
+#error "register.h and softbody.h are of different versions: take both from one release"
+#endif
+#if defined(REG_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION)
+#error "register.h: define REG_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
+#endif
+
+/* REG_API: public functions; static under SB_STATIC or REG_STATIC. REGI_API: internal functions; static in the shipped
+ * header, extern when the rooms are compiled apart. */
+#if defined(SB_STATIC) || defined(REG_STATIC)
+#define REG_API static SBI_UNUSED
+#elif defined(__cplusplus)
+#define REG_API extern "C"
+#else
+#define REG_API extern
+#endif
+#if defined(SB_SPLIT_BUILD)
+#define REGI_API extern
+#else
+#define REGI_API static SBI_UNUSED
+#endif
+
+#endif /* REG_API_H */

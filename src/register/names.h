@@ -1,0 +1,21 @@
+/* names: the exported names of a float build end in _f32, so that a float caller and a double object do
+ * not link. Written by src/amalgamate.c from the declarations: do not edit. */
+#ifndef REGI_NAMES_H
+#define REGI_NAMES_H
+
+#if defined(SB_REAL)
+#define REGI_NAMES_PASTE_(a, b) a##b
+#define REGI_NAMES_PASTE(a, b) REGI_NAMES_PASTE_(a, b)
+#define REGI_NAMES_OF_double 0
+#define REGI_NAMES_OF_float 1
+#if REGI_NAMES_PASTE(REGI_NAMES_OF_, SB_REAL)
+#define reg_rigid_identity reg_rigid_identity_f32
+#define reg_rigid_apply reg_rigid_apply_f32
+#define reg_rigid_compose reg_rigid_compose_f32
+#define reg_rigid_inverse reg_rigid_inverse_f32
+#define reg_rigid_angle reg_rigid_angle_f32
+#define reg_rigid_fit reg_rigid_fit_f32
+#endif
+#endif
+
+#endif /* REGI_NAMES_H */
