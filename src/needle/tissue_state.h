@@ -52,7 +52,10 @@ typedef struct ndli_solid_coarse {
     void *block;
 } ndli_solid_coarse;
 
+struct ndli_site; /* what needles share; see needle_state.h */
+
 struct ndl_tissue {
+    struct ndli_site *site; /* NULL: no needles */
     ndl_tissue_mesh mesh;
     sb_allocator allocator;
     sb_jobs jobs;
@@ -186,6 +189,32 @@ NDLI_API void ndli_solid_coarse_changed(ndl_tissue *t, const ndl_mesh_change *ch
 NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error);
 /* unknown = A^-1 rhs from 0. */
 NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error);
+
+/* What is solved together with the tissue: more unknowns, and forces on rows of coupled nodes. Its functions see the
+ * tissue's vectors of the present solve; NULL: the tissue alone. */
+typedef struct ndli_solid_guest {
+    void *user;
+    void (*begin)(void *user);  /* residual += its right-hand side on coupled rows, = on its own; search = unknown */
+    void (*settle)(void *user); /* residual -= product, of its own */
+    void (*direct)(void *user, sb_real factor); /* search = correction + factor search, of its own */
+    double (*multiply)(void *user);      /* product += its forces for `search`; returns search.product of that */
+    void (*advance)(void *user, sb_real factor); /* unknown += factor search, residual -= factor product, of its own */
+    double (*precondition)(void *user);  /* correction on coupled rows and its own; returns residual.correction */
+} ndli_solid_guest;
+
+/* Conjugate gradients in parts. */
+typedef struct ndli_solid_cg {
+    ndl_tissue *t;
+    const ndli_solid_guest *guest;
+    sb_real factor;
+    double rz;      /* residual.correction */
+    int iterations; /* in all runs */
+} ndli_solid_cg;
+
+/* residual = rhs - A unknown, and the first correction. */
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg);
+/* Goes on until residual.correction <= target or max_iterations is reached. */
+NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error);
 /* x, v, a at the end of the step from the accelerations `unknown`; SB_ERROR_DIVERGED changes nothing. */
 NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error);
 /* After commit: how many iterations the step took, which tells when the coarse matrix is worn. */

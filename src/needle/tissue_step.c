@@ -182,11 +182,6 @@ NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *b
 
 /* ---- conjugate gradients ---- */
 
-typedef struct ndli_solid_cg {
-    ndl_tissue *t;
-    sb_real factor;
-} ndli_solid_cg;
-
 static int ndli_solid_end(const ndl_tissue *t, int chunk)
 {
     return sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
@@ -225,6 +220,7 @@ static void ndli_solid_advance_task(void *user, int chunk)
     }
 }
 
+/* q = A p; returns p.q. */
 static double ndli_solid_curvature(ndli_solid_cg *cg)
 {
     int chunks = ndli_solid_chunks(cg->t->mesh.node_end);
@@ -232,7 +228,30 @@ static double ndli_solid_curvature(ndli_solid_cg *cg)
     sbi_run(&cg->t->jobs, ndli_solid_cg_product_task, cg, chunks);
     for (int k = 0; k < chunks; k++)
         sum += cg->t->partial[2 * k];
-    return sum;
+    return cg->guest ? sum + cg->guest->multiply(cg->guest->user) : sum;
+}
+
+static void ndli_solid_direct(ndli_solid_cg *cg, sb_real factor)
+{
+    cg->factor = factor;
+    sbi_run(&cg->t->jobs, ndli_solid_direction_task, cg, ndli_solid_chunks(cg->t->mesh.node_end));
+    if (cg->guest)
+        cg->guest->direct(cg->guest->user, factor);
+}
+
+static void ndli_solid_advance(ndli_solid_cg *cg, sb_real factor)
+{
+    cg->factor = factor;
+    sbi_run(&cg->t->jobs, ndli_solid_advance_task, cg, ndli_solid_chunks(cg->t->mesh.node_end));
+    if (cg->guest)
+        cg->guest->advance(cg->guest->user, factor);
+}
+
+static void ndli_solid_correct(ndli_solid_cg *cg)
+{
+    cg->rz = ndli_solid_precondition(cg->t, cg->t->residual, cg->t->correction);
+    if (cg->guest)
+        cg->rz += cg->guest->precondition(cg->guest->user);
 }
 
 static int ndli_solid_is_finite(double x) { return x - x == 0; }
@@ -246,37 +265,57 @@ static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
     return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
 }
 
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+{
+    ndl_tissue *t = cg->t;
+    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
+    memcpy(t->residual, t->rhs, bytes);
+    if (cg->guest)
+        cg->guest->begin(cg->guest->user);
+    memcpy(t->search, t->unknown, bytes);
+    ndli_solid_curvature(cg);
+    for (int i = 0; i < t->mesh.node_end; i++)
+        t->residual[i] = sb_v3_sub(t->residual[i], t->product[i]);
+    if (cg->guest)
+        cg->guest->settle(cg->guest->user);
+    ndli_solid_correct(cg);
+}
+
+NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error)
+{
+    ndl_tissue *t = cg->t;
+    sb_real factor = 0;
+    while (cg->rz > target && ndli_solid_is_finite(cg->rz) && cg->iterations < t->max_iterations) {
+        double curvature, last = cg->rz;
+        ndli_solid_direct(cg, factor);
+        curvature = ndli_solid_curvature(cg);
+        if (!(curvature > 0) || !ndli_solid_is_finite(curvature))
+            return ndli_solid_lost(t, error);
+        ndli_solid_advance(cg, (sb_real)(cg->rz / curvature));
+        ndli_solid_correct(cg);
+        factor = (sb_real)(cg->rz / last);
+        cg->iterations++;
+    }
+    return ndli_solid_is_finite(cg->rz) ? SB_OK : ndli_solid_lost(t, error);
+}
+
 NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error)
 {
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
-    int chunks = ndli_solid_chunks(t->mesh.node_end);
-    double rz, first, target;
-    ndli_solid_cg cg;
-    cg.t = t;
-    cg.factor = 0;
+    ndli_solid_cg cg = {t, NULL, 0, 0, 0};
+    double first, target;
+    sb_result result;
     memset(t->unknown, 0, bytes);
     memset(t->search, 0, bytes);
     memcpy(t->residual, t->rhs, bytes);
-    first = rz = ndli_solid_precondition(t, t->residual, t->correction);
+    ndli_solid_correct(&cg);
+    first = cg.rz;
     target = (double)t->tolerance * (double)t->tolerance * first;
-    info->iterations = info->capped = 0;
-    while (rz > target && ndli_solid_is_finite(rz) && !info->capped) {
-        double curvature, last = rz;
-        sbi_run(&t->jobs, ndli_solid_direction_task, &cg, chunks);
-        curvature = ndli_solid_curvature(&cg);
-        if (!(curvature > 0) || !ndli_solid_is_finite(curvature))
-            return ndli_solid_lost(t, error);
-        cg.factor = (sb_real)(rz / curvature);
-        sbi_run(&t->jobs, ndli_solid_advance_task, &cg, chunks);
-        rz = ndli_solid_precondition(t, t->residual, t->correction);
-        cg.factor = (sb_real)(rz / last);
-        info->iterations++;
-        info->capped = info->iterations >= t->max_iterations && rz > target;
-    }
-    if (!ndli_solid_is_finite(rz) || !ndli_solid_is_finite(first))
-        return ndli_solid_lost(t, error);
-    info->residual = first > 0 && rz > 0 ? (sb_real)sqrt(rz / first) : 0;
-    return SB_OK;
+    result = ndli_solid_cg_run(&cg, target, error);
+    info->iterations = cg.iterations;
+    info->capped = cg.iterations >= t->max_iterations && cg.rz > target;
+    info->residual = first > 0 && cg.rz > 0 ? (sb_real)sqrt(cg.rz / first) : 0;
+    return result;
 }
 
 /* ---- the end of the step ---- */

@@ -1,0 +1,418 @@
+/* needle: making, reading and releasing needles; the site that those of one tissue share. */
+#include "needle_state.h"
+
+#include <string.h>
+
+/* ---- the site ---- */
+
+static double ndli_site_mean_edge(const ndl_tissue *t)
+{
+    double sum = 0;
+    int count = 0;
+    for (int e = 0; e < t->edge_end; e++) {
+        const int *n = t->edge_nodes + 2 * (size_t)e;
+        if (n[0] < 0)
+            continue;
+        sum += (double)sb_v3_norm(sb_v3_sub(t->mesh.X[n[0]], t->mesh.X[n[1]]));
+        count++;
+    }
+    return sum / count;
+}
+
+static void ndli_site_free(ndl_tissue *tissue)
+{
+    struct ndli_site *site = tissue->site;
+    ndl_remesh_destroy(site->remesh);
+    sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site);
+    tissue->site = NULL;
+}
+
+static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
+{
+    ndl_remesh_def def = ndl_default_remesh_def();
+    struct ndli_site *site;
+    sb_result result;
+    if (tissue->site)
+        return SB_OK;
+    site = (struct ndli_site *)sbi_alloc_zeroed(&tissue->allocator, 1, sizeof *site);
+    if (!site)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
+    def.tissue = &tissue->mesh;
+    def.max_needles = NDL_MAX_NEEDLES;
+    def.allocator = tissue->allocator;
+    result = ndl_remesh_create(&def, &site->remesh, error);
+    if (result != SB_OK) {
+        sbi_free(&tissue->allocator, site);
+        return result;
+    }
+    site->mean_edge = ndli_site_mean_edge(tissue);
+    tissue->site = site;
+    return SB_OK;
+}
+
+/* Room for the coupled nodes of all needles. */
+static int ndli_site_reserve(ndl_tissue *tissue, int more)
+{
+    struct ndli_site *site = tissue->site;
+    int *grown = (int *)sbi_alloc(&tissue->allocator, (size_t)(site->coupled_room + more), sizeof(int));
+    if (!grown)
+        return 0;
+    if (site->coupled_count)
+        memcpy(grown, site->coupled, (size_t)site->coupled_count * sizeof(int));
+    sbi_free(&tissue->allocator, site->coupled);
+    site->coupled = grown;
+    site->coupled_room += more;
+    return 1;
+}
+
+/* ---- definition ---- */
+
+enum { NDLI_NEEDLE_COOKIE = 0x6e646c65, NDLI_LEAST_NODES = 8 };
+
+NDL_API ndl_needle_def ndl_default_needle_def(void)
+{
+    ndl_needle_def def;
+    memset(&def, 0, sizeof def);
+    def.length = (sb_real)0.05;
+    def.capacity = 128;
+    ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
+    def.damping_stretch = def.damping_bending = (sb_real)1e-4;
+    def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.max_trials = 10;
+    def.cookie = NDLI_NEEDLE_COOKIE;
+    return def;
+}
+
+static sb_result ndli_needle_check_frictions(const ndl_needle_def *def, sb_error *error)
+{
+    if (def->friction_count < 0 || (def->friction_count > 0 && !def->frictions))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "frictions has no entries");
+    for (int i = 0; i < def->friction_count; i++) {
+        const ndl_friction *f = def->frictions + i;
+        const sb_real values[5] = {f->friction, f->viscous, f->cutting, f->twist_stiffness, f->twist_friction};
+        static const char *const names[5] = {"friction", "viscous", "cutting", "twist_stiffness", "twist_friction"};
+        for (int k = 0; k < 5; k++)
+            if (!sb_is_finite(values[k]) || values[k] < 0)
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "%s of region %d is %g, not 0 or more", names[k], i,
+                                (double)values[k]);
+    }
+    return SB_OK;
+}
+
+static sb_result ndli_needle_check_membranes(const ndl_needle_def *def, sb_error *error)
+{
+    if (def->membrane_count < 0 || (def->membrane_count > 0 && !def->membranes))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "membranes has no entries");
+    for (int i = 0; i < def->membrane_count; i++) {
+        const ndl_membrane *m = def->membranes + i;
+        if (!sb_is_finite(m->strength) || m->strength < 0 || !(m->thickness > 0) || !sb_is_finite(m->thickness))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d has strength %g and thickness %g", i,
+                            (double)m->strength, (double)m->thickness);
+        if (m->regions[0] == m->regions[1])
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d has region %d on both sides", i, m->regions[0]);
+    }
+    return SB_OK;
+}
+
+static sb_result ndli_needle_check_bevel(const ndl_needle_def *def, double edge, sb_error *error)
+{
+    sb_real offset;
+    sb_result result = ndl_bevel_offset(&def->bevel, (sb_real)(0.1 * edge), (sb_real)edge, &offset);
+    if (result != SB_OK)
+        return sbi_fail(error, result, "bevel: law %d, angle %g, curvature %g with edges of %g m", (int)def->bevel.law,
+                        (double)def->bevel.angle, (double)def->bevel.curvature, edge);
+    return SB_OK;
+}
+
+static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != NDLI_NEEDLE_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def was not made by ndl_default_needle_def");
+    if (!def->tissue)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    if (!sb_v3_is_finite(def->base) || !sb_v3_is_finite(def->direction) || !sb_v3_is_finite(def->director) ||
+        !sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "base, direction, director or gravity is not finite");
+    if (!(sb_v3_norm(def->direction) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "direction has no length");
+    if (!(def->length > 0) || !sb_is_finite(def->length))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "length is %g, not above 0", (double)def->length);
+    if (!(def->edge_length >= 0) || !sb_is_finite(def->edge_length))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "edge_length is %g, not 0 or more", (double)def->edge_length);
+    if (def->capacity < NDLI_LEAST_NODES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "capacity is %d, below %d", def->capacity, (int)NDLI_LEAST_NODES);
+    if (!(def->bend_length >= 0) || !(def->bend_length < def->length) || !sb_is_finite(def->bend_curvature) ||
+        sb_abs(def->bend_curvature) * def->bend_length > 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "bend_length is %g and bend_curvature %g", (double)def->bend_length,
+                        (double)def->bend_curvature);
+    if (def->max_trials < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
+    result = ndli_needle_check_frictions(def, error);
+    return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
+}
+
+/* ---- creation ---- */
+
+/* The shape at rest: straight, then a circle towards m2. */
+static void ndli_needle_rest_nodes(const ndl_needle_def *def, int edges, double sleeve, sb_vec3 *nodes)
+{
+    ndl_tip_pose pose;
+    sb_real straight = def->length - def->bend_length;
+    ndli_v3 t = ndli_from(def->direction);
+    t = ndli_scale(1 / ndli_norm(t), t);
+    pose.frame.t = ndli_to(t);
+    pose.frame.m1 = ndli_to(ndli_rod_across(ndli_from(def->director), t));
+    pose.frame.m2 = sb_v3_cross(pose.frame.t, pose.frame.m1);
+    nodes[0] = sb_v3_madd(def->base, (sb_real)-sleeve, pose.frame.t);
+    pose.position = sb_v3_madd(def->base, straight, pose.frame.t);
+    for (int i = 0; i <= edges; i++) {
+        sb_real s = def->length * (sb_real)i / (sb_real)edges;
+        nodes[i + 1] = sb_v3_madd(def->base, s, pose.frame.t);
+        if (s > straight)
+            nodes[i + 1] = ndl_helix_pose(&pose, def->bend_curvature, 0, s - straight).position;
+    }
+}
+
+static sb_result ndli_needle_make_rod(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+{
+    ndl_rod_def rod = ndl_default_rod_def();
+    double wanted = (double)def->length / needle->edge_length;
+    sb_vec3 *nodes;
+    sb_result result;
+    int edges;
+    if (!(wanted < def->capacity - 3))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "capacity is %d, too little for %g m by edges of %g m", def->capacity,
+                        (double)def->length, needle->edge_length);
+    edges = sbi_max_int(2, (int)(wanted + 0.999));
+    nodes = (sb_vec3 *)sbi_alloc(&def->allocator, (size_t)edges + 2, sizeof(sb_vec3));
+    if (!nodes)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    ndli_needle_rest_nodes(def, edges, needle->edge_length, nodes);
+    rod.nodes = nodes;
+    rod.node_count = edges + 2;
+    rod.capacity = def->capacity;
+    rod.section = def->section;
+    rod.stiffness = def->stiffness;
+    rod.rest = def->bend_length > 0 && def->bend_curvature != 0 ? NDL_REST_SHAPE : NDL_REST_STRAIGHT;
+    rod.director = def->director;
+    rod.gravity = def->gravity;
+    rod.damping_stretch = def->damping_stretch;
+    rod.damping_bending = def->damping_bending;
+    rod.allocator = def->allocator;
+    result = ndl_rod_create(&rod, &needle->rod, error);
+    sbi_free(&def->allocator, nodes);
+    return result;
+}
+
+static void ndli_needle_layout(ndl_needle *needle, const ndl_needle_def *def, sbi_arena *arena)
+{
+    size_t n = (size_t)def->capacity;
+    needle->places = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->place_tangents = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->frictions = (ndl_friction *)sbi_arena_take(arena, (size_t)def->friction_count, sizeof(ndl_friction));
+    needle->capsules = (ndli_capsule *)sbi_arena_take(arena, (size_t)def->membrane_count, sizeof(ndli_capsule));
+    needle->path = (int *)sbi_arena_take(arena, n, sizeof(int));
+    needle->old_contact = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->old_path = (int *)sbi_arena_take(arena, n, sizeof(int));
+    needle->old_state = (unsigned char *)sbi_arena_take(arena, n, 1);
+}
+
+static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    ndli_needle_layout(needle, def, &arena);
+    needle->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&def->allocator, 1, arena.used);
+    if (!needle->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
+    arena.base = (unsigned char *)needle->memory;
+    arena.used = 0;
+    ndli_needle_layout(needle, def, &arena);
+    if (!ndli_line_create(&needle->line, needle->rod, def->tissue, &def->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
+    needle->line.path = needle->path;
+    return SB_OK;
+}
+
+/* A needle begins outside: neither its tip nor a crossing of the skin is in the tissue. */
+static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *error)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
+    ndl_surface_hit hit;
+    for (int i = 1; i < rod->node_count; i++)
+        if (ndl_tissue_mesh_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
+    for (int t = 0; t < mesh->tet_end; t++)
+        if (mesh->tets[4 * (size_t)t] >= 0)
+            return ndl_tissue_mesh_find(mesh, mesh->x, tip, t, NULL) < 0
+                       ? SB_OK
+                       : sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's tip is in the tissue already");
+    return SB_OK;
+}
+
+static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
+{
+    const ndl_rod *rod = needle->rod;
+    needle->bevel = def->bevel;
+    if (def->friction_count)
+        memcpy(needle->frictions, def->frictions, (size_t)def->friction_count * sizeof(ndl_friction));
+    needle->friction_count = def->friction_count;
+    needle->cutting_at = def->cutting;
+    needle->cutting_user = def->cutting_user;
+    needle->max_trials = def->max_trials;
+    needle->outlet = rod->x[1];
+    needle->axis = rod->tangent[0];
+    needle->line.first = rod->node_count;
+}
+
+static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+{
+    struct ndli_site *site = def->tissue->site;
+    sb_result result;
+    int bad;
+    needle->allocator = def->allocator;
+    needle->tissue = def->tissue;
+    needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : site->mean_edge;
+    result = ndli_needle_check_bevel(def, needle->edge_length, error);
+    if (result == SB_OK)
+        result = ndli_needle_make_rod(needle, def, error);
+    if (result == SB_OK)
+        result = ndli_needle_make_memory(needle, def, error);
+    if (result == SB_OK)
+        result = ndli_needle_check_outside(needle, error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_needle_make_capsules(needle, def->membranes, def->membrane_count, &bad))
+        return bad < 0 ? sbi_fail(error, SB_ERROR_MEMORY, "no memory for a membrane")
+                       : sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d: no face lies between regions %d and %d", bad,
+                                  def->membranes[bad].regions[0], def->membranes[bad].regions[1]);
+    ndli_needle_fill(needle, def);
+    if (!ndli_site_reserve(def->tissue, def->capacity))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
+    return SB_OK;
+}
+
+static void ndli_needle_release(ndl_needle *needle)
+{
+    sb_allocator allocator = needle->allocator;
+    for (int i = 0; i < needle->capsule_count; i++)
+        sb_surface_destroy(needle->capsules[i].surface);
+    ndli_line_free(&needle->line);
+    ndl_rod_destroy(needle->rod);
+    sbi_free(&allocator, needle->memory);
+    sbi_free(&allocator, needle);
+}
+
+static void ndli_needle_join(ndl_needle *needle)
+{
+    struct ndli_site *site = needle->tissue->site;
+    while (site->needles[needle->index])
+        needle->index++;
+    site->needles[needle->index] = needle;
+    site->count++;
+}
+
+NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error)
+{
+    ndl_needle *made;
+    sb_result result;
+    if (!def || !needle)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def or needle is NULL");
+    result = ndli_needle_check(def, error);
+    if (result == SB_OK)
+        result = ndli_site_make(def->tissue, error);
+    if (result != SB_OK)
+        return result;
+    if (def->tissue->site->count == NDL_MAX_NEEDLES)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the tissue has %d needles already", (int)NDL_MAX_NEEDLES);
+    made = (ndl_needle *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    result = made ? ndli_needle_build(made, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    if (result == SB_OK) {
+        ndli_needle_join(made);
+        *needle = made;
+        return SB_OK;
+    }
+    if (made)
+        ndli_needle_release(made);
+    if (def->tissue->site->count == 0)
+        ndli_site_free(def->tissue);
+    return result;
+}
+
+NDL_API void ndl_needle_destroy(ndl_needle *needle)
+{
+    ndl_tissue *tissue;
+    if (!needle)
+        return;
+    tissue = needle->tissue;
+    ndl_remesh_withdraw(tissue->site->remesh, needle->index, NULL, NULL);
+    tissue->site->needles[needle->index] = NULL;
+    if (--tissue->site->count == 0)
+        ndli_site_free(tissue);
+    ndli_needle_release(needle);
+}
+
+/* ---- readings ---- */
+
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle->rod; }
+
+NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
+{
+    ndl_tip_pose pose;
+    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    return pose;
+}
+
+NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
+{
+    if (force)
+        *force = ndli_to(needle->base_force);
+    if (torque)
+        *torque = ndli_to(needle->base_torque);
+}
+
+NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle->line.first; }
+
+static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
+{
+    return node >= needle->line.first && node < needle->rod->node_count;
+}
+
+NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
+{
+    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
+}
+
+NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
+{
+    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
+}
+
+NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
+{
+    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
+}
+
+NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
+{
+    double sum = 0;
+    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
+        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
+    return (sb_real)sum;
+}
+
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return (sb_real)needle->fed; }
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return (sb_real)needle->advance; }
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return (sb_real)needle->line.cutting; }
+
+NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
+{
+    int last = needle->rod->node_count - 1;
+    if (!ndli_needle_is_coupled(needle, last))
+        return 0;
+    *X = needle->tissue->mesh.X[needle->path[last - needle->line.first]];
+    return 1;
+}

@@ -1,0 +1,158 @@
+/* needle: flexible needles in soft tissue. A sleeve feeds, turns and moves a needle; its tip cuts, its shaft sticks and
+ * slips, and the tissue's mesh follows. Floor 5. Chapters 7 to 10 of Chentanez 2010.
+ *
+ *     ndl_needle_def def = ndl_default_needle_def();
+ *     def.tissue = tissue;
+ *     def.base = sb_v3(0, 0, 0.1), def.direction = sb_v3(0, 0, -1);
+ *     ndl_needle_create(&def, &needle, &error);
+ *     command.insertion = 0.01;                                    (1 cm/s)
+ *     ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error); */
+#ifndef NDL_NEEDLE_H
+#define NDL_NEEDLE_H
+
+#include "couple.h"
+#include "remesh.h"
+#include "rod.h"
+#include "steer.h"
+#include "tissue.h"
+
+enum { NDL_MAX_NEEDLES = 16 }; /* in one tissue */
+
+typedef struct ndl_needle ndl_needle;
+
+/* ---- what tissue does to a needle ---- */
+
+/* What a region of tissue does to a needle, whatever presses on it (Tresca friction). All >= 0, default 0. */
+typedef struct ndl_friction {
+    sb_real friction; /* N/m along the shaft: while less is needed the needle sticks, when it slips it feels this. Of the
+                       * order of 10 to 100 in soft tissue */
+    sb_real viscous;  /* N s/m^2: more for slip at 1 m/s */
+    sb_real cutting;  /* N at the tip while it goes forward; of the order of 1 */
+    sb_real twist_stiffness; /* N m/rad per m of shaft: tissue that sticks holds against turning, */
+    sb_real twist_friction;  /* up to this torque, N m per m of shaft. Both 0: the needle turns freely */
+} ndl_friction;
+
+/* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
+ * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. */
+typedef struct ndl_membrane {
+    int regions[2];    /* on its two sides; -1: outside of the tissue (the skin) */
+    sb_real strength;  /* N, >= 0 */
+    sb_real thickness; /* m, > 0 */
+} ndl_membrane;
+
+/* Force (N, >= 0) to cut at the material point X (m) of a region, instead of the table's cutting and membranes. Not
+ * negative, not NaN (taken for 0). Called once per step and needle in the tissue. */
+typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
+
+/* ---- creation ---- */
+
+/* What a needle is made from. Start from ndl_default_needle_def(), set tissue, base and direction. */
+typedef struct ndl_needle_def {
+    ndl_tissue *tissue;     /* borrowed; destroyed after its needles */
+    sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
+    sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
+    sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
+    sb_real length;         /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
+    sb_real edge_length;    /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
+    int capacity;           /* most nodes of the rod, >= 8; default 128 */
+    ndl_rod_section section; /* default NDL_STYLET_18G */
+    const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
+    sb_real damping_stretch, damping_bending; /* s, as of ndl_rod_def; default 1e-4 */
+    sb_vec3 gravity;        /* m/s^2, on the needle; default 0 */
+    ndl_bevel bevel;        /* default a symmetric tip (NDL_BEVEL_CURVATURE with curvature 0) */
+    sb_real bend_length;    /* m of a pre-bent tip, >= 0 and < length; default 0 */
+    sb_real bend_curvature; /* 1/m of it at rest, towards m2 */
+    const ndl_friction *frictions; /* [friction_count] by region, or one for all; default NULL: none. Copied */
+    int friction_count;
+    const ndl_membrane *membranes; /* [membrane_count] or NULL; copied */
+    int membrane_count;
+    ndl_cutting cutting;    /* default NULL: by the tables */
+    void *cutting_user;
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    sb_allocator allocator; /* default malloc */
+    unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
+} ndl_needle_def;
+
+NDL_API ndl_needle_def ndl_default_needle_def(void);
+
+/* A needle at rest, at its tissue from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
+ * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
+ * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
+NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
+/* Takes it out of the tissue first. NULL is fine. */
+NDL_API void ndl_needle_destroy(ndl_needle *needle);
+
+/* ---- motion ---- */
+
+/* What a needle is to do in a step; zeros: nothing. */
+typedef struct ndl_command {
+    sb_real insertion;        /* m/s fed out of the sleeve; negative: drawn back */
+    sb_real twist;            /* rad/s of the base about its axis */
+    sb_vec3 velocity;         /* m/s of the sleeve's outlet */
+    sb_vec3 angular_velocity; /* rad/s of the sleeve about its outlet; its part along the axis adds to twist */
+} ndl_command;
+
+/* In the next step the sleeve goes to `base` (m), looks along `direction` and turns its m1 into `director` (any length
+ * but 0; the short way), beside what the command says: for sleeves that are tracked. director 0: turned only as the
+ * direction turns. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing. */
+NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director);
+
+/* What a step did, over all needles and substeps. */
+typedef struct ndl_step_info {
+    int substeps;          /* a step is cut where a tip would go further than about half an edge of the tissue */
+    int trials;            /* largest number of a substep */
+    int consistent;        /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;        /* of conjugate gradients, in all */
+    int capped;            /* 1: their cap was hit */
+    sb_real residual;      /* largest of a substep */
+    int static_nodes, dynamic_nodes; /* at the end */
+    int operations;        /* of the remesher */
+    sb_real worst_quality; /* of tets about the tips; 1: none */
+    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, or no memory was to be had */
+    int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
+    ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
+    double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
+    double seconds_couple; /* needles' matrices and all trials, */
+    double seconds_needle; /* sleeves, frames and nodes of the needles, */
+    double seconds_remesh; /* remeshing with its changes of the matrix, */
+    double seconds_total;  /* and the whole call */
+} ndl_step_info;
+
+/* Advances a tissue and all its needles by dt (s, > 0).
+ * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
+ * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
+ * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
+ * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
+ * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
+ * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
+NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+                           const ndl_command *commands, ndl_step_info *info, sb_error *error);
+
+/* ---- readings: no allocation ---- */
+
+/* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle is
+ * destroyed, its arrays until the next step. */
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle);
+/* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. */
+NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle);
+/* What the sleeve exerts on the needle at its outlet: force (N) and torque (N m) about it, in the last step. What a
+ * hand feels is the opposite. Either may be NULL. */
+NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque);
+/* First node of the rod in the tissue; the rod's node_count when it is outside. */
+NDL_API int ndl_needle_entry(const ndl_needle *needle);
+/* Tissue node that a rod node is at, or -1. */
+NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node);
+NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
+/* Force (N) of the tissue on a node in the last step. */
+NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
+/* Length of shaft in the tissue (m), and fed since creation. */
+NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
+/* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle);
+/* Force (N) that would let the tip go forward now. */
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle);
+/* Material point (m) of the tip; 0 when the needle is outside, else 1. */
+NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
+
+#endif /* NDL_NEEDLE_H */

@@ -1,0 +1,152 @@
+/* needle_nodes: which nodes a rod has. In the tissue those of the remesher's path, outside enough for its bends: they
+ * slide along with the needle, and are dropped where they come close to the sleeve or the skin, and made where it gets
+ * empty. */
+#include "needle_state.h"
+
+#include <string.h>
+
+/* Outside of the tissue edges are between these parts of edge_length: far enough apart that a node made by one rule is
+ * not at once the other's. */
+static double ndli_nodes_shortest(const ndl_needle *needle) { return 0.5 * needle->edge_length; }
+static double ndli_nodes_longest(const ndl_needle *needle) { return 2 * needle->edge_length; }
+
+static ndli_v3 ndli_nodes_tangent(const ndl_rod *rod, int i)
+{
+    ndli_v3 before = rod->tangent[sbi_max_int(i - 1, 0)], after = rod->tangent[sbi_min_int(i, rod->node_count - 2)];
+    ndli_v3 sum = ndli_add(before, after);
+    return ndli_scale(1 / ndli_norm(sum), sum);
+}
+
+/* The new list while it grows; the last place is for the entry or the tip. */
+typedef struct ndli_places {
+    ndli_v3 *x, *tangent;
+    int count, capacity;
+} ndli_places;
+
+static void ndli_nodes_put(ndli_places *list, ndli_v3 x, ndli_v3 tangent)
+{
+    if (list->count < list->capacity) {
+        list->x[list->count] = x;
+        list->tangent[list->count++] = tangent;
+    }
+}
+
+/* Puts x, and before it as many as are needed on the cubic from the last one. */
+static void ndli_nodes_reach(ndli_places *list, ndli_v3 x, ndli_v3 tangent, double longest)
+{
+    ndli_v3 from = list->x[list->count - 1], start = list->tangent[list->count - 1], way = ndli_sub(x, from);
+    double length = ndli_norm(way);
+    int pieces = length > longest ? (int)(length / (0.5 * longest)) : 1;
+    for (int k = 1; k < pieces && list->count < list->capacity - 1; k++) {
+        double s = (double)k / pieces, a = length * s * (1 - s) * (1 - s), b = -length * s * s * (1 - s);
+        ndli_v3 place = ndli_madd(from, s * s * (3 - 2 * s), way);
+        place = ndli_madd(ndli_madd(place, a, start), b, tangent);
+        ndli_nodes_put(list, place, ndli_scale(1 / length, way));
+    }
+    ndli_nodes_put(list, x, tangent);
+}
+
+/* Whether an old node outside is still of use between the last one kept and where the outside ends. */
+static int ndli_nodes_keeps(const ndl_needle *needle, const ndli_places *list, int i, ndli_v3 end)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 t = ndli_nodes_tangent(rod, i);
+    double shortest = ndli_nodes_shortest(needle);
+    return ndli_dot(ndli_sub(end, rod->x[i]), t) >= shortest &&
+           ndli_dot(ndli_sub(rod->x[i], list->x[list->count - 1]), t) >= shortest;
+}
+
+/* Sleeve and outside: to `end`, which is the entry or the tip and of the old rod's node `end_index`. */
+static void ndli_nodes_outside(const ndl_needle *needle, ndli_places *list, ndli_v3 end, int end_index)
+{
+    const ndl_rod *rod = needle->rod;
+    double longest = ndli_nodes_longest(needle);
+    for (int i = 0; i < 2; i++)
+        ndli_nodes_put(list, rod->x[i], rod->tangent[0]);
+    for (int i = 2; i < end_index; i++)
+        if (list->count < list->capacity - 1 && ndli_nodes_keeps(needle, list, i, end))
+            ndli_nodes_reach(list, rod->x[i], ndli_nodes_tangent(rod, i), longest);
+    ndli_nodes_reach(list, end, ndli_nodes_tangent(rod, end_index), longest);
+}
+
+/* ---- what belongs to coupled nodes ---- */
+
+/* The old node that a new one is: that of the same tissue node, for a new tip the old tip, else -1. */
+static int ndli_nodes_same(const ndl_needle *needle, int old_first, int old_count, int k, int is_tip)
+{
+    for (int i = 0; i < old_count; i++)
+        if (needle->old_path[i] == needle->path[k])
+            return old_first + i;
+    return is_tip && old_count > 0 ? old_first + old_count - 1 : -1;
+}
+
+static int ndli_nodes_nearest(const ndl_needle *needle, int old_first, int old_count, ndli_v3 x)
+{
+    double nearest = 0;
+    int best = -1;
+    for (int i = old_first; i < old_first + old_count; i++) {
+        ndli_v3 way = ndli_sub(needle->rod->x[i], x);
+        double distance = ndli_dot(way, way);
+        if (best < 0 || distance < nearest) {
+            best = i;
+            nearest = distance;
+        }
+    }
+    return best;
+}
+
+/* Friction state and contact force of new node first + k. */
+static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, int first, int k, int count)
+{
+    ndli_line *line = &needle->line;
+    int same = ndli_nodes_same(needle, old_first, old_count, k, k == count - 1);
+    int near = same >= 0 ? same : ndli_nodes_nearest(needle, old_first, old_count, needle->places[first + k]);
+    line->state[first + k] = near >= 0 ? needle->old_state[near] : (unsigned char)NDL_STATIC;
+    line->contact[first + k] = same >= 0 ? needle->old_contact[same] : ndli_v(0, 0, 0);
+}
+
+/* ---- all nodes ---- */
+
+NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
+        if (ndli_dot(gap, gap) > 0)
+            return 0;
+    }
+    return 1;
+}
+
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    int old_first = line->first, old_count = rod->node_count - old_first, count, first, bad;
+    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
+    ndli_places list = {needle->places, needle->place_tangents, 0, rod->capacity - sbi_max_int(count - 1, 0)};
+    ndli_v3 end = count > 0 ? ndli_from(mesh->x[path[0]]) : rod->x[rod->node_count - 1];
+    if (count > rod->capacity - 4)
+        return rod->capacity;
+    memcpy(needle->old_path, needle->path, (size_t)old_count * sizeof(int));
+    memcpy(needle->old_state, line->state, (size_t)rod->node_count);
+    memcpy(needle->old_contact, line->contact, (size_t)rod->node_count * sizeof(ndli_v3));
+    ndli_nodes_outside(needle, &list, end, end_index);
+    first = list.count - 1;
+    list.capacity = rod->capacity;
+    for (int k = 1; k < count; k++)
+        ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
+    for (int k = 0; k < count; k++)
+        needle->path[k] = path[k];
+    for (int k = 0; k < count; k++)
+        ndli_nodes_carry(needle, old_first, old_count, first, k, count);
+    bad = ndli_rod_reparameterise(rod, list.x, list.count);
+    if (bad >= 0)
+        return bad;
+    for (int i = 0; i < (count > 0 ? first : rod->node_count); i++)
+        line->state[i] = NDL_FREE;
+    line->first = count > 0 ? first : rod->node_count;
+    return -1;
+}

@@ -1,0 +1,172 @@
+/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+#include "needle_state.h"
+
+#include <string.h>
+
+/* ---- membranes ---- */
+
+static int ndli_resist_region(const ndl_tissue_mesh *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
+
+/* 1 when the membrane lies on a face; each inner face is looked at from its lower tet. */
+static int ndli_resist_holds(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int tet, int face)
+{
+    int other = mesh->neighbours[4 * (size_t)tet + (size_t)face];
+    int a = ndli_resist_region(mesh, tet), b = ndli_resist_region(mesh, other);
+    if (other > tet)
+        return 0;
+    return (a == membrane->regions[0] && b == membrane->regions[1]) ||
+           (b == membrane->regions[0] && a == membrane->regions[1]);
+}
+
+/* Faces of the membrane: written to `triangles` when that is not NULL. */
+static int ndli_resist_gather(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+{
+    static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+    int count = 0;
+    for (int tet = 0; tet < mesh->original_tets; tet++)
+        for (int face = 0; face < 4; face++) {
+            if (!ndli_resist_holds(mesh, membrane, tet, face))
+                continue;
+            for (int c = 0; c < 3 && triangles; c++)
+                triangles[3 * (size_t)count + (size_t)c] = mesh->tets[4 * (size_t)tet + (size_t)corners[face][c]];
+            count++;
+        }
+    return count;
+}
+
+static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    sb_mesh faces;
+    sb_result result;
+    int count = ndli_resist_gather(mesh, membrane, NULL);
+    if (count == 0)
+        return SB_ERROR_ARGUMENT;
+    memset(&faces, 0, sizeof faces);
+    faces.element_type = SB_TRI3;
+    faces.nodes = mesh->X0; /* read only */
+    faces.node_count = mesh->original_nodes;
+    faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
+    faces.element_count = ndli_resist_gather(mesh, membrane, faces.elements);
+    if (!faces.elements)
+        return SB_ERROR_MEMORY;
+    result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
+    sbi_free(&needle->allocator, faces.elements);
+    return result;
+}
+
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad)
+{
+    *bad = -1;
+    for (int i = 0; i < count; i++) {
+        sb_result result = ndli_resist_make_surface(needle, membranes + i, &needle->capsules[i].surface);
+        if (result != SB_OK) {
+            *bad = result == SB_ERROR_MEMORY ? -1 : i;
+            return 0;
+        }
+        needle->capsules[i].def = membranes[i];
+        needle->capsule_count = i + 1;
+    }
+    return 1;
+}
+
+/* ---- friction ---- */
+
+static const ndl_friction *ndli_resist_of(const ndl_needle *needle, int region)
+{
+    int i = needle->friction_count == 1 ? 0 : region;
+    return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
+}
+
+/* Mean over the tets of a tissue node, by volume. */
+static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    double total = 0;
+    memset(mean, 0, 5 * sizeof *mean);
+    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
+        const ndl_friction *f = ndli_resist_of(needle, mesh->regions[k / 4]);
+        double volume = (double)mesh->volumes[k / 4];
+        total += volume;
+        if (!f)
+            continue;
+        mean[0] += volume * (double)f->friction;
+        mean[1] += volume * (double)f->viscous;
+        mean[2] += volume * (double)f->cutting;
+        mean[3] += volume * (double)f->twist_stiffness;
+        mean[4] += volume * (double)f->twist_friction;
+    }
+    for (int i = 0; i < 5 && total > 0; i++)
+        mean[i] /= total;
+}
+
+/* ---- cutting ---- */
+
+/* The region that the tip looks into. */
+static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    sb_vec3 t = ndli_to(needle->rod->tangent[needle->rod->node_count - 2]);
+    sb_real best = -SB_REAL_MAX;
+    int region = -1;
+    for (int k = mesh->node_star[tip]; k >= 0; k = mesh->corner_next[k]) {
+        const int *n = mesh->tets + 4 * (size_t)(k / 4);
+        sb_vec3 sum = sb_v3_add(sb_v3_add(mesh->x[n[0]], mesh->x[n[1]]), sb_v3_add(mesh->x[n[2]], mesh->x[n[3]]));
+        sb_vec3 way = sb_v3_sub(sb_v3_scale((sb_real)0.25, sum), mesh->x[tip]);
+        sb_real ahead = sb_v3_dot(way, t) / sb_v3_norm(way);
+        if (ahead > best) {
+            best = ahead;
+            region = mesh->regions[k / 4];
+        }
+    }
+    return region;
+}
+
+static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
+{
+    double sum = 0;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndli_capsule *capsule = needle->capsules + i;
+        sb_surface_hit hit;
+        if (sb_surface_closest(capsule->surface, X, capsule->def.thickness / 2, &hit))
+            sum += (double)capsule->def.strength;
+    }
+    return sum;
+}
+
+static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
+{
+    sb_vec3 X = needle->tissue->mesh.X[tip];
+    if (needle->cutting_at) {
+        sb_real force = needle->cutting_at(needle->cutting_user, X, ndli_resist_region_ahead(needle, tip));
+        return force > 0 && sb_is_finite(force) ? (double)force : 0;
+    }
+    return table + ndli_resist_membranes(needle, X);
+}
+
+/* ---- all of it ---- */
+
+NDLI_API void ndli_needle_resist(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    int last = rod->node_count - 1;
+    double before[5], here[5];
+    line->cutting = 0;
+    for (int i = line->first; i <= last; i++) {
+        int tip = needle->path[i - line->first];
+        double behind = i > line->first ? ndli_norm(ndli_sub(rod->x[i], rod->x[i - 1])) : 0;
+        double ahead = i < last ? ndli_norm(ndli_sub(rod->x[i + 1], rod->x[i])) : 0;
+        ndli_resist_at(needle, tip, here);
+        line->friction[i] = 0.5 * (behind + ahead) * here[0];
+        line->viscous[i] = 0.5 * (behind + ahead) * here[1];
+        if (i == last)
+            line->cutting = ndli_resist_cutting(needle, tip, here[2]);
+        if (i > line->first)
+            ndl_rod_set_grip(rod, i - 1, (sb_real)(0.5 * behind * (before[3] + here[3])),
+                             (sb_real)(0.5 * behind * (before[4] + here[4])));
+        memcpy(before, here, sizeof before);
+    }
+    for (int j = 0; j < sbi_min_int(line->first, last); j++)
+        ndl_rod_set_grip(rod, j, 0, 0);
+}

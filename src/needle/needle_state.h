@@ -1,0 +1,76 @@
+/* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
+ * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_step.c steps. */
+#ifndef NDL_NEEDLE_STATE_H
+#define NDL_NEEDLE_STATE_H
+
+#include "couple_line.h"
+#include "needle.h"
+
+typedef struct ndli_capsule {
+    ndl_membrane def;
+    sb_surface *surface; /* the faces between its regions in the undeformed tissue */
+} ndli_capsule;
+
+struct ndl_needle {
+    sb_allocator allocator;
+    ndl_tissue *tissue;
+    int index;            /* number at the remesher */
+    ndl_rod *rod;
+    ndli_line line;
+    ndl_bevel bevel;
+    ndl_friction *frictions;
+    int friction_count;
+    ndli_capsule *capsules;
+    int capsule_count;
+    ndl_cutting cutting_at;
+    void *cutting_user;
+    int max_trials;
+    double edge_length;   /* m, of nodes outside */
+
+    ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */
+    int base_given;       /* 1: the sleeve shall be at given_... at the end of the step */
+    ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
+
+    double fed, advance;  /* m */
+    ndli_v3 base_force, base_torque; /* N, N m about the outlet */
+    int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int blocked, limited; /* in the present step */
+
+    /* holds nothing between calls */
+    ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
+    ndli_v3 *old_contact;             /* [capacity] */
+    int *old_path;                    /* [capacity] */
+    unsigned char *old_state;         /* [capacity] */
+    void *memory;
+};
+
+/* What the needles of one tissue share; made for the first, gone with the last. */
+struct ndli_site {
+    ndl_remesh *remesh;
+    ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
+    int count;
+    double mean_edge;  /* of the undeformed tissue (m) */
+    int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
+    int coupled_count;
+    int coupled_room;
+};
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_resist ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
+NDLI_API void ndli_needle_resist(ndl_needle *needle);
+
+/* ---- needle_nodes ---- */
+
+/* 1 when the rod's nodes are at those of its path. */
+NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
+
+/* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
+ * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+#endif
+
+#endif /* NDL_NEEDLE_STATE_H */

@@ -1,0 +1,459 @@
+/* needle_step: one step of a tissue and its needles. Sleeves are moved and fed, one linear system gives the motion of
+ * all, the remesher follows the tips, and the rods' nodes follow the remesher. */
+#include "couple_solve.h"
+#include "needle_state.h"
+
+#include <string.h>
+
+static double ndli_step_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
+
+/* ---- sleeves ---- */
+
+NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
+{
+    ndli_v3 axis = ndli_from(direction), side = ndli_from(director);
+    double length = ndli_norm(axis), width;
+    if (!needle)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(base) || !sb_v3_is_finite(direction) || !sb_v3_is_finite(director))
+        return SB_ERROR_NOT_FINITE;
+    if (!(length > 0))
+        return SB_ERROR_ARGUMENT;
+    axis = ndli_scale(1 / length, axis);
+    width = ndli_norm(side);
+    side = ndli_madd(side, -ndli_dot(side, axis), axis);
+    if (width > 0 && !(ndli_norm(side) > 1e-6 * width))
+        return SB_ERROR_ARGUMENT;
+    if (!(1 + ndli_dot(axis, needle->axis) > 0.01))
+        return SB_ERROR_ARGUMENT;
+    needle->given_outlet = ndli_from(base);
+    needle->given_axis = axis;
+    needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
+    needle->base_given = 1;
+    return SB_OK;
+}
+
+/* v turned by the angle |w| about w. */
+static ndli_v3 ndli_step_turned(ndli_v3 v, ndli_v3 w)
+{
+    double angle = ndli_norm(w), s, c;
+    ndli_v3 n, out;
+    if (!(angle > 0))
+        return v;
+    sbi_dense_sin_cos(angle, &s, &c);
+    n = ndli_scale(1 / angle, w);
+    out = ndli_madd(ndli_scale(c, v), s, ndli_cross(n, v));
+    return ndli_madd(out, (1 - c) * ndli_dot(n, v), n);
+}
+
+/* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
+static double ndli_step_given_turn(const ndl_needle *needle, ndli_v3 axis)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 d = ndli_rod_transport(rod->tangent[0], axis, rod->director[0]), m1;
+    double s, c;
+    if (!(ndli_norm(needle->given_director) > 0))
+        return 0;
+    sbi_dense_sin_cos(rod->theta[0], &s, &c);
+    m1 = ndli_madd(ndli_scale(c, d), s, ndli_cross(axis, d));
+    return sbi_dense_atan2(ndli_dot(ndli_cross(m1, needle->given_director), axis),
+                           ndli_dot(m1, needle->given_director));
+}
+
+/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+typedef struct ndli_sleeve {
+    ndli_v3 outlet, axis;
+    double turn;
+} ndli_sleeve;
+
+static ndli_sleeve ndli_step_sleeve(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+{
+    ndli_v3 spin = ndli_from(command->angular_velocity), swing;
+    ndli_sleeve sleeve;
+    double along = ndli_dot(spin, needle->axis);
+    swing = ndli_madd(spin, -along, needle->axis);
+    sleeve.outlet = ndli_madd(needle->outlet, dt, ndli_from(command->velocity));
+    sleeve.axis = ndli_step_turned(needle->axis, ndli_scale(dt, swing));
+    sleeve.turn = dt * ((double)command->twist + along);
+    if (needle->base_given) {
+        double share = 1.0 / left;
+        ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
+        sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
+        sleeve.axis = axis;
+        sleeve.turn += share * ndli_step_given_turn(needle, ndli_scale(1 / ndli_norm(axis), axis));
+    }
+    sleeve.axis = ndli_scale(1 / ndli_norm(sleeve.axis), sleeve.axis);
+    return sleeve;
+}
+
+/* Feeds what is there to be fed: a needle drawn in to its last two edges is held, and so is one without free nodes. */
+static void ndli_step_feed(ndl_needle *needle, double length)
+{
+    ndl_rod *rod = needle->rod;
+    double left = rod->rest_length[1] + length;
+    if (length == 0)
+        return;
+    if ((length < 0 && left < 0.2 * needle->edge_length) || (length > 0 && rod->node_count + 4 > rod->capacity) ||
+        ndl_rod_feed(rod, (sb_real)length) != SB_OK) {
+        needle->limited = 1;
+        return;
+    }
+    needle->fed += length;
+}
+
+static void ndli_step_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_sleeve sleeve = ndli_step_sleeve(needle, command, dt, left);
+    ndli_step_feed(needle, dt * (double)command->insertion);
+    rod->target[1] = sleeve.outlet;
+    rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
+    ndli_rod_turn_base(rod, sleeve.turn);
+    needle->outlet = sleeve.outlet;
+    needle->axis = sleeve.axis;
+}
+
+/* ---- tips ---- */
+
+/* Deformation gradient about a tissue node: the mean over its tets, by volume. */
+static sb_mat3 ndli_step_gradient(const ndl_tissue_mesh *mesh, int node)
+{
+    sb_mat3 sum = sb_m3_zero();
+    sb_real total = 0;
+    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
+        const int *n = mesh->tets + 4 * (size_t)(k / 4);
+        sb_real volume = mesh->volumes[k / 4];
+        sb_mat3 material, space;
+        for (int c = 0; c < 3; c++) {
+            sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
+            material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
+            space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
+        }
+        sum = sb_m3_add(sum, sb_m3_scale(volume, sb_m3_mul(space, sb_m3_inverse(material))));
+        total += volume;
+    }
+    return sb_m3_scale(1 / total, sum);
+}
+
+/* Section 6 of the formulas: the tip's material point is put aside, so that the needle bends. */
+static sb_vec3 ndli_step_bevelled(const ndl_needle *needle, sb_vec3 X, sb_vec3 X_old)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, tip = needle->path[last - needle->line.first];
+    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
+    sb_mat3 gradient = ndli_step_gradient(&needle->tissue->mesh, tip);
+    sb_real offset;
+    sb_vec3 shift;
+    if (ndl_bevel_offset(&needle->bevel, sb_v3_norm(sb_v3_sub(X, X_old)), (sb_real)edge, &offset) != SB_OK ||
+        ndl_bevel_shift(offset, ndl_rod_frame(rod, last - 1).m2, &gradient, &shift) != SB_OK)
+        return X;
+    return sb_v3_add(X, shift);
+}
+
+/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
+static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
+{
+    if (result == SB_OK)
+        return SB_OK;
+    needle->blocked = 1;
+    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
+        return SB_OK;
+    if (error)
+        *error = *own;
+    return result;
+}
+
+static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndl_surface_hit hit;
+    sb_error own;
+    if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
+        return SB_OK;
+    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+}
+
+static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
+    sb_vec3 X_old = mesh->X[needle->path[last - needle->line.first]], X;
+    sb_error own;
+    sb_result result;
+    needle->advance = needle->line.slip[last];
+    if (needle->advance == 0)
+        return SB_OK;
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    if (!forward) {
+        result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
+        return ndli_step_judge(needle, result, &own, error);
+    }
+    if (last > needle->line.first)
+        X = ndli_step_bevelled(needle, X, X_old);
+    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    if (result == SB_OK && done->outside)
+        needle->blocked = 1;
+    return ndli_step_judge(needle, result, &own, error);
+}
+
+/* ---- a substep ---- */
+
+typedef struct ndli_stepping {
+    ndl_tissue *tissue;
+    ndl_needle *const *needles;
+    const ndl_command *commands;
+    int count;
+    ndli_line *lines[NDL_MAX_NEEDLES];
+    ndl_step_info *info;
+    sb_error *error;
+} ndli_stepping;
+
+/* The tissue nodes that needles are on leave the tissue's part of the preconditioner during the solve. */
+static void ndli_step_couple_nodes(const ndli_stepping *s)
+{
+    struct ndli_site *site = s->tissue->site;
+    site->coupled_count = 0;
+    for (int k = 0; k < s->count; k++)
+        for (int i = s->lines[k]->first; i < s->lines[k]->rod->node_count; i++) {
+            int node = s->lines[k]->path[i - s->lines[k]->first];
+            if (s->tissue->role[node] != NDLI_ROW_FREE)
+                continue;
+            ndli_solid_set_role(s->tissue, node, NDLI_ROW_COUPLED);
+            site->coupled[site->coupled_count++] = node;
+        }
+}
+
+static void ndli_step_release_nodes(ndl_tissue *t)
+{
+    for (int i = 0; i < t->site->coupled_count; i++)
+        ndli_solid_set_role(t, t->site->coupled[i], NDLI_ROW_FREE);
+    t->site->coupled_count = 0;
+}
+
+static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *couple)
+{
+    info->trials = sbi_max_int(info->trials, couple->trials);
+    info->consistent = info->consistent && couple->consistent;
+    info->iterations += couple->iterations;
+    info->capped = info->capped || couple->capped;
+    info->residual = sb_max(info->residual, couple->residual);
+}
+
+/* The tissue's accelerations and the rods' motion; nothing has moved yet. */
+static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
+{
+    ndl_couple_info couple;
+    double begin, middle;
+    sb_result result;
+    ndli_step_couple_nodes(s);
+    begin = ndli_step_now(s->tissue);
+    result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
+    middle = ndli_step_now(s->tissue);
+    s->info->seconds_tissue += middle - begin;
+    if (result == SB_OK)
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+    s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
+    if (result == SB_OK) {
+        ndli_step_note_solve(s->info, &couple);
+        ndli_solid_wear(s->tissue, couple.iterations / couple.trials);
+    }
+    return result;
+}
+
+/* What the sleeve has to exert: the balance of the nodes in it, and the frame's torque. */
+static void ndli_step_read_base(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    const ndli_v3 *r = needle->line.reaction;
+    ndli_v3 arm = ndli_sub(rod->x[0], rod->x[1]);
+    needle->base_force = ndli_add(r[0], r[1]);
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
+    needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
+}
+
+static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
+{
+    ndl_rod *rod = needle->rod;
+    const ndli_v3 *move = needle->line.move;
+    int bad;
+    for (int i = 0; i < rod->node_count; i++) {
+        rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
+        rod->v[i] = ndli_scale(1 / dt, move[i]);
+        rod->a[i] = ndli_v(0, 0, 0);
+    }
+    bad = ndli_rod_moved(rod);
+    if (bad >= 0)
+        return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+    ndli_step_read_base(needle);
+    return SB_OK;
+}
+
+static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
+{
+    ndl_remesh_info done;
+    sb_result result;
+    int bad;
+    double begin = ndli_step_now(s->tissue), middle;
+    memset(&done, 0, sizeof done);
+    done.worst_quality = 1;
+    needle->advance = 0;
+    if (needle->line.first == needle->rod->node_count)
+        result = ndli_step_enter(needle, &done, s->error);
+    else
+        result = ndli_step_cut(needle, &done, s->error);
+    middle = ndli_step_now(s->tissue);
+    s->info->seconds_remesh += middle - begin;
+    s->info->operations += done.substeps;
+    s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
+    if (result != SB_OK)
+        return result;
+    bad = ndli_needle_renew_nodes(needle);
+    s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
+    if (bad >= 0)
+        return sbi_fail_node(s->error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+    return SB_OK;
+}
+
+static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
+{
+    static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
+    double begin = ndli_step_now(s->tissue);
+    for (int k = 0; k < s->count; k++) {
+        ndl_needle *needle = s->needles[k];
+        if (!ndli_needle_is_threaded(needle) && ndli_needle_renew_nodes(needle) >= 0)
+            return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
+        ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_needle_resist(needle);
+    }
+    s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
+    return SB_OK;
+}
+
+static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
+{
+    sb_result result = ndli_step_prepare(s, dt, left);
+    if (result == SB_OK)
+        result = ndli_step_solve(s, dt);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_move_rod(s->needles[k], dt, s->error);
+    if (result == SB_OK)
+        result = ndli_solid_commit(s->tissue, s->error);
+    ndli_step_release_nodes(s->tissue);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_follow(s, s->needles[k]);
+    return result;
+}
+
+/* ---- a step ---- */
+
+enum { NDLI_MOST_SUBSTEPS = 1000 };
+
+/* How far a command takes a needle in the length of half an edge, and in half a radian. */
+static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
+{
+    const ndl_rod *rod = needle->rod;
+    double edge = needle->tissue->site->mean_edge, unit = 0.5 * (edge < needle->edge_length ? edge : needle->edge_length);
+    double out = ndli_norm(ndli_sub(rod->x[sbi_min_int(needle->line.first, rod->node_count - 1)], needle->outlet));
+    double way = 0, turn = 0;
+    if (command) {
+        double spin = ndli_norm(ndli_from(command->angular_velocity));
+        way = dt * (fabs((double)command->insertion) + ndli_norm(ndli_from(command->velocity)) + out * spin);
+        turn = dt * (fabs((double)command->twist) + spin);
+    }
+    if (needle->base_given) {
+        way += ndli_norm(ndli_sub(needle->given_outlet, needle->outlet)) +
+               out * ndli_norm(ndli_sub(needle->given_axis, needle->axis));
+        turn += ndli_norm(ndli_sub(needle->given_axis, needle->axis)) +
+                fabs(ndli_step_given_turn(needle, needle->given_axis));
+    }
+    return way / unit > turn / 0.5 ? way / unit : turn / 0.5;
+}
+
+static int ndli_step_is_command_finite(const ndl_command *c)
+{
+    return sb_is_finite(c->insertion) && sb_is_finite(c->twist) && sb_v3_is_finite(c->velocity) &&
+           sb_v3_is_finite(c->angular_velocity);
+}
+
+static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+                                 const ndl_command *commands, int *substeps, sb_error *error)
+{
+    double most = 0;
+    if (!tissue || !needles || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue, its needles and dt > 0, not %g", (double)dt);
+    if (!tissue->site || count != tissue->site->count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the tissue has %d", count,
+                        tissue->site ? tissue->site->count : 0);
+    for (int k = 0; k < count; k++) {
+        double stride;
+        if (!needles[k] || needles[k]->tissue != tissue)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is not of this tissue", k);
+        for (int i = 0; i < k; i++)
+            if (needles[i] == needles[k])
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "needles %d and %d are the same", i, k);
+        if (commands && !ndli_step_is_command_finite(commands + k))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "command %d is not finite", k);
+        stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
+        most = stride > most ? stride : most;
+    }
+    if (!(most < NDLI_MOST_SUBSTEPS))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
+                        (double)dt);
+    *substeps = most > 1 ? (int)most + 1 : 1;
+    return SB_OK;
+}
+
+static void ndli_step_count_states(const ndli_stepping *s)
+{
+    for (int k = 0; k < s->count; k++) {
+        const ndl_needle *needle = s->needles[k];
+        for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+            s->info->dynamic_nodes += ndli_line_is_slipping(&needle->line, i);
+            s->info->static_nodes += !ndli_line_is_slipping(&needle->line, i);
+        }
+        s->info->blocked += needle->blocked;
+        s->info->limited += needle->limited;
+    }
+}
+
+NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+                           const ndl_command *commands, ndl_step_info *info, sb_error *error)
+{
+    ndl_step_info own;
+    ndli_stepping s;
+    sb_result result;
+    double begin;
+    int substeps = 1;
+    s.info = info ? info : &own;
+    memset(s.info, 0, sizeof *s.info);
+    result = ndli_step_check(tissue, needles, count, dt, commands, &substeps, error);
+    if (result != SB_OK)
+        return result;
+    s.tissue = tissue;
+    s.needles = needles;
+    s.commands = commands;
+    s.count = count;
+    s.error = error;
+    s.info->consistent = 1;
+    s.info->worst_quality = 1;
+    s.info->substeps = substeps;
+    begin = ndli_step_now(tissue);
+    for (int k = 0; k < count; k++) {
+        s.lines[k] = &needles[k]->line;
+        needles[k]->blocked = needles[k]->limited = 0;
+    }
+    for (int i = 0; i < substeps && result == SB_OK; i++)
+        result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
+    for (int k = 0; k < count; k++) {
+        needles[k]->base_given = 0;
+        ndli_rod_publish(needles[k]->rod);
+    }
+    ndli_step_count_states(&s);
+    s.info->seconds_total = ndli_step_now(tissue) - begin;
+    return result;
+}
