@@ -31,6 +31,7 @@
 #define ndl_rod_split_edge ndl_rod_split_edge_f32
 #define ndl_rod_merge_node ndl_rod_merge_node_f32
 #define ndl_rod_feed ndl_rod_feed_f32
+#define ndl_rod_reparameterise ndl_rod_reparameterise_f32
 #define ndl_rod_node_count ndl_rod_node_count_f32
 #define ndl_rod_positions ndl_rod_positions_f32
 #define ndl_rod_velocities ndl_rod_velocities_f32

@@ -221,16 +221,22 @@ static sb_result ndli_rod_first_shape(ndl_rod *rod, ndli_v3 director, sb_error *
     return SB_OK;
 }
 
-/* Integrated curvature 2 tan(k h/2) of an arc, at node i. */
-static sb_result ndli_rod_set_rest_curvature(ndl_rod *rod, int i, const sb_real *given, sb_error *error)
+/* Integrated curvature 2 tan(k h/2) of an arc. */
+NDLI_API void ndli_rod_bend_to(ndl_rod *rod, int i, double curvature1, double curvature2)
 {
-    double k0 = (double)given[0], k1 = (double)given[1], k = sqrt(k0 * k0 + k1 * k1), s, c, factor;
-    if (!(k * rod->cell[i] < 2.9))
-        return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the rest curvature of node %d turns the rod back", i);
+    double k = sqrt(curvature1 * curvature1 + curvature2 * curvature2), s, c, factor;
     sbi_dense_sin_cos(0.5 * k * rod->cell[i], &s, &c);
     factor = k > 0 ? 2 * s / (c * k) : 0;
-    rod->rest_bend[i][0] = factor * k0;
-    rod->rest_bend[i][1] = factor * k1;
+    rod->rest_bend[i][0] = factor * curvature1;
+    rod->rest_bend[i][1] = factor * curvature2;
+}
+
+static sb_result ndli_rod_set_rest_curvature(ndl_rod *rod, int i, const sb_real *given, sb_error *error)
+{
+    double k0 = (double)given[0], k1 = (double)given[1];
+    if (!(sqrt(k0 * k0 + k1 * k1) * rod->cell[i] < 2.9))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the rest curvature of node %d turns the rod back", i);
+    ndli_rod_bend_to(rod, i, k0, k1);
     return SB_OK;
 }
 

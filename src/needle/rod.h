@@ -170,6 +170,16 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node);
  * when nothing would be left of it, or the rod has no edge 1. */
 NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length);
 
+/* Gives the rod other nodes, `count` of them, on (about) its own curve; the first and the last should be its ends. What
+ * it carries follows by arc distance, scaled so that both ends agree: velocities and accelerations linearly, rest
+ * lengths, rest curvature and material frames by Akima's interpolation. Total rest length, mass and linear momentum
+ * stay, and so does the material frame of edge 0; the rest length of edge 0, too, where its nodes are held. Supports
+ * and loads of nodes 0 and 1 and of edge 0 stay, all others are dropped. positions [count] (m) are read during the
+ * call. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (count above capacity), SB_ERROR_NOT_FINITE and SB_ERROR_MESH (node
+ * named: an edge without length, or one turned back) change nothing. Allocates nothing. Source: Chentanez 2010,
+ * section 9.2. */
+NDL_API sb_result ndl_rod_reparameterise(ndl_rod *rod, const sb_vec3 *positions, int count, sb_error *error);
+
 /* ---- readings: no allocation ---- */
 NDL_API int ndl_rod_node_count(const ndl_rod *rod);
 NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);  /* [node_count] (m), valid until destroyed */

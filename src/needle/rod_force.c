@@ -17,6 +17,8 @@ NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v)
     return ndli_madd(ndli_madd(ndli_cross(b, v), c, v), ndli_dot(b, v) / (1 + c), b);
 }
 
+NDLI_API int ndli_rod_may_turn(ndli_v3 p, ndli_v3 q) { return 1 + ndli_dot(p, q) > ndli_rod_least_chi; }
+
 NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
 {
     double size = ndli_norm(v), left;

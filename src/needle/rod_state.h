@@ -111,6 +111,8 @@ SB_INLINE int ndli_rod_edges(const ndl_rod *rod) { return rod->node_count - 1; }
 NDLI_API double ndli_rod_reach(const ndl_rod *rod);
 /* Parallel transport of v from the unit tangent p to the unit tangent q, not opposite to it. */
 NDLI_API ndli_v3 ndli_rod_transport(ndli_v3 p, ndli_v3 q, ndli_v3 v);
+/* Whether an edge may turn from the unit tangent p to the unit tangent q: not (nearly) back. */
+NDLI_API int ndli_rod_may_turn(ndli_v3 p, ndli_v3 q);
 /* v with its part along the unit vector t taken out, of length 1; any such vector where nothing is left of v. */
 NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 /* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
@@ -146,6 +148,8 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
 NDLI_API int ndli_rod_moved(ndl_rod *rod);
 /* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
 NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);
+/* rest_bend of the inner node i from its curvature (1/m) and cell. */
+NDLI_API void ndli_rod_bend_to(ndl_rod *rod, int i, double curvature1, double curvature2);
 NDLI_API int ndli_rod_static_options_valid(const ndl_rod_static_options *options);
 /* Copies the state to what readings return. */
 NDLI_API void ndli_rod_publish(ndl_rod *rod);
@@ -157,6 +161,13 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
+
+/* ---- rod_reshape ---- */
+
+/* ndl_rod_reparameterise; x is `positions` to the bit. 2 <= count <= capacity; positions may be rod->x or rod->try_x,
+ * but no other array of the rod. Does not publish. Returns -1, or the node at which `positions` make no rod: nothing
+ * has changed then. */
+NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int count);
 #endif
 
 #endif /* NDL_ROD_STATE_H */
