@@ -235,6 +235,23 @@
 #define ndl_push_begin ndl_push_begin_f32
 #define ndl_push_update ndl_push_update_f32
 #define ndl_push_choose ndl_push_choose_f32
+#define ndl_default_needle_def ndl_default_needle_def_f32
+#define ndl_needle_create ndl_needle_create_f32
+#define ndl_needle_destroy ndl_needle_destroy_f32
+#define ndl_needle_move_base ndl_needle_move_base_f32
+#define ndl_step ndl_step_f32
+#define ndl_needle_rod ndl_needle_rod_f32
+#define ndl_needle_tip ndl_needle_tip_f32
+#define ndl_needle_base_wrench ndl_needle_base_wrench_f32
+#define ndl_needle_entry ndl_needle_entry_f32
+#define ndl_needle_tissue_node ndl_needle_tissue_node_f32
+#define ndl_needle_contact ndl_needle_contact_f32
+#define ndl_needle_contact_force ndl_needle_contact_force_f32
+#define ndl_needle_depth ndl_needle_depth_f32
+#define ndl_needle_fed ndl_needle_fed_f32
+#define ndl_needle_advance ndl_needle_advance_f32
+#define ndl_needle_cutting ndl_needle_cutting_f32
+#define ndl_needle_tip_material ndl_needle_tip_material_f32
 #endif
 #endif
 
@@ -1121,6 +1138,188 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
                                   int count, sb_vec3 point, int *best, sb_vec3 *force, sb_real *left, sb_error *error);
 
 #endif /* NDL_STEER_H */
+
+/* ==== src/needle/couple.h ==== */
+/* couple: one linear system for tissue and rods that stick to it or slip through it. Floor 4, internal but for
+ * ndl_contact. Chapters 7 and 8 of Chentanez 2010, in the null-space form. */
+#ifndef NDL_COUPLE_H
+#define NDL_COUPLE_H
+
+
+/* How a node of a needle goes with the tissue. */
+typedef enum ndl_contact {
+    NDL_FREE = 0,            /* outside */
+    NDL_STATIC = 1,          /* sticks: friction below its limit */
+    NDL_DYNAMIC_FORWARD = 2, /* slips towards the tip (DYNAMIC+) */
+    NDL_DYNAMIC_BACKWARD = 3 /* slips towards the base (DYNAMIC-) */
+} ndl_contact;
+
+/* How the friction states of a step were found. */
+typedef struct ndl_couple_info {
+    int trials;       /* linear systems with different friction states, >= 1 */
+    int consistent;   /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
+                       * 0: the cap on trials was hit, and the last solution was taken */
+    int iterations;   /* of conjugate gradients, in all trials */
+    int capped;       /* 1: their cap was hit */
+    sb_real residual; /* sqrt(r.M^-1 r) relative to its start */
+} ndl_couple_info;
+
+#endif /* NDL_COUPLE_H */
+
+/* ==== src/needle/needle.h ==== */
+/* needle: flexible needles in soft tissue. A sleeve feeds, turns and moves a needle; its tip cuts, its shaft sticks and
+ * slips, and the tissue's mesh follows. Floor 5. Chapters 7 to 10 of Chentanez 2010.
+ *
+ *     ndl_needle_def def = ndl_default_needle_def();
+ *     def.tissue = tissue;
+ *     def.base = sb_v3(0, 0, 0.1), def.direction = sb_v3(0, 0, -1);
+ *     ndl_needle_create(&def, &needle, &error);
+ *     command.insertion = 0.01;                                    (1 cm/s)
+ *     ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error); */
+#ifndef NDL_NEEDLE_H
+#define NDL_NEEDLE_H
+
+
+enum { NDL_MAX_NEEDLES = 16 }; /* in one tissue */
+
+typedef struct ndl_needle ndl_needle;
+
+/* ---- what tissue does to a needle ---- */
+
+/* What a region of tissue does to a needle, whatever presses on it (Tresca friction). All >= 0, default 0. */
+typedef struct ndl_friction {
+    sb_real friction; /* N/m along the shaft: while less is needed the needle sticks, when it slips it feels this. Of the
+                       * order of 10 to 100 in soft tissue */
+    sb_real viscous;  /* N s/m^2: more for slip at 1 m/s */
+    sb_real cutting;  /* N at the tip while it goes forward; of the order of 1 */
+    sb_real twist_stiffness; /* N m/rad per m of shaft: tissue that sticks holds against turning, */
+    sb_real twist_friction;  /* up to this torque, N m per m of shaft. Both 0: the needle turns freely */
+} ndl_friction;
+
+/* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
+ * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. */
+typedef struct ndl_membrane {
+    int regions[2];    /* on its two sides; -1: outside of the tissue (the skin) */
+    sb_real strength;  /* N, >= 0 */
+    sb_real thickness; /* m, > 0 */
+} ndl_membrane;
+
+/* Force (N, >= 0) to cut at the material point X (m) of a region, instead of the table's cutting and membranes. Not
+ * negative, not NaN (taken for 0). Called once per step and needle in the tissue. */
+typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
+
+/* ---- creation ---- */
+
+/* What a needle is made from. Start from ndl_default_needle_def(), set tissue, base and direction. */
+typedef struct ndl_needle_def {
+    ndl_tissue *tissue;     /* borrowed; destroyed after its needles */
+    sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
+    sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
+    sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
+    sb_real length;         /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
+    sb_real edge_length;    /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
+    int capacity;           /* most nodes of the rod, >= 8; default 128 */
+    ndl_rod_section section; /* default NDL_STYLET_18G */
+    const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
+    sb_real damping_stretch, damping_bending; /* s, as of ndl_rod_def; default 1e-4 */
+    sb_vec3 gravity;        /* m/s^2, on the needle; default 0 */
+    ndl_bevel bevel;        /* default a symmetric tip (NDL_BEVEL_CURVATURE with curvature 0) */
+    sb_real bend_length;    /* m of a pre-bent tip, >= 0 and < length; default 0 */
+    sb_real bend_curvature; /* 1/m of it at rest, towards m2 */
+    const ndl_friction *frictions; /* [friction_count] by region, or one for all; default NULL: none. Copied */
+    int friction_count;
+    const ndl_membrane *membranes; /* [membrane_count] or NULL; copied */
+    int membrane_count;
+    ndl_cutting cutting;    /* default NULL: by the tables */
+    void *cutting_user;
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    sb_allocator allocator; /* default malloc */
+    unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
+} ndl_needle_def;
+
+NDL_API ndl_needle_def ndl_default_needle_def(void);
+
+/* A needle at rest, at its tissue from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
+ * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
+ * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
+NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
+/* Takes it out of the tissue first. NULL is fine. */
+NDL_API void ndl_needle_destroy(ndl_needle *needle);
+
+/* ---- motion ---- */
+
+/* What a needle is to do in a step; zeros: nothing. */
+typedef struct ndl_command {
+    sb_real insertion;        /* m/s fed out of the sleeve; negative: drawn back */
+    sb_real twist;            /* rad/s of the base about its axis */
+    sb_vec3 velocity;         /* m/s of the sleeve's outlet */
+    sb_vec3 angular_velocity; /* rad/s of the sleeve about its outlet; its part along the axis adds to twist */
+} ndl_command;
+
+/* In the next step the sleeve goes to `base` (m), looks along `direction` and turns its m1 into `director` (any length
+ * but 0; the short way), beside what the command says: for sleeves that are tracked. director 0: turned only as the
+ * direction turns. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing. */
+NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director);
+
+/* What a step did, over all needles and substeps. */
+typedef struct ndl_step_info {
+    int substeps;          /* a step is cut where a tip would go further than about half an edge of the tissue */
+    int trials;            /* largest number of a substep */
+    int consistent;        /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;        /* of conjugate gradients, in all */
+    int capped;            /* 1: their cap was hit */
+    sb_real residual;      /* largest of a substep */
+    int static_nodes, dynamic_nodes; /* at the end */
+    int operations;        /* of the remesher */
+    sb_real worst_quality; /* of tets about the tips; 1: none */
+    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, or no memory was to be had */
+    int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
+    ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
+    double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
+    double seconds_couple; /* needles' matrices and all trials, */
+    double seconds_needle; /* sleeves, frames and nodes of the needles, */
+    double seconds_remesh; /* remeshing with its changes of the matrix, */
+    double seconds_total;  /* and the whole call */
+} ndl_step_info;
+
+/* Advances a tissue and all its needles by dt (s, > 0).
+ * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
+ * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
+ * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
+ * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
+ * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
+ * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
+NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+                           const ndl_command *commands, ndl_step_info *info, sb_error *error);
+
+/* ---- readings: no allocation ---- */
+
+/* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle is
+ * destroyed, its arrays until the next step. */
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle);
+/* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. */
+NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle);
+/* What the sleeve exerts on the needle at its outlet: force (N) and torque (N m) about it, in the last step. What a
+ * hand feels is the opposite. Either may be NULL. */
+NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque);
+/* First node of the rod in the tissue; the rod's node_count when it is outside. */
+NDL_API int ndl_needle_entry(const ndl_needle *needle);
+/* Tissue node that a rod node is at, or -1. */
+NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node);
+NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
+/* Force (N) of the tissue on a node in the last step. */
+NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
+/* Length of shaft in the tissue (m), and fed since creation. */
+NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
+/* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle);
+/* Force (N) that would let the tip go forward now. */
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle);
+/* Material point (m) of the tip; 0 when the needle is outside, else 1. */
+NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
+
+#endif /* NDL_NEEDLE_H */
 
 #endif /* NEEDLE_H */
 
@@ -6689,7 +6888,10 @@ typedef struct ndli_solid_coarse {
     void *block;
 } ndli_solid_coarse;
 
+struct ndli_site; /* what needles share; see needle_state.h */
+
 struct ndl_tissue {
+    struct ndli_site *site; /* NULL: no needles */
     ndl_tissue_mesh mesh;
     sb_allocator allocator;
     sb_jobs jobs;
@@ -6823,6 +7025,32 @@ NDLI_API void ndli_solid_coarse_changed(ndl_tissue *t, const ndl_mesh_change *ch
 NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error);
 /* unknown = A^-1 rhs from 0. */
 NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error);
+
+/* What is solved together with the tissue: more unknowns, and forces on rows of coupled nodes. Its functions see the
+ * tissue's vectors of the present solve; NULL: the tissue alone. */
+typedef struct ndli_solid_guest {
+    void *user;
+    void (*begin)(void *user);  /* residual += its right-hand side on coupled rows, = on its own; search = unknown */
+    void (*settle)(void *user); /* residual -= product, of its own */
+    void (*direct)(void *user, sb_real factor); /* search = correction + factor search, of its own */
+    double (*multiply)(void *user);      /* product += its forces for `search`; returns search.product of that */
+    void (*advance)(void *user, sb_real factor); /* unknown += factor search, residual -= factor product, of its own */
+    double (*precondition)(void *user);  /* correction on coupled rows and its own; returns residual.correction */
+} ndli_solid_guest;
+
+/* Conjugate gradients in parts. */
+typedef struct ndli_solid_cg {
+    ndl_tissue *t;
+    const ndli_solid_guest *guest;
+    sb_real factor;
+    double rz;      /* residual.correction */
+    int iterations; /* in all runs */
+} ndli_solid_cg;
+
+/* residual = rhs - A unknown, and the first correction. */
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg);
+/* Goes on until residual.correction <= target or max_iterations is reached. */
+NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error);
 /* x, v, a at the end of the step from the accelerations `unknown`; SB_ERROR_DIVERGED changes nothing. */
 NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error);
 /* After commit: how many iterations the step took, which tells when the coarse matrix is worn. */
@@ -8420,11 +8648,6 @@ NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *b
 
 /* ---- conjugate gradients ---- */
 
-typedef struct ndli_solid_cg {
-    ndl_tissue *t;
-    sb_real factor;
-} ndli_solid_cg;
-
 static int ndli_solid_end(const ndl_tissue *t, int chunk)
 {
     return sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
@@ -8463,6 +8686,7 @@ static void ndli_solid_advance_task(void *user, int chunk)
     }
 }
 
+/* q = A p; returns p.q. */
 static double ndli_solid_curvature(ndli_solid_cg *cg)
 {
     int chunks = ndli_solid_chunks(cg->t->mesh.node_end);
@@ -8470,7 +8694,30 @@ static double ndli_solid_curvature(ndli_solid_cg *cg)
     sbi_run(&cg->t->jobs, ndli_solid_cg_product_task, cg, chunks);
     for (int k = 0; k < chunks; k++)
         sum += cg->t->partial[2 * k];
-    return sum;
+    return cg->guest ? sum + cg->guest->multiply(cg->guest->user) : sum;
+}
+
+static void ndli_solid_direct(ndli_solid_cg *cg, sb_real factor)
+{
+    cg->factor = factor;
+    sbi_run(&cg->t->jobs, ndli_solid_direction_task, cg, ndli_solid_chunks(cg->t->mesh.node_end));
+    if (cg->guest)
+        cg->guest->direct(cg->guest->user, factor);
+}
+
+static void ndli_solid_advance(ndli_solid_cg *cg, sb_real factor)
+{
+    cg->factor = factor;
+    sbi_run(&cg->t->jobs, ndli_solid_advance_task, cg, ndli_solid_chunks(cg->t->mesh.node_end));
+    if (cg->guest)
+        cg->guest->advance(cg->guest->user, factor);
+}
+
+static void ndli_solid_correct(ndli_solid_cg *cg)
+{
+    cg->rz = ndli_solid_precondition(cg->t, cg->t->residual, cg->t->correction);
+    if (cg->guest)
+        cg->rz += cg->guest->precondition(cg->guest->user);
 }
 
 static int ndli_solid_is_finite(double x) { return x - x == 0; }
@@ -8484,37 +8731,57 @@ static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
     return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
 }
 
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+{
+    ndl_tissue *t = cg->t;
+    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
+    memcpy(t->residual, t->rhs, bytes);
+    if (cg->guest)
+        cg->guest->begin(cg->guest->user);
+    memcpy(t->search, t->unknown, bytes);
+    ndli_solid_curvature(cg);
+    for (int i = 0; i < t->mesh.node_end; i++)
+        t->residual[i] = sb_v3_sub(t->residual[i], t->product[i]);
+    if (cg->guest)
+        cg->guest->settle(cg->guest->user);
+    ndli_solid_correct(cg);
+}
+
+NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error)
+{
+    ndl_tissue *t = cg->t;
+    sb_real factor = 0;
+    while (cg->rz > target && ndli_solid_is_finite(cg->rz) && cg->iterations < t->max_iterations) {
+        double curvature, last = cg->rz;
+        ndli_solid_direct(cg, factor);
+        curvature = ndli_solid_curvature(cg);
+        if (!(curvature > 0) || !ndli_solid_is_finite(curvature))
+            return ndli_solid_lost(t, error);
+        ndli_solid_advance(cg, (sb_real)(cg->rz / curvature));
+        ndli_solid_correct(cg);
+        factor = (sb_real)(cg->rz / last);
+        cg->iterations++;
+    }
+    return ndli_solid_is_finite(cg->rz) ? SB_OK : ndli_solid_lost(t, error);
+}
+
 NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error)
 {
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
-    int chunks = ndli_solid_chunks(t->mesh.node_end);
-    double rz, first, target;
-    ndli_solid_cg cg;
-    cg.t = t;
-    cg.factor = 0;
+    ndli_solid_cg cg = {t, NULL, 0, 0, 0};
+    double first, target;
+    sb_result result;
     memset(t->unknown, 0, bytes);
     memset(t->search, 0, bytes);
     memcpy(t->residual, t->rhs, bytes);
-    first = rz = ndli_solid_precondition(t, t->residual, t->correction);
+    ndli_solid_correct(&cg);
+    first = cg.rz;
     target = (double)t->tolerance * (double)t->tolerance * first;
-    info->iterations = info->capped = 0;
-    while (rz > target && ndli_solid_is_finite(rz) && !info->capped) {
-        double curvature, last = rz;
-        sbi_run(&t->jobs, ndli_solid_direction_task, &cg, chunks);
-        curvature = ndli_solid_curvature(&cg);
-        if (!(curvature > 0) || !ndli_solid_is_finite(curvature))
-            return ndli_solid_lost(t, error);
-        cg.factor = (sb_real)(rz / curvature);
-        sbi_run(&t->jobs, ndli_solid_advance_task, &cg, chunks);
-        rz = ndli_solid_precondition(t, t->residual, t->correction);
-        cg.factor = (sb_real)(rz / last);
-        info->iterations++;
-        info->capped = info->iterations >= t->max_iterations && rz > target;
-    }
-    if (!ndli_solid_is_finite(rz) || !ndli_solid_is_finite(first))
-        return ndli_solid_lost(t, error);
-    info->residual = first > 0 && rz > 0 ? (sb_real)sqrt(rz / first) : 0;
-    return SB_OK;
+    result = ndli_solid_cg_run(&cg, target, error);
+    info->iterations = cg.iterations;
+    info->capped = cg.iterations >= t->max_iterations && cg.rz > target;
+    info->residual = first > 0 && cg.rz > 0 ? (sb_real)sqrt(cg.rz / first) : 0;
+    return result;
 }
 
 /* ---- the end of the step ---- */
@@ -10463,6 +10730,1979 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
     if (left)
         *left = (sb_real)best_left;
     return SB_OK;
+}
+
+/* ==== src/needle/couple_line.h ==== */
+/* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
+ * part of the linear system, couple.c finds the friction states.
+ *
+ * Rod node i >= first sits on the tissue's node path[i - first]. The unknowns are accelerations of the tissue, a, and in
+ * the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along its tangent t and the
+ * motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
+ *
+ *     u = known + kappa (a + t alpha)   coupled        u = known + kappa z   free        u = known   held
+ *
+ * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. The rod is
+ * stepped by implicit Euler: its own vibrations are far above what steps resolve, and Euler leaves none of them. With
+ * constraints on displacements that is passive next to a tissue stepped by Newmark (the rod's inertia, damping and
+ * stiffness seen through the tissue's velocity have no negative real part on the unit circle). */
+#ifndef NDL_COUPLE_LINE_H
+#define NDL_COUPLE_LINE_H
+
+
+/* Unknowns of a rod node in the band: a or z, and alpha. A bend joins the first of node i - 2 to the last of node i. */
+enum { NDLI_LINE_UNKNOWNS = 4, NDLI_LINE_WIDTH = 11 };
+
+typedef double ndli_line_unknown[NDLI_LINE_UNKNOWNS];
+
+typedef struct ndli_line {
+    ndl_rod *rod;    /* borrowed */
+    ndl_tissue *tissue; /* borrowed */
+    int capacity;    /* rod nodes there is room for */
+    sb_allocator allocator;
+    void *memory;
+
+    /* set by the room above before a solve */
+    int first;       /* rod node of path[0]; node_count: the rod is not in tissue */
+    const int *path; /* [node_count - first] tissue nodes */
+    unsigned char *state; /* [nodes] ndl_contact; as found after it */
+    double *friction; /* [nodes] N: limit of static friction, and dynamic friction */
+    double *viscous;  /* [nodes] N s/m: friction per slip speed */
+    double cutting;   /* N: what holds the tip back beside friction while it goes forward */
+
+    /* what a solve finds */
+    double *slip;        /* [nodes] m along the tangent, of the rod past the tissue */
+    ndli_v3 *move;       /* [nodes] displacement of the rod's nodes (m) */
+    ndli_v3 *contact;    /* [nodes] force of the tissue on the rod (N) */
+    ndli_v3 *reaction;   /* [nodes] force of the supports on the rod (N) */
+
+    /* holds nothing between solves */
+    double dt, kappa;
+    ndli_v3 *tangent;    /* [nodes] */
+    ndli_v3 *known;      /* [nodes] (m) */
+    ndli_v3 *load;       /* [nodes] right-hand side, known displacements in it (N) */
+    ndli_v3 *motion;     /* [nodes] */
+    ndli_v3 *force;      /* [nodes] kappa H times motion (N) */
+    ndli_line_unknown *unknown, *residual, *search, *product, *correction; /* [nodes] */
+    double *band, *right; /* [4 nodes][NDLI_LINE_WIDTH + 1], [4 nodes] */
+} ndli_line;
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* 0: no memory. */
+NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, ndl_tissue *tissue, const sb_allocator *allocator);
+NDLI_API void ndli_line_free(ndli_line *line); /* safe on zeros */
+
+SB_INLINE int ndli_line_is_slipping(const ndli_line *line, int i) { return line->state[i] > NDL_STATIC; }
+/* 1 towards the tip, -1 towards the base. */
+SB_INLINE int ndli_line_sign(const ndli_line *line, int i)
+{
+    return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1;
+}
+/* Largest friction against slip of that sign (N). */
+SB_INLINE double ndli_line_limit(const ndli_line *line, int i, int sign)
+{
+    return line->friction[i] + (sign > 0 && i == line->rod->node_count - 1 ? line->cutting : 0);
+}
+
+/* The rod's part of the system at its present shape, after ndli_solid_begin: kappa H, tangents, known displacements
+ * and loads; unknowns 0. Returns -1, or the node at which the rod is folded. */
+NDLI_API int ndli_line_linearise(ndli_line *line, double dt);
+/* Rows of the present friction states: the band of what the rod's unknowns and its coupled tissue nodes have among
+ * themselves, factored. 0: not positive definite. */
+NDLI_API int ndli_line_factor(ndli_line *line);
+
+/* The parts of a guest of the tissue's solve; see ndli_solid_guest. */
+NDLI_API void ndli_line_begin(ndli_line *line);
+NDLI_API void ndli_line_settle(ndli_line *line);
+NDLI_API void ndli_line_direct(ndli_line *line, double factor);
+NDLI_API double ndli_line_multiply(ndli_line *line);
+NDLI_API void ndli_line_advance(ndli_line *line, double factor);
+NDLI_API double ndli_line_precondition(ndli_line *line);
+
+/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_solid_cg_begin. */
+NDLI_API void ndli_line_guess(ndli_line *line);
+/* slip, move, contact and reaction from the unknowns. */
+NDLI_API void ndli_line_read(ndli_line *line);
+#endif
+
+#endif /* NDL_COUPLE_LINE_H */
+
+/* ==== src/needle/couple_solve.h ==== */
+/* couple_solve: friction states and motion of a step. Floor 4, internal. */
+#ifndef NDL_COUPLE_SOLVE_H
+#define NDL_COUPLE_SOLVE_H
+
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* After ndli_solid_begin: the accelerations of the tissue (tissue->unknown) and what each line finds, with the friction
+ * states that go with it; lines' states are the first guess. Nothing of the tissue's or a rod's state changes.
+ * SB_ERROR_DIVERGED: a folded rod (node named), or something is not finite. */
+NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,
+                                     ndl_couple_info *info, sb_error *error);
+#endif
+
+#endif /* NDL_COUPLE_SOLVE_H */
+
+/* ==== src/needle/couple_line.c ==== */
+/* couple_line: see couple_line.h. */
+
+
+#include <string.h>
+
+/* ---- memory ---- */
+
+static void ndli_line_layout(ndli_line *line, sbi_arena *arena)
+{
+    size_t n = (size_t)line->capacity;
+    ndli_v3 **vectors[] = {&line->move, &line->contact, &line->reaction, &line->tangent,
+                           &line->known, &line->load, &line->motion, &line->force};
+    double **reals[] = {&line->friction, &line->viscous, &line->slip};
+    ndli_line_unknown **unknowns[] = {&line->unknown, &line->residual, &line->search, &line->product,
+                                      &line->correction};
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
+        *reals[i] = (double *)sbi_arena_take(arena, n, sizeof(double));
+    for (size_t i = 0; i < sizeof unknowns / sizeof *unknowns; i++)
+        *unknowns[i] = (ndli_line_unknown *)sbi_arena_take(arena, n, sizeof(ndli_line_unknown));
+    line->band = (double *)sbi_arena_take(arena, n, NDLI_LINE_UNKNOWNS * (NDLI_LINE_WIDTH + 1) * sizeof(double));
+    line->right = (double *)sbi_arena_take(arena, n, NDLI_LINE_UNKNOWNS * sizeof(double));
+    line->state = (unsigned char *)sbi_arena_take(arena, n, 1);
+}
+
+NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, ndl_tissue *tissue, const sb_allocator *allocator)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    memset(line, 0, sizeof *line);
+    line->rod = rod;
+    line->tissue = tissue;
+    line->capacity = rod->capacity;
+    line->first = rod->node_count;
+    line->allocator = *allocator;
+    ndli_line_layout(line, &arena);
+    line->memory = arena.overflow ? NULL : sbi_alloc_zeroed(allocator, 1, arena.used);
+    if (!line->memory)
+        return 0;
+    arena.base = (unsigned char *)line->memory;
+    arena.used = 0;
+    ndli_line_layout(line, &arena);
+    return 1;
+}
+
+NDLI_API void ndli_line_free(ndli_line *line)
+{
+    if (line->memory)
+        sbi_free(&line->allocator, line->memory);
+    memset(line, 0, sizeof *line);
+}
+
+/* ---- the rod's rows ---- */
+
+static int ndli_line_is_coupled(const ndli_line *line, int i) { return i >= line->first; }
+
+/* Tissue node of a coupled rod node when its accelerations are unknowns, else -1. */
+static int ndli_line_partner(const ndli_line *line, int i)
+{
+    int node = ndli_line_is_coupled(line, i) ? line->path[i - line->first] : -1;
+    return node >= 0 && line->tissue->role[node] == NDLI_ROW_COUPLED ? node : -1;
+}
+
+/* Along which a node may slip: between its edges, at the tip the last one. */
+static void ndli_line_set_tangents(ndli_line *line)
+{
+    const ndl_rod *rod = line->rod;
+    int last = rod->node_count - 1;
+    for (int i = 0; i <= last; i++) {
+        ndli_v3 t = rod->shape.tangent[sbi_min_int(i, last - 1)];
+        if (i > 0 && i < last)
+            t = ndli_add(t, rod->shape.tangent[i - 1]);
+        line->tangent[i] = ndli_scale(1 / ndli_norm(t), t);
+    }
+}
+
+/* Where nodes go without their unknowns. */
+static void ndli_line_set_known(ndli_line *line)
+{
+    const ndl_rod *rod = line->rod;
+    const ndl_tissue *t = line->tissue;
+    const ndli_solid_scheme *s = &t->scheme;
+    for (int i = 0; i < rod->node_count; i++) {
+        line->known[i] = ndli_scale(line->dt, rod->v[i]);
+        if (rod->held[i]) {
+            line->known[i] = ndli_sub(rod->target[i], rod->x[i]);
+        } else if (ndli_line_is_coupled(line, i)) {
+            int node = line->path[i - line->first];
+            sb_vec3 way = sb_v3_scale(s->dt, sb_v3_madd(t->mesh.v[node], s->dt * s->c0, t->before[node]));
+            if (t->role[node] == NDLI_ROW_HELD)
+                way = sb_v3_sub(t->target[node], t->mesh.x[node]);
+            line->known[i] = ndli_from(way);
+        }
+    }
+}
+
+/* force = kappa H motion, by the lower half of H. */
+static void ndli_line_apply(const ndli_line *line, const ndli_v3 *motion, ndli_v3 *force)
+{
+    for (int i = 0; i < line->rod->node_count; i++) {
+        const ndli_m3 *row = line->rod->matrix.node[i];
+        force[i] = ndli_m_apply(&row[0], motion[i]);
+        for (int k = 1; k <= 2 && k <= i; k++) {
+            force[i] = ndli_add(force[i], ndli_m_apply(&row[k], motion[i - k]));
+            force[i - k] = ndli_add(force[i - k], ndli_m_tapply(&row[k], motion[i]));
+        }
+    }
+}
+
+/* H = M/dt^2 + C/dt + K with its elastic part safe: positive definite. It is scaled by kappa, so that it acts on
+ * accelerations as the tissue's matrix does. */
+static void ndli_line_set_matrix(ndli_line *line)
+{
+    ndl_rod *rod = line->rod;
+    ndli_rod_derivatives(rod, NDLI_ROD_NO_TWIST, rod->gradient, rod->turn_gradient, &rod->matrix);
+    ndli_rod_set_damping_shape(rod);
+    ndli_rod_add_damping_matrix(rod, 1 / line->dt, &rod->matrix);
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_m_add_identity(&rod->matrix.node[i][0], rod->mass[i] / (line->dt * line->dt));
+        for (int k = 0; k <= 2; k++)
+            for (int c = 0; c < 9; c++)
+                rod->matrix.node[i][k].m[c / 3][c % 3] *= line->kappa;
+    }
+}
+
+NDLI_API int ndli_line_linearise(ndli_line *line, double dt)
+{
+    ndl_rod *rod = line->rod;
+    const ndli_solid_scheme *s = &line->tissue->scheme;
+    size_t n = (size_t)rod->node_count;
+    int bad = ndli_rod_set_shape(rod, rod->x, rod->theta);
+    if (bad >= 0)
+        return bad;
+    line->dt = dt;
+    line->kappa = (double)s->dt * (double)s->dt * (double)s->beta;
+    ndli_line_set_tangents(line);
+    ndli_line_set_known(line);
+    ndli_line_set_matrix(line);
+    ndli_line_apply(line, line->known, line->force);
+    for (size_t i = 0; i < n; i++) {
+        ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / dt, rod->v[i]));
+        load = ndli_sub(load, rod->gradient[i]);
+        line->load[i] = ndli_madd(load, -1 / line->kappa, line->force[i]);
+    }
+    memset(line->unknown, 0, n * sizeof *line->unknown);
+    memset(line->search, 0, n * sizeof *line->search);
+    return -1;
+}
+
+/* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
+static double ndli_line_drag(const ndli_line *line, int i)
+{
+    int sign = ndli_line_sign(line, i);
+    return -sign * ndli_line_limit(line, i, sign);
+}
+
+/* Viscous friction per unit of alpha (N). */
+static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] * line->kappa / line->dt; }
+
+/* ---- the guest ---- */
+
+/* motion = what `unknown` moves, before kappa; on coupled rows with the tissue's vector. */
+static void ndli_line_expand(ndli_line *line, const ndli_line_unknown *unknown, const sb_vec3 *tissue)
+{
+    for (int i = 0; i < line->rod->node_count; i++) {
+        int partner = ndli_line_partner(line, i);
+        if (line->rod->held[i])
+            line->motion[i] = ndli_v(0, 0, 0);
+        else if (!ndli_line_is_coupled(line, i))
+            line->motion[i] = ndli_v(unknown[i][0], unknown[i][1], unknown[i][2]);
+        else
+            line->motion[i] = ndli_madd(partner < 0 ? ndli_v(0, 0, 0) : ndli_from(tissue[partner]), unknown[i][3],
+                                        line->tangent[i]);
+    }
+}
+
+NDLI_API void ndli_line_begin(ndli_line *line)
+{
+    const ndl_rod *rod = line->rod;
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 load = line->load[i];
+        int partner = ndli_line_partner(line, i), slips = ndli_line_is_slipping(line, i);
+        double *r = line->residual[i];
+        r[0] = r[1] = r[2] = r[3] = 0;
+        if (!slips)
+            line->unknown[i][3] = 0;
+        if (partner >= 0)
+            line->tissue->residual[partner] = sb_v3_add(line->tissue->residual[partner], ndli_to(load));
+        if (ndli_line_is_coupled(line, i))
+            r[3] = slips ? ndli_dot(line->tangent[i], load) + ndli_line_drag(line, i) : 0;
+        else if (!rod->held[i])
+            r[0] = load.x, r[1] = load.y, r[2] = load.z;
+    }
+    memcpy(line->search, line->unknown, (size_t)rod->node_count * sizeof *line->search);
+}
+
+/* y += s x */
+static void ndli_line_add(const ndli_line *line, ndli_line_unknown *y, double s, const ndli_line_unknown *x)
+{
+    for (int i = 0; i < line->rod->node_count; i++)
+        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
+            y[i][c] += s * x[i][c];
+}
+
+NDLI_API void ndli_line_settle(ndli_line *line)
+{
+    ndli_line_add(line, line->residual, -1, (const ndli_line_unknown *)line->product);
+}
+
+NDLI_API void ndli_line_direct(ndli_line *line, double factor)
+{
+    for (int i = 0; i < line->rod->node_count; i++)
+        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
+            line->search[i][c] = line->correction[i][c] + factor * line->search[i][c];
+}
+
+NDLI_API void ndli_line_advance(ndli_line *line, double factor)
+{
+    ndli_line_add(line, line->unknown, factor, (const ndli_line_unknown *)line->search);
+    ndli_line_add(line, line->residual, -factor, (const ndli_line_unknown *)line->product);
+}
+
+NDLI_API double ndli_line_multiply(ndli_line *line)
+{
+    ndl_tissue *t = line->tissue;
+    double sum = 0;
+    ndli_line_expand(line, (const ndli_line_unknown *)line->search, t->search);
+    ndli_line_apply(line, line->motion, line->force);
+    for (int i = 0; i < line->rod->node_count; i++) {
+        int partner = ndli_line_partner(line, i);
+        double *q = line->product[i];
+        q[0] = q[1] = q[2] = q[3] = 0;
+        if (partner >= 0)
+            t->product[partner] = sb_v3_add(t->product[partner], ndli_to(line->force[i]));
+        if (!ndli_line_is_coupled(line, i)) {
+            if (!line->rod->held[i])
+                q[0] = line->force[i].x, q[1] = line->force[i].y, q[2] = line->force[i].z;
+        } else if (ndli_line_is_slipping(line, i)) {
+            double along = ndli_line_viscosity(line, i) * line->search[i][3];
+            q[3] = ndli_dot(line->tangent[i], line->force[i]) + along;
+            sum += along * line->search[i][3];
+        }
+        sum += ndli_dot(line->motion[i], line->force[i]);
+    }
+    return sum;
+}
+
+/* ---- the rod's block ---- */
+
+/* Displacements of node i by its unknowns: u = [first, along] (a or z, alpha). */
+typedef struct ndli_line_map {
+    int moves;     /* 1: the first three are unknowns, */
+    int slips;     /* 1: the fourth is */
+    int partner;   /* the tissue's node of the first three, or -1 */
+    ndli_v3 along;
+} ndli_line_map;
+
+static ndli_line_map ndli_line_get_map(const ndli_line *line, int i)
+{
+    ndli_line_map map;
+    int coupled = ndli_line_is_coupled(line, i);
+    map.partner = ndli_line_partner(line, i);
+    map.moves = coupled ? map.partner >= 0 : !line->rod->held[i];
+    map.slips = coupled && ndli_line_is_slipping(line, i);
+    map.along = line->tangent[i];
+    return map;
+}
+
+static ndli_m3 ndli_line_from_mat3(const sb_mat3 *a)
+{
+    ndli_m3 out;
+    for (int c = 0; c < 9; c++)
+        out.m[c / 3][c % 3] = (double)a->m[c / 3][c % 3];
+    return out;
+}
+
+/* A block of the tissue's matrix between the partners of two nodes. */
+static ndli_m3 ndli_line_tissue_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b)
+{
+    sb_mat3 block = sb_m3_zero();
+    if (a->partner >= 0 && a->partner == b->partner)
+        block = ndli_solid_node_block(line->tissue, a->partner);
+    else if (a->partner >= 0 && b->partner >= 0)
+        ndli_solid_edge_block(line->tissue, a->partner, b->partner, &block);
+    return ndli_line_from_mat3(&block);
+}
+
+/* Rows of node i against columns of node i - k: the rod's block seen through the maps, and the tissue's. */
+static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI_LINE_UNKNOWNS][NDLI_LINE_UNKNOWNS])
+{
+    ndli_line_map a = ndli_line_get_map(line, i), b = ndli_line_get_map(line, i - k);
+    const ndli_m3 *h = &line->rod->matrix.node[i][k];
+    ndli_m3 tissue = ndli_line_tissue_block(line, &a, &b);
+    ndli_v3 right = ndli_m_apply(h, b.along), left = ndli_m_tapply(h, a.along);
+    memset(out, 0, NDLI_LINE_UNKNOWNS * sizeof *out);
+    for (int r = 0; r < 3; r++) {
+        for (int c = 0; c < 3 && a.moves && b.moves; c++)
+            out[r][c] = h->m[r][c] + tissue.m[r][c];
+        out[r][3] = a.moves && b.slips ? ndli_component(right, r) : 0;
+        out[3][r] = a.slips && b.moves ? ndli_component(left, r) : 0;
+    }
+    out[3][3] = a.slips && b.slips ? ndli_dot(a.along, right) : 0;
+    if (k == 0) {
+        out[3][3] += a.slips ? ndli_line_viscosity(line, i) : 1;
+        for (int r = 0; r < 3 && !a.moves; r++)
+            out[r][r] = 1;
+    }
+}
+
+NDLI_API int ndli_line_factor(ndli_line *line)
+{
+    enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
+    int n = N * line->rod->node_count;
+    memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
+    for (int i = 0; i < line->rod->node_count; i++)
+        for (int k = 0; k <= 2 && k <= i; k++) {
+            double block[N][N];
+            ndli_line_block(line, i, k, block);
+            for (int r = 0; r < N; r++)
+                for (int c = 0; c < N && (k > 0 || c <= r); c++)
+                    line->band[(size_t)(N * i + r) * STRIDE + (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] =
+                        block[r][c];
+        }
+    return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
+}
+
+/* right = the block's inverse times the residuals of its rows. */
+static void ndli_line_solve_block(ndli_line *line)
+{
+    for (int i = 0; i < line->rod->node_count; i++) {
+        int partner = ndli_line_partner(line, i);
+        double *b = line->right + NDLI_LINE_UNKNOWNS * i;
+        memcpy(b, line->residual[i], sizeof line->residual[i]);
+        if (partner >= 0) {
+            ndli_v3 r = ndli_from(line->tissue->residual[partner]);
+            b[0] = r.x, b[1] = r.y, b[2] = r.z;
+        }
+    }
+    ndli_band_solve(line->band, NDLI_LINE_UNKNOWNS * line->rod->node_count, NDLI_LINE_WIDTH, line->right);
+}
+
+NDLI_API double ndli_line_precondition(ndli_line *line)
+{
+    double sum = 0;
+    ndli_line_solve_block(line);
+    for (int i = 0; i < line->rod->node_count; i++) {
+        int partner = ndli_line_partner(line, i);
+        const double *z = line->right + NDLI_LINE_UNKNOWNS * i;
+        memcpy(line->correction[i], z, sizeof line->correction[i]);
+        if (partner >= 0) {
+            ndli_v3 a = ndli_v(z[0], z[1], z[2]);
+            line->tissue->correction[partner] = ndli_to(a);
+            sum += ndli_dot(a, ndli_from(line->tissue->residual[partner]));
+            memset(line->correction[i], 0, 3 * sizeof(double));
+        }
+        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
+            sum += line->correction[i][c] * line->residual[i][c];
+    }
+    return sum;
+}
+
+NDLI_API void ndli_line_guess(ndli_line *line)
+{
+    for (int i = 0; i < line->rod->node_count; i++) {
+        int partner = ndli_line_partner(line, i);
+        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
+            line->unknown[i][c] += line->correction[i][c];
+        if (partner >= 0)
+            line->tissue->unknown[partner] =
+                sb_v3_add(line->tissue->unknown[partner], line->tissue->correction[partner]);
+    }
+}
+
+/* ---- results ---- */
+
+NDLI_API void ndli_line_read(ndli_line *line)
+{
+    const ndl_rod *rod = line->rod;
+    ndli_line_expand(line, (const ndli_line_unknown *)line->unknown, line->tissue->unknown);
+    ndli_line_apply(line, line->motion, line->force);
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
+        int coupled = ndli_line_is_coupled(line, i);
+        line->move[i] = ndli_madd(line->known[i], line->kappa, line->motion[i]);
+        line->slip[i] = coupled ? line->kappa * line->unknown[i][3] : 0;
+        line->contact[i] = coupled ? balance : none;
+        line->reaction[i] = rod->held[i] ? balance : none;
+    }
+}
+
+/* ==== src/needle/couple.c ==== */
+/* couple: the friction states of a step. Friction does not depend on normal forces here (Tresca), so that a step is a
+ * strictly convex problem with exactly one solution. States are guessed, the linear system solved, and every state that
+ * the solution contradicts is turned over: block pivoting, with the last contradicted node alone (least index, which is
+ * finite) while that makes no headway. */
+
+#include <string.h>
+
+typedef struct ndli_couple {
+    ndl_tissue *tissue;
+    ndli_line *const *lines;
+    int count;
+} ndli_couple;
+
+/* ---- the lines as one guest ---- */
+
+static void ndli_couple_begin(void *user)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    for (int k = 0; k < c->count; k++)
+        ndli_line_begin(c->lines[k]);
+}
+
+static void ndli_couple_settle(void *user)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    for (int k = 0; k < c->count; k++)
+        ndli_line_settle(c->lines[k]);
+}
+
+static void ndli_couple_direct(void *user, sb_real factor)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    for (int k = 0; k < c->count; k++)
+        ndli_line_direct(c->lines[k], (double)factor);
+}
+
+static double ndli_couple_multiply(void *user)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    double sum = 0;
+    for (int k = 0; k < c->count; k++)
+        sum += ndli_line_multiply(c->lines[k]);
+    return sum;
+}
+
+static void ndli_couple_advance(void *user, sb_real factor)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    for (int k = 0; k < c->count; k++)
+        ndli_line_advance(c->lines[k], (double)factor);
+}
+
+static double ndli_couple_precondition(void *user)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    double sum = 0;
+    for (int k = 0; k < c->count; k++)
+        sum += ndli_line_precondition(c->lines[k]);
+    return sum;
+}
+
+static int ndli_couple_factor(const ndli_couple *c)
+{
+    for (int k = 0; k < c->count; k++)
+        if (!ndli_line_factor(c->lines[k]))
+            return 0;
+    return 1;
+}
+
+/* ---- friction states ---- */
+
+/* The state that the solution asks for at a coupled node. */
+static int ndli_couple_wanted(const ndli_line *line, int i)
+{
+    double along = ndli_dot(line->tangent[i], line->contact[i]);
+    if (ndli_line_is_slipping(line, i))
+        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? line->state[i] : NDL_STATIC;
+    if (along < -ndli_line_limit(line, i, 1))
+        return NDL_DYNAMIC_FORWARD;
+    if (along > ndli_line_limit(line, i, -1))
+        return NDL_DYNAMIC_BACKWARD;
+    return NDL_STATIC;
+}
+
+static int ndli_couple_count_wrong(const ndli_couple *c)
+{
+    int wrong = 0;
+    for (int k = 0; k < c->count; k++) {
+        ndli_line_read(c->lines[k]);
+        for (int i = c->lines[k]->first; i < c->lines[k]->rod->node_count; i++)
+            wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
+    }
+    return wrong;
+}
+
+/* Turns over what the solution contradicts: all, or the last only. */
+static void ndli_couple_flip(const ndli_couple *c, int all)
+{
+    for (int k = c->count - 1; k >= 0; k--)
+        for (int i = c->lines[k]->rod->node_count - 1; i >= c->lines[k]->first; i--) {
+            int wanted = ndli_couple_wanted(c->lines[k], i);
+            if (wanted == c->lines[k]->state[i])
+                continue;
+            c->lines[k]->state[i] = (unsigned char)wanted;
+            if (!all)
+                return;
+        }
+}
+
+/* ---- solve ---- */
+
+/* The first guess moves the rods in a tissue at rest: their stiffness, a million times the tissue's, is then no part of
+ * the residual that tolerances are relative to. */
+static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
+{
+    ndl_tissue *t = c->tissue;
+    memset(t->unknown, 0, (size_t)t->mesh.node_end * sizeof(sb_vec3));
+    ndli_solid_cg_begin(cg);
+    for (int k = 0; k < c->count; k++)
+        ndli_line_guess(c->lines[k]);
+    ndli_solid_cg_begin(cg);
+    return cg->rz;
+}
+
+/* Headway of the pivoting: how many were contradicted at best, and for how many trials it has not been fewer. */
+typedef struct ndli_couple_progress {
+    int fewest, stalled;
+} ndli_couple_progress;
+
+static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double first, int max_trials,
+                                 ndl_couple_info *info, sb_error *error)
+{
+    double fine = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first, coarse = 100 * fine;
+    ndli_couple_progress progress = {0x7fffffff, 0};
+    for (;;) {
+        sb_result result = ndli_solid_cg_run(cg, coarse, error);
+        int wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
+        if (result == SB_OK && !wrong) {
+            result = ndli_solid_cg_run(cg, fine, error);
+            wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
+        }
+        info->consistent = !wrong;
+        if (result != SB_OK || !wrong)
+            return result;
+        if (info->trials >= max_trials)
+            break;
+        progress.stalled = wrong < progress.fewest ? 0 : progress.stalled + 1;
+        progress.fewest = sbi_min_int(progress.fewest, wrong);
+        ndli_couple_flip(c, progress.stalled < 3);
+        info->trials++;
+        if (!ndli_couple_factor(c))
+            return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
+        ndli_solid_cg_begin(cg);
+    }
+    return ndli_solid_cg_run(cg, fine, error);
+}
+
+NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,
+                                     ndl_couple_info *info, sb_error *error)
+{
+    ndli_couple c;
+    ndli_solid_guest guest = {&c, ndli_couple_begin, ndli_couple_settle, ndli_couple_direct, ndli_couple_multiply,
+                              ndli_couple_advance, ndli_couple_precondition};
+    ndli_solid_cg cg = {tissue, &guest, 0, 0, 0};
+    sb_result result;
+    double first;
+    c.tissue = tissue;
+    c.lines = lines;
+    c.count = count;
+    memset(info, 0, sizeof *info);
+    for (int k = 0; k < count; k++) {
+        int bad = ndli_line_linearise(lines[k], dt);
+        if (bad >= 0)
+            return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
+    }
+    if (!ndli_couple_factor(&c))
+        return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
+    first = ndli_couple_start(&c, &cg);
+    info->trials = 1;
+    result = ndli_couple_try(&c, &cg, first, max_trials, info, error);
+    if (result != SB_OK)
+        return result;
+    for (int k = 0; k < count; k++)
+        ndli_line_read(lines[k]);
+    info->iterations = cg.iterations;
+    info->capped = cg.iterations >= tissue->max_iterations;
+    info->residual = first > 0 && cg.rz > 0 ? (sb_real)sqrt(cg.rz / first) : 0;
+    return SB_OK;
+}
+
+/* ==== src/needle/needle_state.h ==== */
+/* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
+ * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_step.c steps. */
+#ifndef NDL_NEEDLE_STATE_H
+#define NDL_NEEDLE_STATE_H
+
+
+typedef struct ndli_capsule {
+    ndl_membrane def;
+    sb_surface *surface; /* the faces between its regions in the undeformed tissue */
+} ndli_capsule;
+
+struct ndl_needle {
+    sb_allocator allocator;
+    ndl_tissue *tissue;
+    int index;            /* number at the remesher */
+    ndl_rod *rod;
+    ndli_line line;
+    ndl_bevel bevel;
+    ndl_friction *frictions;
+    int friction_count;
+    ndli_capsule *capsules;
+    int capsule_count;
+    ndl_cutting cutting_at;
+    void *cutting_user;
+    int max_trials;
+    double edge_length;   /* m, of nodes outside */
+
+    ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */
+    int base_given;       /* 1: the sleeve shall be at given_... at the end of the step */
+    ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
+
+    double fed, advance;  /* m */
+    ndli_v3 base_force, base_torque; /* N, N m about the outlet */
+    int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int blocked, limited; /* in the present step */
+
+    /* holds nothing between calls */
+    ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
+    ndli_v3 *old_contact;             /* [capacity] */
+    int *old_path;                    /* [capacity] */
+    unsigned char *old_state;         /* [capacity] */
+    void *memory;
+};
+
+/* What the needles of one tissue share; made for the first, gone with the last. */
+struct ndli_site {
+    ndl_remesh *remesh;
+    ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
+    int count;
+    double mean_edge;  /* of the undeformed tissue (m) */
+    int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
+    int coupled_count;
+    int coupled_room;
+};
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_resist ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
+NDLI_API void ndli_needle_resist(ndl_needle *needle);
+
+/* ---- needle_nodes ---- */
+
+/* 1 when the rod's nodes are at those of its path. */
+NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
+
+/* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
+ * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+#endif
+
+#endif /* NDL_NEEDLE_STATE_H */
+
+/* ==== src/needle/needle_resist.c ==== */
+/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+
+#include <string.h>
+
+/* ---- membranes ---- */
+
+static int ndli_resist_region(const ndl_tissue_mesh *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
+
+/* 1 when the membrane lies on a face; each inner face is looked at from its lower tet. */
+static int ndli_resist_holds(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int tet, int face)
+{
+    int other = mesh->neighbours[4 * (size_t)tet + (size_t)face];
+    int a = ndli_resist_region(mesh, tet), b = ndli_resist_region(mesh, other);
+    if (other > tet)
+        return 0;
+    return (a == membrane->regions[0] && b == membrane->regions[1]) ||
+           (b == membrane->regions[0] && a == membrane->regions[1]);
+}
+
+/* Faces of the membrane: written to `triangles` when that is not NULL. */
+static int ndli_resist_gather(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+{
+    static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+    int count = 0;
+    for (int tet = 0; tet < mesh->original_tets; tet++)
+        for (int face = 0; face < 4; face++) {
+            if (!ndli_resist_holds(mesh, membrane, tet, face))
+                continue;
+            for (int c = 0; c < 3 && triangles; c++)
+                triangles[3 * (size_t)count + (size_t)c] = mesh->tets[4 * (size_t)tet + (size_t)corners[face][c]];
+            count++;
+        }
+    return count;
+}
+
+static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    sb_mesh faces;
+    sb_result result;
+    int count = ndli_resist_gather(mesh, membrane, NULL);
+    if (count == 0)
+        return SB_ERROR_ARGUMENT;
+    memset(&faces, 0, sizeof faces);
+    faces.element_type = SB_TRI3;
+    faces.nodes = mesh->X0; /* read only */
+    faces.node_count = mesh->original_nodes;
+    faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
+    faces.element_count = ndli_resist_gather(mesh, membrane, faces.elements);
+    if (!faces.elements)
+        return SB_ERROR_MEMORY;
+    result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
+    sbi_free(&needle->allocator, faces.elements);
+    return result;
+}
+
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad)
+{
+    *bad = -1;
+    for (int i = 0; i < count; i++) {
+        sb_result result = ndli_resist_make_surface(needle, membranes + i, &needle->capsules[i].surface);
+        if (result != SB_OK) {
+            *bad = result == SB_ERROR_MEMORY ? -1 : i;
+            return 0;
+        }
+        needle->capsules[i].def = membranes[i];
+        needle->capsule_count = i + 1;
+    }
+    return 1;
+}
+
+/* ---- friction ---- */
+
+static const ndl_friction *ndli_resist_of(const ndl_needle *needle, int region)
+{
+    int i = needle->friction_count == 1 ? 0 : region;
+    return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
+}
+
+/* Mean over the tets of a tissue node, by volume. */
+static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    double total = 0;
+    memset(mean, 0, 5 * sizeof *mean);
+    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
+        const ndl_friction *f = ndli_resist_of(needle, mesh->regions[k / 4]);
+        double volume = (double)mesh->volumes[k / 4];
+        total += volume;
+        if (!f)
+            continue;
+        mean[0] += volume * (double)f->friction;
+        mean[1] += volume * (double)f->viscous;
+        mean[2] += volume * (double)f->cutting;
+        mean[3] += volume * (double)f->twist_stiffness;
+        mean[4] += volume * (double)f->twist_friction;
+    }
+    for (int i = 0; i < 5 && total > 0; i++)
+        mean[i] /= total;
+}
+
+/* ---- cutting ---- */
+
+/* The region that the tip looks into. */
+static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    sb_vec3 t = ndli_to(needle->rod->tangent[needle->rod->node_count - 2]);
+    sb_real best = -SB_REAL_MAX;
+    int region = -1;
+    for (int k = mesh->node_star[tip]; k >= 0; k = mesh->corner_next[k]) {
+        const int *n = mesh->tets + 4 * (size_t)(k / 4);
+        sb_vec3 sum = sb_v3_add(sb_v3_add(mesh->x[n[0]], mesh->x[n[1]]), sb_v3_add(mesh->x[n[2]], mesh->x[n[3]]));
+        sb_vec3 way = sb_v3_sub(sb_v3_scale((sb_real)0.25, sum), mesh->x[tip]);
+        sb_real ahead = sb_v3_dot(way, t) / sb_v3_norm(way);
+        if (ahead > best) {
+            best = ahead;
+            region = mesh->regions[k / 4];
+        }
+    }
+    return region;
+}
+
+static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
+{
+    double sum = 0;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndli_capsule *capsule = needle->capsules + i;
+        sb_surface_hit hit;
+        if (sb_surface_closest(capsule->surface, X, capsule->def.thickness / 2, &hit))
+            sum += (double)capsule->def.strength;
+    }
+    return sum;
+}
+
+static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
+{
+    sb_vec3 X = needle->tissue->mesh.X[tip];
+    if (needle->cutting_at) {
+        sb_real force = needle->cutting_at(needle->cutting_user, X, ndli_resist_region_ahead(needle, tip));
+        return force > 0 && sb_is_finite(force) ? (double)force : 0;
+    }
+    return table + ndli_resist_membranes(needle, X);
+}
+
+/* ---- all of it ---- */
+
+NDLI_API void ndli_needle_resist(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    int last = rod->node_count - 1;
+    double before[5], here[5];
+    line->cutting = 0;
+    for (int i = line->first; i <= last; i++) {
+        int tip = needle->path[i - line->first];
+        double behind = i > line->first ? ndli_norm(ndli_sub(rod->x[i], rod->x[i - 1])) : 0;
+        double ahead = i < last ? ndli_norm(ndli_sub(rod->x[i + 1], rod->x[i])) : 0;
+        ndli_resist_at(needle, tip, here);
+        line->friction[i] = 0.5 * (behind + ahead) * here[0];
+        line->viscous[i] = 0.5 * (behind + ahead) * here[1];
+        if (i == last)
+            line->cutting = ndli_resist_cutting(needle, tip, here[2]);
+        if (i > line->first)
+            ndl_rod_set_grip(rod, i - 1, (sb_real)(0.5 * behind * (before[3] + here[3])),
+                             (sb_real)(0.5 * behind * (before[4] + here[4])));
+        memcpy(before, here, sizeof before);
+    }
+    for (int j = 0; j < sbi_min_int(line->first, last); j++)
+        ndl_rod_set_grip(rod, j, 0, 0);
+}
+
+/* ==== src/needle/needle_nodes.c ==== */
+/* needle_nodes: which nodes a rod has. In the tissue those of the remesher's path, outside enough for its bends: they
+ * slide along with the needle, and are dropped where they come close to the sleeve or the skin, and made where it gets
+ * empty. */
+
+#include <string.h>
+
+/* Outside of the tissue edges are between these parts of edge_length: far enough apart that a node made by one rule is
+ * not at once the other's. */
+static double ndli_nodes_shortest(const ndl_needle *needle) { return 0.5 * needle->edge_length; }
+static double ndli_nodes_longest(const ndl_needle *needle) { return 2 * needle->edge_length; }
+
+static ndli_v3 ndli_nodes_tangent(const ndl_rod *rod, int i)
+{
+    ndli_v3 before = rod->tangent[sbi_max_int(i - 1, 0)], after = rod->tangent[sbi_min_int(i, rod->node_count - 2)];
+    ndli_v3 sum = ndli_add(before, after);
+    return ndli_scale(1 / ndli_norm(sum), sum);
+}
+
+/* The new list while it grows; the last place is for the entry or the tip. */
+typedef struct ndli_places {
+    ndli_v3 *x, *tangent;
+    int count, capacity;
+} ndli_places;
+
+static void ndli_nodes_put(ndli_places *list, ndli_v3 x, ndli_v3 tangent)
+{
+    if (list->count < list->capacity) {
+        list->x[list->count] = x;
+        list->tangent[list->count++] = tangent;
+    }
+}
+
+/* Puts x, and before it as many as are needed on the cubic from the last one. */
+static void ndli_nodes_reach(ndli_places *list, ndli_v3 x, ndli_v3 tangent, double longest)
+{
+    ndli_v3 from = list->x[list->count - 1], start = list->tangent[list->count - 1], way = ndli_sub(x, from);
+    double length = ndli_norm(way);
+    int pieces = length > longest ? (int)(length / (0.5 * longest)) : 1;
+    for (int k = 1; k < pieces && list->count < list->capacity - 1; k++) {
+        double s = (double)k / pieces, a = length * s * (1 - s) * (1 - s), b = -length * s * s * (1 - s);
+        ndli_v3 place = ndli_madd(from, s * s * (3 - 2 * s), way);
+        place = ndli_madd(ndli_madd(place, a, start), b, tangent);
+        ndli_nodes_put(list, place, ndli_scale(1 / length, way));
+    }
+    ndli_nodes_put(list, x, tangent);
+}
+
+/* Whether an old node outside is still of use between the last one kept and where the outside ends. */
+static int ndli_nodes_keeps(const ndl_needle *needle, const ndli_places *list, int i, ndli_v3 end)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 t = ndli_nodes_tangent(rod, i);
+    double shortest = ndli_nodes_shortest(needle);
+    return ndli_dot(ndli_sub(end, rod->x[i]), t) >= shortest &&
+           ndli_dot(ndli_sub(rod->x[i], list->x[list->count - 1]), t) >= shortest;
+}
+
+/* Sleeve and outside: to `end`, which is the entry or the tip and of the old rod's node `end_index`. */
+static void ndli_nodes_outside(const ndl_needle *needle, ndli_places *list, ndli_v3 end, int end_index)
+{
+    const ndl_rod *rod = needle->rod;
+    double longest = ndli_nodes_longest(needle);
+    for (int i = 0; i < 2; i++)
+        ndli_nodes_put(list, rod->x[i], rod->tangent[0]);
+    for (int i = 2; i < end_index; i++)
+        if (list->count < list->capacity - 1 && ndli_nodes_keeps(needle, list, i, end))
+            ndli_nodes_reach(list, rod->x[i], ndli_nodes_tangent(rod, i), longest);
+    ndli_nodes_reach(list, end, ndli_nodes_tangent(rod, end_index), longest);
+}
+
+/* ---- what belongs to coupled nodes ---- */
+
+/* The old node that a new one is: that of the same tissue node, for a new tip the old tip, else -1. */
+static int ndli_nodes_same(const ndl_needle *needle, int old_first, int old_count, int k, int is_tip)
+{
+    for (int i = 0; i < old_count; i++)
+        if (needle->old_path[i] == needle->path[k])
+            return old_first + i;
+    return is_tip && old_count > 0 ? old_first + old_count - 1 : -1;
+}
+
+static int ndli_nodes_nearest(const ndl_needle *needle, int old_first, int old_count, ndli_v3 x)
+{
+    double nearest = 0;
+    int best = -1;
+    for (int i = old_first; i < old_first + old_count; i++) {
+        ndli_v3 way = ndli_sub(needle->rod->x[i], x);
+        double distance = ndli_dot(way, way);
+        if (best < 0 || distance < nearest) {
+            best = i;
+            nearest = distance;
+        }
+    }
+    return best;
+}
+
+/* Friction state and contact force of new node first + k. */
+static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, int first, int k, int count)
+{
+    ndli_line *line = &needle->line;
+    int same = ndli_nodes_same(needle, old_first, old_count, k, k == count - 1);
+    int near = same >= 0 ? same : ndli_nodes_nearest(needle, old_first, old_count, needle->places[first + k]);
+    line->state[first + k] = near >= 0 ? needle->old_state[near] : (unsigned char)NDL_STATIC;
+    line->contact[first + k] = same >= 0 ? needle->old_contact[same] : ndli_v(0, 0, 0);
+}
+
+/* ---- all nodes ---- */
+
+NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
+        if (ndli_dot(gap, gap) > 0)
+            return 0;
+    }
+    return 1;
+}
+
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    int old_first = line->first, old_count = rod->node_count - old_first, count, first, bad;
+    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
+    ndli_places list = {needle->places, needle->place_tangents, 0, rod->capacity - sbi_max_int(count - 1, 0)};
+    ndli_v3 end = count > 0 ? ndli_from(mesh->x[path[0]]) : rod->x[rod->node_count - 1];
+    if (count > rod->capacity - 4)
+        return rod->capacity;
+    memcpy(needle->old_path, needle->path, (size_t)old_count * sizeof(int));
+    memcpy(needle->old_state, line->state, (size_t)rod->node_count);
+    memcpy(needle->old_contact, line->contact, (size_t)rod->node_count * sizeof(ndli_v3));
+    ndli_nodes_outside(needle, &list, end, end_index);
+    first = list.count - 1;
+    list.capacity = rod->capacity;
+    for (int k = 1; k < count; k++)
+        ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
+    for (int k = 0; k < count; k++)
+        needle->path[k] = path[k];
+    for (int k = 0; k < count; k++)
+        ndli_nodes_carry(needle, old_first, old_count, first, k, count);
+    bad = ndli_rod_reparameterise(rod, list.x, list.count);
+    if (bad >= 0)
+        return bad;
+    for (int i = 0; i < (count > 0 ? first : rod->node_count); i++)
+        line->state[i] = NDL_FREE;
+    line->first = count > 0 ? first : rod->node_count;
+    return -1;
+}
+
+/* ==== src/needle/needle_step.c ==== */
+/* needle_step: one step of a tissue and its needles. Sleeves are moved and fed, one linear system gives the motion of
+ * all, the remesher follows the tips, and the rods' nodes follow the remesher. */
+
+#include <string.h>
+
+static double ndli_step_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
+
+/* ---- sleeves ---- */
+
+NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
+{
+    ndli_v3 axis = ndli_from(direction), side = ndli_from(director);
+    double length = ndli_norm(axis), width;
+    if (!needle)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(base) || !sb_v3_is_finite(direction) || !sb_v3_is_finite(director))
+        return SB_ERROR_NOT_FINITE;
+    if (!(length > 0))
+        return SB_ERROR_ARGUMENT;
+    axis = ndli_scale(1 / length, axis);
+    width = ndli_norm(side);
+    side = ndli_madd(side, -ndli_dot(side, axis), axis);
+    if (width > 0 && !(ndli_norm(side) > 1e-6 * width))
+        return SB_ERROR_ARGUMENT;
+    if (!(1 + ndli_dot(axis, needle->axis) > 0.01))
+        return SB_ERROR_ARGUMENT;
+    needle->given_outlet = ndli_from(base);
+    needle->given_axis = axis;
+    needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
+    needle->base_given = 1;
+    return SB_OK;
+}
+
+/* v turned by the angle |w| about w. */
+static ndli_v3 ndli_step_turned(ndli_v3 v, ndli_v3 w)
+{
+    double angle = ndli_norm(w), s, c;
+    ndli_v3 n, out;
+    if (!(angle > 0))
+        return v;
+    sbi_dense_sin_cos(angle, &s, &c);
+    n = ndli_scale(1 / angle, w);
+    out = ndli_madd(ndli_scale(c, v), s, ndli_cross(n, v));
+    return ndli_madd(out, (1 - c) * ndli_dot(n, v), n);
+}
+
+/* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
+static double ndli_step_given_turn(const ndl_needle *needle, ndli_v3 axis)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 d = ndli_rod_transport(rod->tangent[0], axis, rod->director[0]), m1;
+    double s, c;
+    if (!(ndli_norm(needle->given_director) > 0))
+        return 0;
+    sbi_dense_sin_cos(rod->theta[0], &s, &c);
+    m1 = ndli_madd(ndli_scale(c, d), s, ndli_cross(axis, d));
+    return sbi_dense_atan2(ndli_dot(ndli_cross(m1, needle->given_director), axis),
+                           ndli_dot(m1, needle->given_director));
+}
+
+/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+typedef struct ndli_sleeve {
+    ndli_v3 outlet, axis;
+    double turn;
+} ndli_sleeve;
+
+static ndli_sleeve ndli_step_sleeve(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+{
+    ndli_v3 spin = ndli_from(command->angular_velocity), swing;
+    ndli_sleeve sleeve;
+    double along = ndli_dot(spin, needle->axis);
+    swing = ndli_madd(spin, -along, needle->axis);
+    sleeve.outlet = ndli_madd(needle->outlet, dt, ndli_from(command->velocity));
+    sleeve.axis = ndli_step_turned(needle->axis, ndli_scale(dt, swing));
+    sleeve.turn = dt * ((double)command->twist + along);
+    if (needle->base_given) {
+        double share = 1.0 / left;
+        ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
+        sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
+        sleeve.axis = axis;
+        sleeve.turn += share * ndli_step_given_turn(needle, ndli_scale(1 / ndli_norm(axis), axis));
+    }
+    sleeve.axis = ndli_scale(1 / ndli_norm(sleeve.axis), sleeve.axis);
+    return sleeve;
+}
+
+/* Feeds what is there to be fed: a needle drawn in to its last two edges is held, and so is one without free nodes. */
+static void ndli_step_feed(ndl_needle *needle, double length)
+{
+    ndl_rod *rod = needle->rod;
+    double left = rod->rest_length[1] + length;
+    if (length == 0)
+        return;
+    if ((length < 0 && left < 0.2 * needle->edge_length) || (length > 0 && rod->node_count + 4 > rod->capacity) ||
+        ndl_rod_feed(rod, (sb_real)length) != SB_OK) {
+        needle->limited = 1;
+        return;
+    }
+    needle->fed += length;
+}
+
+static void ndli_step_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_sleeve sleeve = ndli_step_sleeve(needle, command, dt, left);
+    ndli_step_feed(needle, dt * (double)command->insertion);
+    rod->target[1] = sleeve.outlet;
+    rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
+    ndli_rod_turn_base(rod, sleeve.turn);
+    needle->outlet = sleeve.outlet;
+    needle->axis = sleeve.axis;
+}
+
+/* ---- tips ---- */
+
+/* Deformation gradient about a tissue node: the mean over its tets, by volume. */
+static sb_mat3 ndli_step_gradient(const ndl_tissue_mesh *mesh, int node)
+{
+    sb_mat3 sum = sb_m3_zero();
+    sb_real total = 0;
+    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
+        const int *n = mesh->tets + 4 * (size_t)(k / 4);
+        sb_real volume = mesh->volumes[k / 4];
+        sb_mat3 material, space;
+        for (int c = 0; c < 3; c++) {
+            sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
+            material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
+            space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
+        }
+        sum = sb_m3_add(sum, sb_m3_scale(volume, sb_m3_mul(space, sb_m3_inverse(material))));
+        total += volume;
+    }
+    return sb_m3_scale(1 / total, sum);
+}
+
+/* Section 6 of the formulas: the tip's material point is put aside, so that the needle bends. */
+static sb_vec3 ndli_step_bevelled(const ndl_needle *needle, sb_vec3 X, sb_vec3 X_old)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, tip = needle->path[last - needle->line.first];
+    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
+    sb_mat3 gradient = ndli_step_gradient(&needle->tissue->mesh, tip);
+    sb_real offset;
+    sb_vec3 shift;
+    if (ndl_bevel_offset(&needle->bevel, sb_v3_norm(sb_v3_sub(X, X_old)), (sb_real)edge, &offset) != SB_OK ||
+        ndl_bevel_shift(offset, ndl_rod_frame(rod, last - 1).m2, &gradient, &shift) != SB_OK)
+        return X;
+    return sb_v3_add(X, shift);
+}
+
+/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
+static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
+{
+    if (result == SB_OK)
+        return SB_OK;
+    needle->blocked = 1;
+    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
+        return SB_OK;
+    if (error)
+        *error = *own;
+    return result;
+}
+
+static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndl_surface_hit hit;
+    sb_error own;
+    if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
+        return SB_OK;
+    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+}
+
+static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
+    sb_vec3 X_old = mesh->X[needle->path[last - needle->line.first]], X;
+    sb_error own;
+    sb_result result;
+    needle->advance = needle->line.slip[last];
+    if (needle->advance == 0)
+        return SB_OK;
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    if (!forward) {
+        result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
+        return ndli_step_judge(needle, result, &own, error);
+    }
+    if (last > needle->line.first)
+        X = ndli_step_bevelled(needle, X, X_old);
+    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    if (result == SB_OK && done->outside)
+        needle->blocked = 1;
+    return ndli_step_judge(needle, result, &own, error);
+}
+
+/* ---- a substep ---- */
+
+typedef struct ndli_stepping {
+    ndl_tissue *tissue;
+    ndl_needle *const *needles;
+    const ndl_command *commands;
+    int count;
+    ndli_line *lines[NDL_MAX_NEEDLES];
+    ndl_step_info *info;
+    sb_error *error;
+} ndli_stepping;
+
+/* The tissue nodes that needles are on leave the tissue's part of the preconditioner during the solve. */
+static void ndli_step_couple_nodes(const ndli_stepping *s)
+{
+    struct ndli_site *site = s->tissue->site;
+    site->coupled_count = 0;
+    for (int k = 0; k < s->count; k++)
+        for (int i = s->lines[k]->first; i < s->lines[k]->rod->node_count; i++) {
+            int node = s->lines[k]->path[i - s->lines[k]->first];
+            if (s->tissue->role[node] != NDLI_ROW_FREE)
+                continue;
+            ndli_solid_set_role(s->tissue, node, NDLI_ROW_COUPLED);
+            site->coupled[site->coupled_count++] = node;
+        }
+}
+
+static void ndli_step_release_nodes(ndl_tissue *t)
+{
+    for (int i = 0; i < t->site->coupled_count; i++)
+        ndli_solid_set_role(t, t->site->coupled[i], NDLI_ROW_FREE);
+    t->site->coupled_count = 0;
+}
+
+static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *couple)
+{
+    info->trials = sbi_max_int(info->trials, couple->trials);
+    info->consistent = info->consistent && couple->consistent;
+    info->iterations += couple->iterations;
+    info->capped = info->capped || couple->capped;
+    info->residual = sb_max(info->residual, couple->residual);
+}
+
+/* The tissue's accelerations and the rods' motion; nothing has moved yet. */
+static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
+{
+    ndl_couple_info couple;
+    double begin, middle;
+    sb_result result;
+    ndli_step_couple_nodes(s);
+    begin = ndli_step_now(s->tissue);
+    result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
+    middle = ndli_step_now(s->tissue);
+    s->info->seconds_tissue += middle - begin;
+    if (result == SB_OK)
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+    s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
+    if (result == SB_OK) {
+        ndli_step_note_solve(s->info, &couple);
+        ndli_solid_wear(s->tissue, couple.iterations / couple.trials);
+    }
+    return result;
+}
+
+/* What the sleeve has to exert: the balance of the nodes in it, and the frame's torque. */
+static void ndli_step_read_base(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    const ndli_v3 *r = needle->line.reaction;
+    ndli_v3 arm = ndli_sub(rod->x[0], rod->x[1]);
+    needle->base_force = ndli_add(r[0], r[1]);
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
+    needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
+}
+
+static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
+{
+    ndl_rod *rod = needle->rod;
+    const ndli_v3 *move = needle->line.move;
+    int bad;
+    for (int i = 0; i < rod->node_count; i++) {
+        rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
+        rod->v[i] = ndli_scale(1 / dt, move[i]);
+        rod->a[i] = ndli_v(0, 0, 0);
+    }
+    bad = ndli_rod_moved(rod);
+    if (bad >= 0)
+        return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+    ndli_step_read_base(needle);
+    return SB_OK;
+}
+
+static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
+{
+    ndl_remesh_info done;
+    sb_result result;
+    int bad;
+    double begin = ndli_step_now(s->tissue), middle;
+    memset(&done, 0, sizeof done);
+    done.worst_quality = 1;
+    needle->advance = 0;
+    if (needle->line.first == needle->rod->node_count)
+        result = ndli_step_enter(needle, &done, s->error);
+    else
+        result = ndli_step_cut(needle, &done, s->error);
+    middle = ndli_step_now(s->tissue);
+    s->info->seconds_remesh += middle - begin;
+    s->info->operations += done.substeps;
+    s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
+    if (result != SB_OK)
+        return result;
+    bad = ndli_needle_renew_nodes(needle);
+    s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
+    if (bad >= 0)
+        return sbi_fail_node(s->error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+    return SB_OK;
+}
+
+static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
+{
+    static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
+    double begin = ndli_step_now(s->tissue);
+    for (int k = 0; k < s->count; k++) {
+        ndl_needle *needle = s->needles[k];
+        if (!ndli_needle_is_threaded(needle) && ndli_needle_renew_nodes(needle) >= 0)
+            return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
+        ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_needle_resist(needle);
+    }
+    s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
+    return SB_OK;
+}
+
+static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
+{
+    sb_result result = ndli_step_prepare(s, dt, left);
+    if (result == SB_OK)
+        result = ndli_step_solve(s, dt);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_move_rod(s->needles[k], dt, s->error);
+    if (result == SB_OK)
+        result = ndli_solid_commit(s->tissue, s->error);
+    ndli_step_release_nodes(s->tissue);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_follow(s, s->needles[k]);
+    return result;
+}
+
+/* ---- a step ---- */
+
+enum { NDLI_MOST_SUBSTEPS = 1000 };
+
+/* How far a command takes a needle in the length of half an edge, and in half a radian. */
+static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
+{
+    const ndl_rod *rod = needle->rod;
+    double edge = needle->tissue->site->mean_edge, unit = 0.5 * (edge < needle->edge_length ? edge : needle->edge_length);
+    double out = ndli_norm(ndli_sub(rod->x[sbi_min_int(needle->line.first, rod->node_count - 1)], needle->outlet));
+    double way = 0, turn = 0;
+    if (command) {
+        double spin = ndli_norm(ndli_from(command->angular_velocity));
+        way = dt * (fabs((double)command->insertion) + ndli_norm(ndli_from(command->velocity)) + out * spin);
+        turn = dt * (fabs((double)command->twist) + spin);
+    }
+    if (needle->base_given) {
+        way += ndli_norm(ndli_sub(needle->given_outlet, needle->outlet)) +
+               out * ndli_norm(ndli_sub(needle->given_axis, needle->axis));
+        turn += ndli_norm(ndli_sub(needle->given_axis, needle->axis)) +
+                fabs(ndli_step_given_turn(needle, needle->given_axis));
+    }
+    return way / unit > turn / 0.5 ? way / unit : turn / 0.5;
+}
+
+static int ndli_step_is_command_finite(const ndl_command *c)
+{
+    return sb_is_finite(c->insertion) && sb_is_finite(c->twist) && sb_v3_is_finite(c->velocity) &&
+           sb_v3_is_finite(c->angular_velocity);
+}
+
+static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+                                 const ndl_command *commands, int *substeps, sb_error *error)
+{
+    double most = 0;
+    if (!tissue || !needles || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue, its needles and dt > 0, not %g", (double)dt);
+    if (!tissue->site || count != tissue->site->count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the tissue has %d", count,
+                        tissue->site ? tissue->site->count : 0);
+    for (int k = 0; k < count; k++) {
+        double stride;
+        if (!needles[k] || needles[k]->tissue != tissue)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is not of this tissue", k);
+        for (int i = 0; i < k; i++)
+            if (needles[i] == needles[k])
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "needles %d and %d are the same", i, k);
+        if (commands && !ndli_step_is_command_finite(commands + k))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "command %d is not finite", k);
+        stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
+        most = stride > most ? stride : most;
+    }
+    if (!(most < NDLI_MOST_SUBSTEPS))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
+                        (double)dt);
+    *substeps = most > 1 ? (int)most + 1 : 1;
+    return SB_OK;
+}
+
+static void ndli_step_count_states(const ndli_stepping *s)
+{
+    for (int k = 0; k < s->count; k++) {
+        const ndl_needle *needle = s->needles[k];
+        for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+            s->info->dynamic_nodes += ndli_line_is_slipping(&needle->line, i);
+            s->info->static_nodes += !ndli_line_is_slipping(&needle->line, i);
+        }
+        s->info->blocked += needle->blocked;
+        s->info->limited += needle->limited;
+    }
+}
+
+NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+                           const ndl_command *commands, ndl_step_info *info, sb_error *error)
+{
+    ndl_step_info own;
+    ndli_stepping s;
+    sb_result result;
+    double begin;
+    int substeps = 1;
+    s.info = info ? info : &own;
+    memset(s.info, 0, sizeof *s.info);
+    result = ndli_step_check(tissue, needles, count, dt, commands, &substeps, error);
+    if (result != SB_OK)
+        return result;
+    s.tissue = tissue;
+    s.needles = needles;
+    s.commands = commands;
+    s.count = count;
+    s.error = error;
+    s.info->consistent = 1;
+    s.info->worst_quality = 1;
+    s.info->substeps = substeps;
+    begin = ndli_step_now(tissue);
+    for (int k = 0; k < count; k++) {
+        s.lines[k] = &needles[k]->line;
+        needles[k]->blocked = needles[k]->limited = 0;
+    }
+    for (int i = 0; i < substeps && result == SB_OK; i++)
+        result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
+    for (int k = 0; k < count; k++) {
+        needles[k]->base_given = 0;
+        ndli_rod_publish(needles[k]->rod);
+    }
+    ndli_step_count_states(&s);
+    s.info->seconds_total = ndli_step_now(tissue) - begin;
+    return result;
+}
+
+/* ==== src/needle/needle.c ==== */
+/* needle: making, reading and releasing needles; the site that those of one tissue share. */
+
+#include <string.h>
+
+/* ---- the site ---- */
+
+static double ndli_site_mean_edge(const ndl_tissue *t)
+{
+    double sum = 0;
+    int count = 0;
+    for (int e = 0; e < t->edge_end; e++) {
+        const int *n = t->edge_nodes + 2 * (size_t)e;
+        if (n[0] < 0)
+            continue;
+        sum += (double)sb_v3_norm(sb_v3_sub(t->mesh.X[n[0]], t->mesh.X[n[1]]));
+        count++;
+    }
+    return sum / count;
+}
+
+static void ndli_site_free(ndl_tissue *tissue)
+{
+    struct ndli_site *site = tissue->site;
+    ndl_remesh_destroy(site->remesh);
+    sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site);
+    tissue->site = NULL;
+}
+
+static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
+{
+    ndl_remesh_def def = ndl_default_remesh_def();
+    struct ndli_site *site;
+    sb_result result;
+    if (tissue->site)
+        return SB_OK;
+    site = (struct ndli_site *)sbi_alloc_zeroed(&tissue->allocator, 1, sizeof *site);
+    if (!site)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
+    def.tissue = &tissue->mesh;
+    def.max_needles = NDL_MAX_NEEDLES;
+    def.allocator = tissue->allocator;
+    result = ndl_remesh_create(&def, &site->remesh, error);
+    if (result != SB_OK) {
+        sbi_free(&tissue->allocator, site);
+        return result;
+    }
+    site->mean_edge = ndli_site_mean_edge(tissue);
+    tissue->site = site;
+    return SB_OK;
+}
+
+/* Room for the coupled nodes of all needles. */
+static int ndli_site_reserve(ndl_tissue *tissue, int more)
+{
+    struct ndli_site *site = tissue->site;
+    int *grown = (int *)sbi_alloc(&tissue->allocator, (size_t)(site->coupled_room + more), sizeof(int));
+    if (!grown)
+        return 0;
+    if (site->coupled_count)
+        memcpy(grown, site->coupled, (size_t)site->coupled_count * sizeof(int));
+    sbi_free(&tissue->allocator, site->coupled);
+    site->coupled = grown;
+    site->coupled_room += more;
+    return 1;
+}
+
+/* ---- definition ---- */
+
+enum { NDLI_NEEDLE_COOKIE = 0x6e646c65, NDLI_LEAST_NODES = 8 };
+
+NDL_API ndl_needle_def ndl_default_needle_def(void)
+{
+    ndl_needle_def def;
+    memset(&def, 0, sizeof def);
+    def.length = (sb_real)0.05;
+    def.capacity = 128;
+    ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
+    def.damping_stretch = def.damping_bending = (sb_real)1e-4;
+    def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.max_trials = 10;
+    def.cookie = NDLI_NEEDLE_COOKIE;
+    return def;
+}
+
+static sb_result ndli_needle_check_frictions(const ndl_needle_def *def, sb_error *error)
+{
+    if (def->friction_count < 0 || (def->friction_count > 0 && !def->frictions))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "frictions has no entries");
+    for (int i = 0; i < def->friction_count; i++) {
+        const ndl_friction *f = def->frictions + i;
+        const sb_real values[5] = {f->friction, f->viscous, f->cutting, f->twist_stiffness, f->twist_friction};
+        static const char *const names[5] = {"friction", "viscous", "cutting", "twist_stiffness", "twist_friction"};
+        for (int k = 0; k < 5; k++)
+            if (!sb_is_finite(values[k]) || values[k] < 0)
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "%s of region %d is %g, not 0 or more", names[k], i,
+                                (double)values[k]);
+    }
+    return SB_OK;
+}
+
+static sb_result ndli_needle_check_membranes(const ndl_needle_def *def, sb_error *error)
+{
+    if (def->membrane_count < 0 || (def->membrane_count > 0 && !def->membranes))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "membranes has no entries");
+    for (int i = 0; i < def->membrane_count; i++) {
+        const ndl_membrane *m = def->membranes + i;
+        if (!sb_is_finite(m->strength) || m->strength < 0 || !(m->thickness > 0) || !sb_is_finite(m->thickness))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d has strength %g and thickness %g", i,
+                            (double)m->strength, (double)m->thickness);
+        if (m->regions[0] == m->regions[1])
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d has region %d on both sides", i, m->regions[0]);
+    }
+    return SB_OK;
+}
+
+static sb_result ndli_needle_check_bevel(const ndl_needle_def *def, double edge, sb_error *error)
+{
+    sb_real offset;
+    sb_result result = ndl_bevel_offset(&def->bevel, (sb_real)(0.1 * edge), (sb_real)edge, &offset);
+    if (result != SB_OK)
+        return sbi_fail(error, result, "bevel: law %d, angle %g, curvature %g with edges of %g m", (int)def->bevel.law,
+                        (double)def->bevel.angle, (double)def->bevel.curvature, edge);
+    return SB_OK;
+}
+
+static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != NDLI_NEEDLE_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def was not made by ndl_default_needle_def");
+    if (!def->tissue)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    if (!sb_v3_is_finite(def->base) || !sb_v3_is_finite(def->direction) || !sb_v3_is_finite(def->director) ||
+        !sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "base, direction, director or gravity is not finite");
+    if (!(sb_v3_norm(def->direction) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "direction has no length");
+    if (!(def->length > 0) || !sb_is_finite(def->length))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "length is %g, not above 0", (double)def->length);
+    if (!(def->edge_length >= 0) || !sb_is_finite(def->edge_length))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "edge_length is %g, not 0 or more", (double)def->edge_length);
+    if (def->capacity < NDLI_LEAST_NODES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "capacity is %d, below %d", def->capacity, (int)NDLI_LEAST_NODES);
+    if (!(def->bend_length >= 0) || !(def->bend_length < def->length) || !sb_is_finite(def->bend_curvature) ||
+        sb_abs(def->bend_curvature) * def->bend_length > 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "bend_length is %g and bend_curvature %g", (double)def->bend_length,
+                        (double)def->bend_curvature);
+    if (def->max_trials < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
+    result = ndli_needle_check_frictions(def, error);
+    return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
+}
+
+/* ---- creation ---- */
+
+/* The shape at rest: straight, then a circle towards m2. */
+static void ndli_needle_rest_nodes(const ndl_needle_def *def, int edges, double sleeve, sb_vec3 *nodes)
+{
+    ndl_tip_pose pose;
+    sb_real straight = def->length - def->bend_length;
+    ndli_v3 t = ndli_from(def->direction);
+    t = ndli_scale(1 / ndli_norm(t), t);
+    pose.frame.t = ndli_to(t);
+    pose.frame.m1 = ndli_to(ndli_rod_across(ndli_from(def->director), t));
+    pose.frame.m2 = sb_v3_cross(pose.frame.t, pose.frame.m1);
+    nodes[0] = sb_v3_madd(def->base, (sb_real)-sleeve, pose.frame.t);
+    pose.position = sb_v3_madd(def->base, straight, pose.frame.t);
+    for (int i = 0; i <= edges; i++) {
+        sb_real s = def->length * (sb_real)i / (sb_real)edges;
+        nodes[i + 1] = sb_v3_madd(def->base, s, pose.frame.t);
+        if (s > straight)
+            nodes[i + 1] = ndl_helix_pose(&pose, def->bend_curvature, 0, s - straight).position;
+    }
+}
+
+static sb_result ndli_needle_make_rod(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+{
+    ndl_rod_def rod = ndl_default_rod_def();
+    double wanted = (double)def->length / needle->edge_length;
+    sb_vec3 *nodes;
+    sb_result result;
+    int edges;
+    if (!(wanted < def->capacity - 3))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "capacity is %d, too little for %g m by edges of %g m", def->capacity,
+                        (double)def->length, needle->edge_length);
+    edges = sbi_max_int(2, (int)(wanted + 0.999));
+    nodes = (sb_vec3 *)sbi_alloc(&def->allocator, (size_t)edges + 2, sizeof(sb_vec3));
+    if (!nodes)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    ndli_needle_rest_nodes(def, edges, needle->edge_length, nodes);
+    rod.nodes = nodes;
+    rod.node_count = edges + 2;
+    rod.capacity = def->capacity;
+    rod.section = def->section;
+    rod.stiffness = def->stiffness;
+    rod.rest = def->bend_length > 0 && def->bend_curvature != 0 ? NDL_REST_SHAPE : NDL_REST_STRAIGHT;
+    rod.director = def->director;
+    rod.gravity = def->gravity;
+    rod.damping_stretch = def->damping_stretch;
+    rod.damping_bending = def->damping_bending;
+    rod.allocator = def->allocator;
+    result = ndl_rod_create(&rod, &needle->rod, error);
+    sbi_free(&def->allocator, nodes);
+    return result;
+}
+
+static void ndli_needle_layout(ndl_needle *needle, const ndl_needle_def *def, sbi_arena *arena)
+{
+    size_t n = (size_t)def->capacity;
+    needle->places = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->place_tangents = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->frictions = (ndl_friction *)sbi_arena_take(arena, (size_t)def->friction_count, sizeof(ndl_friction));
+    needle->capsules = (ndli_capsule *)sbi_arena_take(arena, (size_t)def->membrane_count, sizeof(ndli_capsule));
+    needle->path = (int *)sbi_arena_take(arena, n, sizeof(int));
+    needle->old_contact = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->old_path = (int *)sbi_arena_take(arena, n, sizeof(int));
+    needle->old_state = (unsigned char *)sbi_arena_take(arena, n, 1);
+}
+
+static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    ndli_needle_layout(needle, def, &arena);
+    needle->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&def->allocator, 1, arena.used);
+    if (!needle->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
+    arena.base = (unsigned char *)needle->memory;
+    arena.used = 0;
+    ndli_needle_layout(needle, def, &arena);
+    if (!ndli_line_create(&needle->line, needle->rod, def->tissue, &def->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
+    needle->line.path = needle->path;
+    return SB_OK;
+}
+
+/* A needle begins outside: neither its tip nor a crossing of the skin is in the tissue. */
+static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *error)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
+    ndl_surface_hit hit;
+    for (int i = 1; i < rod->node_count; i++)
+        if (ndl_tissue_mesh_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
+    for (int t = 0; t < mesh->tet_end; t++)
+        if (mesh->tets[4 * (size_t)t] >= 0)
+            return ndl_tissue_mesh_find(mesh, mesh->x, tip, t, NULL) < 0
+                       ? SB_OK
+                       : sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's tip is in the tissue already");
+    return SB_OK;
+}
+
+static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
+{
+    const ndl_rod *rod = needle->rod;
+    needle->bevel = def->bevel;
+    if (def->friction_count)
+        memcpy(needle->frictions, def->frictions, (size_t)def->friction_count * sizeof(ndl_friction));
+    needle->friction_count = def->friction_count;
+    needle->cutting_at = def->cutting;
+    needle->cutting_user = def->cutting_user;
+    needle->max_trials = def->max_trials;
+    needle->outlet = rod->x[1];
+    needle->axis = rod->tangent[0];
+    needle->line.first = rod->node_count;
+}
+
+static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+{
+    struct ndli_site *site = def->tissue->site;
+    sb_result result;
+    int bad;
+    needle->allocator = def->allocator;
+    needle->tissue = def->tissue;
+    needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : site->mean_edge;
+    result = ndli_needle_check_bevel(def, needle->edge_length, error);
+    if (result == SB_OK)
+        result = ndli_needle_make_rod(needle, def, error);
+    if (result == SB_OK)
+        result = ndli_needle_make_memory(needle, def, error);
+    if (result == SB_OK)
+        result = ndli_needle_check_outside(needle, error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_needle_make_capsules(needle, def->membranes, def->membrane_count, &bad))
+        return bad < 0 ? sbi_fail(error, SB_ERROR_MEMORY, "no memory for a membrane")
+                       : sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d: no face lies between regions %d and %d", bad,
+                                  def->membranes[bad].regions[0], def->membranes[bad].regions[1]);
+    ndli_needle_fill(needle, def);
+    if (!ndli_site_reserve(def->tissue, def->capacity))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
+    return SB_OK;
+}
+
+static void ndli_needle_release(ndl_needle *needle)
+{
+    sb_allocator allocator = needle->allocator;
+    for (int i = 0; i < needle->capsule_count; i++)
+        sb_surface_destroy(needle->capsules[i].surface);
+    ndli_line_free(&needle->line);
+    ndl_rod_destroy(needle->rod);
+    sbi_free(&allocator, needle->memory);
+    sbi_free(&allocator, needle);
+}
+
+static void ndli_needle_join(ndl_needle *needle)
+{
+    struct ndli_site *site = needle->tissue->site;
+    while (site->needles[needle->index])
+        needle->index++;
+    site->needles[needle->index] = needle;
+    site->count++;
+}
+
+NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error)
+{
+    ndl_needle *made;
+    sb_result result;
+    if (!def || !needle)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def or needle is NULL");
+    result = ndli_needle_check(def, error);
+    if (result == SB_OK)
+        result = ndli_site_make(def->tissue, error);
+    if (result != SB_OK)
+        return result;
+    if (def->tissue->site->count == NDL_MAX_NEEDLES)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the tissue has %d needles already", (int)NDL_MAX_NEEDLES);
+    made = (ndl_needle *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    result = made ? ndli_needle_build(made, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    if (result == SB_OK) {
+        ndli_needle_join(made);
+        *needle = made;
+        return SB_OK;
+    }
+    if (made)
+        ndli_needle_release(made);
+    if (def->tissue->site->count == 0)
+        ndli_site_free(def->tissue);
+    return result;
+}
+
+NDL_API void ndl_needle_destroy(ndl_needle *needle)
+{
+    ndl_tissue *tissue;
+    if (!needle)
+        return;
+    tissue = needle->tissue;
+    ndl_remesh_withdraw(tissue->site->remesh, needle->index, NULL, NULL);
+    tissue->site->needles[needle->index] = NULL;
+    if (--tissue->site->count == 0)
+        ndli_site_free(tissue);
+    ndli_needle_release(needle);
+}
+
+/* ---- readings ---- */
+
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle->rod; }
+
+NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
+{
+    ndl_tip_pose pose;
+    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    return pose;
+}
+
+NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
+{
+    if (force)
+        *force = ndli_to(needle->base_force);
+    if (torque)
+        *torque = ndli_to(needle->base_torque);
+}
+
+NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle->line.first; }
+
+static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
+{
+    return node >= needle->line.first && node < needle->rod->node_count;
+}
+
+NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
+{
+    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
+}
+
+NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
+{
+    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
+}
+
+NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
+{
+    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
+}
+
+NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
+{
+    double sum = 0;
+    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
+        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
+    return (sb_real)sum;
+}
+
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return (sb_real)needle->fed; }
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return (sb_real)needle->advance; }
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return (sb_real)needle->line.cutting; }
+
+NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
+{
+    int last = needle->rod->node_count - 1;
+    if (!ndli_needle_is_coupled(needle, last))
+        return 0;
+    *X = needle->tissue->mesh.X[needle->path[last - needle->line.first]];
+    return 1;
 }
 
 #endif /* NDL_IMPLEMENTATION */

@@ -103,6 +103,23 @@
 #define ndl_push_begin ndl_push_begin_f32
 #define ndl_push_update ndl_push_update_f32
 #define ndl_push_choose ndl_push_choose_f32
+#define ndl_default_needle_def ndl_default_needle_def_f32
+#define ndl_needle_create ndl_needle_create_f32
+#define ndl_needle_destroy ndl_needle_destroy_f32
+#define ndl_needle_move_base ndl_needle_move_base_f32
+#define ndl_step ndl_step_f32
+#define ndl_needle_rod ndl_needle_rod_f32
+#define ndl_needle_tip ndl_needle_tip_f32
+#define ndl_needle_base_wrench ndl_needle_base_wrench_f32
+#define ndl_needle_entry ndl_needle_entry_f32
+#define ndl_needle_tissue_node ndl_needle_tissue_node_f32
+#define ndl_needle_contact ndl_needle_contact_f32
+#define ndl_needle_contact_force ndl_needle_contact_force_f32
+#define ndl_needle_depth ndl_needle_depth_f32
+#define ndl_needle_fed ndl_needle_fed_f32
+#define ndl_needle_advance ndl_needle_advance_f32
+#define ndl_needle_cutting ndl_needle_cutting_f32
+#define ndl_needle_tip_material ndl_needle_tip_material_f32
 #endif
 #endif
 

@@ -32,6 +32,8 @@ struct ndl_needle {
     ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
 
     double fed, advance;  /* m */
+    ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
+                           * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int blocked, limited; /* in the present step */

@@ -135,19 +135,69 @@ static sb_mat3 ndli_step_gradient(const ndl_tissue_mesh *mesh, int node)
     return sb_m3_scale(1 / total, sum);
 }
 
-/* Section 6 of the formulas: the tip's material point is put aside, so that the needle bends. */
-static sb_vec3 ndli_step_bevelled(const ndl_needle *needle, sb_vec3 X, sb_vec3 X_old)
+static ndli_v3 ndli_step_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
+
+static ndli_v3 ndli_step_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
+
+/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
+ * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
+static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
+{
+    int last = needle->rod->node_count - 1;
+    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
+    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
+    double curvature = (double)needle->bevel.curvature, size;
+    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
+        sb_real offset = 0;
+        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
+        return ndli_scale((double)offset, m2);
+    }
+    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
+    size = ndli_norm(lag);
+    if (size > 0.5) /* half a radian: no path of sound tets does that */
+        lag = ndli_scale(0.5 / size, lag);
+    *heading = ndli_step_unit(ndli_madd(*heading, curvature * advance, m2));
+    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
+}
+
+/* Where the tip, now above X, cuts to in the material. */
+static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
 {
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, tip = needle->path[last - needle->line.first];
+    sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, tip), inverse;
     double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
-    sb_mat3 gradient = ndli_step_gradient(&needle->tissue->mesh, tip);
-    sb_real offset;
-    sb_vec3 shift;
-    if (ndl_bevel_offset(&needle->bevel, sb_v3_norm(sb_v3_sub(X, X_old)), (sb_real)edge, &offset) != SB_OK ||
-        ndl_bevel_shift(offset, ndl_rod_frame(rod, last - 1).m2, &gradient, &shift) != SB_OK)
+    ndli_v3 heading, aside;
+    if (!(sb_m3_det(f) > 0) || !(edge > 0))
         return X;
-    return sb_v3_add(X, shift);
+    inverse = sb_m3_inverse(f);
+    if (last == needle->line.first)
+        needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, rod->tangent[last - 1]));
+    heading = ndli_step_unit(ndli_step_mapped(&f, needle->heading));
+    aside = ndli_step_aside(needle, needle->advance, edge, &heading);
+    needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, heading));
+    return sb_v3_add(X, ndli_to(ndli_step_mapped(&inverse, aside)));
+}
+
+/* After the tip has gone back: the heading of the circle through the last three nodes of the path. */
+static void ndli_step_turn_heading_back(ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndli_v3 last, before;
+    double l, b;
+    int count;
+    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    if (count < 2)
+        return;
+    last = ndli_from(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[count - 2]]));
+    l = ndli_norm(last);
+    needle->heading = ndli_scale(1 / l, last);
+    if (count < 3)
+        return;
+    before = ndli_from(sb_v3_sub(mesh->X[path[count - 2]], mesh->X[path[count - 3]]));
+    b = ndli_norm(before);
+    needle->heading = ndli_step_unit(
+        ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
 /* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
@@ -178,10 +228,9 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
 static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
-    sb_vec3 X_old = mesh->X[needle->path[last - needle->line.first]], X;
+    sb_vec3 X;
     sb_error own;
     sb_result result;
     needle->advance = needle->line.slip[last];
@@ -190,10 +239,10 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (!forward) {
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
+        ndli_step_turn_heading_back(needle);
         return ndli_step_judge(needle, result, &own, error);
     }
-    if (last > needle->line.first)
-        X = ndli_step_bevelled(needle, X, X_old);
+    X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         needle->blocked = 1;
