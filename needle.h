@@ -155,6 +155,7 @@
 #define ndl_rod_set_torque ndl_rod_set_torque_f32
 #define ndl_rod_set_gravity ndl_rod_set_gravity_f32
 #define ndl_rod_set_damping ndl_rod_set_damping_f32
+#define ndl_rod_set_grip ndl_rod_set_grip_f32
 #define ndl_rod_step ndl_rod_step_f32
 #define ndl_default_rod_static_options ndl_default_rod_static_options_f32
 #define ndl_rod_solve_static ndl_rod_solve_static_f32
@@ -177,6 +178,7 @@
 #define ndl_rod_forces ndl_rod_forces_f32
 #define ndl_rod_reactions ndl_rod_reactions_f32
 #define ndl_rod_reaction_torque ndl_rod_reaction_torque_f32
+#define ndl_rod_grip_torque ndl_rod_grip_torque_f32
 #define ndl_rod_base_wrench ndl_rod_base_wrench_f32
 #define ndl_tissue_mesh_create ndl_tissue_mesh_create_f32
 #define ndl_tissue_mesh_free ndl_tissue_mesh_free_f32
@@ -389,6 +391,13 @@ NDL_API sb_result ndl_rod_set_torque(ndl_rod *rod, int edge, sb_real torque);
 NDL_API sb_result ndl_rod_set_gravity(ndl_rod *rod, sb_vec3 gravity);
 NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real bending);
 
+/* What surrounds an edge holds it against turning about its tangent: a torsion spring of this stiffness (N m/rad, >= 0;
+ * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
+ * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
+ * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per length
+ * give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares follow. */
+NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
+
 /* ---- motion ---- */
 
 /* What a step or static solve did; every call writes every field. */
@@ -480,6 +489,7 @@ NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node);
 
 typedef struct ndl_rod_energy {
     sb_real stretch, bend, twist, kinetic; /* J */
+    sb_real grip;        /* J: in the springs of ndl_rod_set_grip */
 } ndl_rod_energy;
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod);
 /* Elastic and viscous force (N) on every node from the present state, forces[node_count]: minus the gradient of the
@@ -489,6 +499,8 @@ NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces);
 NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod);
 /* Torque (N m) about the tangent that holds an edge's frame, in the last step or static solve; 0 where free. */
 NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge);
+/* Torque (N m) about the tangent with which the surroundings' grip turns an edge; 0 where there is none. */
+NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge);
 /* What holds the base, as force (N) and torque (N m) about node 0 on the rod: what a hand feels is the opposite. */
 NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *torque);
 
@@ -1371,6 +1383,7 @@ typedef struct ndli_rod_shape {
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
     double *chi;      /* [nodes] 1 + t.t' */
     double *twist;    /* [nodes] (rad) */
+    double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
 /* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
@@ -1414,6 +1427,9 @@ struct ndl_rod {
     ndli_v3 base_director;
     ndli_v3 *force;          /* [nodes] dead loads (N) */
     double *torque;         /* [edges] (N m) */
+    int grips;               /* edges with a grip */
+    double *grip, *grip_limit; /* [edges] the surroundings' grip: N m/rad; N m */
+    double *anchor;         /* [edges] (rad) theta at which that spring is not wound */
     ndli_v3 *reaction;       /* [nodes] */
     double *reaction_torque; /* [edges] */
 
@@ -1445,7 +1461,7 @@ struct ndl_rod {
 };
 
 /* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
-enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 2 };
+enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 3 };
 
 /* What of the second derivatives is wanted. */
 enum {
@@ -1471,8 +1487,10 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
+    double grip;                 /* J: of the surroundings' springs, with what slips since the state */
     double viscous;              /* J: what damping adds within a step */
     double noise;                /* J: what rounding of positions leaves unknown of their sum */
+    double turn_noise;           /* J: what rounding of angles does, where there is a grip; it is in noise, too */
 } ndli_rod_sums;
 /* Elastic energies of rod->shape. */
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
@@ -1494,9 +1512,12 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
 
 /* ---- rod ---- */
 
-/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1,
- * or the node that ndli_rod_set_shape names; nothing has changed then, x aside. */
+/* After x or theta changed: tangents, frames (carried from where the edges were) and quasi-static theta follow, and
+ * the surroundings' grip slips where it must. Returns -1, or the node that ndli_rod_set_shape names; nothing has
+ * changed then, x and theta aside. */
 NDLI_API int ndli_rod_moved(ndl_rod *rod);
+/* The same, but nothing slips for good yet: the motion goes on. */
+NDLI_API int ndli_rod_follow(ndl_rod *rod);
 /* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
 NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);
 /* rest_bend of the inner node i from its curvature (1/m) and cell. */
@@ -1512,6 +1533,31 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
+
+/* ---- rod_grip ---- */
+
+/* Torque (N m) with which the grip of edge j, wound by `lag`, is against more of it. */
+NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag);
+/* Of rod->shape. */
+NDLI_API void ndli_rod_add_grip_energy(const ndl_rod *rod, ndli_rod_sums *sums);
+NDLI_API void ndli_rod_add_grip_derivatives(const ndl_rod *rod, double *turn_gradient, ndli_rod_matrix *matrix);
+/* Anchors follow where springs are wound beyond their limit. */
+NDLI_API void ndli_rod_slip(ndl_rod *rod);
+/* ndl_rod_set_grip with valid arguments. */
+NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double limit);
+/* Turns the frame of edge 0, which must be held against turning, by `angle` (rad) about its tangent, for those who move
+ * nodes themselves; ndli_rod_moved, which must follow, turns the rest. */
+NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle);
+/* Edge and edge + 1 are now the halves of what was edge. */
+NDLI_API void ndli_rod_split_grip(ndl_rod *rod, int edge);
+/* Edge `from` goes into edge `to`, whose theta is that of both; their lags were these. */
+NDLI_API void ndli_rod_merge_grip(ndl_rod *rod, int from, int to, const double lags[2]);
+typedef struct ndli_rod_spread {
+    double *grip, *limit, *lag; /* [edges] */
+} ndli_rod_spread;
+/* Grip and lag of `count` - 1 new edges between the stations `at`, when the old nodes are at old_at (m). */
+NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, const double *at, int count,
+                                   ndli_rod_spread *spread);
 
 /* ---- rod_reshape ---- */
 
@@ -1575,6 +1621,7 @@ static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const 
     across = ndli_cross(shape->tangent[j], d);
     sbi_dense_sin_cos(theta[j], &s, &c);
     shape->director[j] = d;
+    shape->lag[j] = theta[j] - rod->anchor[j];
     shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
     shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
     return 1;
@@ -1650,7 +1697,7 @@ static void ndli_rod_add_bend_energy(const ndl_rod *rod, int i, ndli_rod_sums *s
 
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 {
-    ndli_rod_sums sums = {0, 0, 0, 0, 0};
+    ndli_rod_sums sums = {0, 0, 0, 0, 0, 0, 0};
     double reach = ndli_rod_reach(rod);
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double strain = rod->shape.length[j] / rod->rest_length[j] - 1, unknown = 2.3e-16 * reach / rod->rest_length[j];
@@ -1667,7 +1714,9 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         ndli_rod_add_bend_energy(rod, i, &sums);
         sums.twist += 0.5 * rod->torsion / rod->cell[i] * rod->shape.twist[i] * rod->shape.twist[i];
     }
-    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.viscous);
+    if (rod->grips > 0)
+        ndli_rod_add_grip_energy(rod, &sums);
+    sums.noise += sums.turn_noise + 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.grip + sums.viscous);
     return sums;
 }
 
@@ -1930,6 +1979,8 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
     }
+    if (rod->grips > 0)
+        ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
 }
 
 /* ---- damping within a step ---- */
@@ -2184,7 +2235,8 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length};
+                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
+                        &rod->grip_limit, &rod->anchor, &rod->shape.lag};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -2374,7 +2426,7 @@ static void ndli_rod_copy_state(ndl_rod *rod, int save)
     size_t n = (size_t)rod->node_count;
     vectors[0] = rod->x, vectors[1] = rod->v, vectors[2] = rod->a;
     vectors[3] = rod->director, vectors[4] = rod->tangent, vectors[5] = rod->reaction;
-    reals[0] = rod->theta, reals[1] = rod->reaction_torque;
+    reals[0] = rod->theta, reals[1] = rod->reaction_torque, reals[2] = rod->anchor;
     for (size_t k = 0; k < NDLI_ROD_SAVED_NODES; k++)
         memcpy(save ? rod->saved_nodes + k * n : vectors[k], save ? vectors[k] : rod->saved_nodes + k * n,
                n * sizeof(ndli_v3));
@@ -2388,6 +2440,14 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod) { ndli_rod_copy_state(rod, 0); }
 
 NDLI_API int ndli_rod_moved(ndl_rod *rod)
 {
+    int bad = ndli_rod_follow(rod);
+    if (bad < 0)
+        ndli_rod_slip(rod);
+    return bad;
+}
+
+NDLI_API int ndli_rod_follow(ndl_rod *rod)
+{
     int bad = ndli_rod_set_shape(rod, rod->x, rod->theta);
     double turned = 0;
     if (bad >= 0)
@@ -2398,6 +2458,7 @@ NDLI_API int ndli_rod_moved(ndl_rod *rod)
         double before = rod->theta[j]; /* theta[j - 1] has turned already */
         turned += rod->shape.twist[j] - (before - (rod->theta[j - 1] - turned));
         rod->theta[j] = before + turned;
+        rod->anchor[j] += turned;
         rod->tangent[j] = rod->shape.tangent[j];
         rod->director[j] = ndli_rod_across(
             ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j], rod->director[j - 1]), rod->tangent[j]);
@@ -2626,12 +2687,13 @@ static void ndli_rod_shift_all(ndl_rod *rod, int node, int edge, int open)
 {
     int n = rod->node_count;
     ndli_v3 *node_vectors[6], *edge_vectors[2];
-    double *edge_reals[5];
+    double *edge_reals[8];
     node_vectors[0] = rod->x, node_vectors[1] = rod->v, node_vectors[2] = rod->a, node_vectors[3] = rod->target;
     node_vectors[4] = rod->target_velocity, node_vectors[5] = rod->force;
     edge_vectors[0] = rod->director, edge_vectors[1] = rod->tangent;
     edge_reals[0] = rod->theta, edge_reals[1] = rod->rest_length, edge_reals[2] = rod->turn;
     edge_reals[3] = rod->torque, edge_reals[4] = rod->reaction_torque;
+    edge_reals[5] = rod->grip, edge_reals[6] = rod->grip_limit, edge_reals[7] = rod->anchor;
     for (int k = 0; k < 6; k++)
         ndli_rod_shift(node_vectors[k], sizeof(ndli_v3), node, n, open);
     ndli_rod_shift(rod->reaction, sizeof(ndli_v3), node, n, open);
@@ -2640,7 +2702,7 @@ static void ndli_rod_shift_all(ndl_rod *rod, int node, int edge, int open)
     ndli_rod_shift(rod->has_velocity, 1, node, n, open);
     for (int k = 0; k < 2; k++)
         ndli_rod_shift(edge_vectors[k], sizeof(ndli_v3), edge, n - 1, open);
-    for (int k = 0; k < 5; k++)
+    for (int k = 0; k < 8; k++)
         ndli_rod_shift(edge_reals[k], sizeof(double), edge, n - 1, open);
     ndli_rod_shift(rod->turn_held, 1, edge, n - 1, open);
     rod->node_count += open ? 1 : -1;
@@ -2716,6 +2778,7 @@ NDL_API sb_result ndl_rod_split_edge(ndl_rod *rod, int edge)
     rod->turn[edge + 1] = rod->turn[edge];
     rod->torque[edge + 1] = rod->torque[edge];
     rod->reaction_torque[edge + 1] = 0;
+    ndli_rod_split_grip(rod, edge);
     rod->rest_length[edge] *= 0.5;
     rod->rest_length[edge + 1] = rod->rest_length[edge];
     ndli_rod_split_turn(rod, edge);
@@ -2751,7 +2814,7 @@ static void ndli_rod_share(ndl_rod *rod, int i, double after)
 
 NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
 {
-    double after, length, turn;
+    double after, length, turn, lags[2];
     if (!rod)
         return SB_ERROR_ARGUMENT;
     if (!ndli_rod_has_node(rod, node))
@@ -2764,6 +2827,8 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
     /* a rod that a merged edge would fold keeps its node */
     if (!(1 + ndli_dot(rod->tangent[node - 1], rod->tangent[node]) > 1))
         return SB_ERROR_UNSUPPORTED;
+    for (int k = 0; k < 2; k++)
+        lags[k] = rod->theta[node - 1 + k] - rod->anchor[node - 1 + k];
     ndli_rod_share(rod, node, after);
     rod->theta[node - 1] += rod->turn_held[node - 1] ? 0 : turn;
     rod->rest_length[node] = length;
@@ -2771,6 +2836,7 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
     rod->turn[node] += rod->turn[node - 1];
     rod->torque[node] += rod->torque[node - 1];
     rod->theta[node] = rod->theta[node - 1];
+    ndli_rod_merge_grip(rod, node - 1, node, lags);
     rod->tangent[node] = rod->tangent[node - 1];
     rod->director[node] = rod->director[node - 1];
     ndli_rod_shift_all(rod, node, node - 1, 0);
@@ -2798,6 +2864,7 @@ NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length)
     for (int k = 0; k < 2; k++)
         ndli_rod_set_rest_density(rod, 1 + k, densities[k]);
     ndli_rod_relax(rod);
+    ndli_rod_slip(rod);
     ndli_rod_touched(rod);
     return SB_OK;
 }
@@ -2860,6 +2927,7 @@ NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
     energy.bend = (sb_real)sums.bend;
     energy.twist = (sb_real)sums.twist;
     energy.kinetic = (sb_real)kinetic;
+    energy.grip = (sb_real)sums.grip;
     return energy;
 }
 
@@ -2911,8 +2979,8 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
     double potential;
     ndli_rod_set_shape(rod, rod->x, theta);
     sums = ndli_rod_shape_energy(rod);
-    potential = sums.bend + sums.twist + sums.viscous; /* stretching does not change, and would drown it */
-    *noise = 4.5e-15 * potential;
+    potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
+    *noise = 4.5e-15 * potential + sums.turn_noise;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         potential -= rod->torque[j] * theta[j];
         *noise += 4.5e-15 * fabs(rod->torque[j] * theta[j]);
@@ -2928,10 +2996,11 @@ static int ndli_rod_any_turn_held(const ndl_rod *rod)
     return 0;
 }
 
-/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held nowhere: its first edge stays. */
+/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+ * edge stays. */
 static int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held)
 {
-    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain);
+    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain && rod->grips == 0);
 }
 
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
@@ -2954,11 +3023,23 @@ static int ndli_rod_turn_step(ndl_rod *rod, int flags)
     return 1;
 }
 
+/* Whether Newton is at an end although its last step was not below what matters: where springs slip angles may be
+ * large and their rounding, too. The whole step (largest change, change before) promised no more than noise. */
+static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double before, double noise)
+{
+    double promised = 0;
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        promised += 0.5 * fabs(rod->step_theta[j] * (rod->torque[j] - rod->turn_gradient[j]));
+    return rod->grips > 0 && promised <= noise && largest > 0.25 * before;
+}
+
 NDLI_API void ndli_rod_relax(ndl_rod *rod)
 {
     size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
-    for (int iteration = 0; iteration < 50; iteration++) {
+    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise), before = 0;
+    /* at worst one more spring begins to slip in each */
+    int most = 50 + 2 * rod->grips;
+    for (int iteration = 0; iteration < most; iteration++) {
         double size = 1, largest = 0, next = potential;
         if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
             break;
@@ -2975,8 +3056,9 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
             break;
         memcpy(rod->theta, rod->try_theta, bytes);
         potential = next;
-        if (largest < 1e-13)
+        if (largest < 1e-13 || ndli_rod_turns_settled(rod, largest, before, noise))
             break;
+        before = size * largest;
     }
     ndli_rod_set_shape(rod, rod->x, rod->theta);
 }
@@ -2991,7 +3073,7 @@ static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem
     ndli_rod_sums sums = ndli_rod_shape_energy(rod);
     ndli_rod_progress progress = {0, 0, 0, 0, 0};
     double sizes = 0;
-    progress.potential = sums.stretch + sums.bend + sums.twist + sums.viscous;
+    progress.potential = sums.stretch + sums.bend + sums.twist + sums.grip + sums.viscous;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
         double work = ndli_dot(ndli_rod_load(rod, i), ndli_sub(rod->try_x[i], rod->x[i])), inertia = 0;
@@ -3031,6 +3113,7 @@ static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int 
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double per_length = 1 / rod->rest_length[j];
         progress->scale = fmax(progress->scale, fabs(rod->turn_gradient[j]) * per_length);
+        progress->scale = fmax(progress->scale, fabs(ndli_rod_grip_moment(rod, j, rod->shape.lag[j])) * per_length);
         rod->turn_gradient[j] -= rod->torque[j];
         if (!ndli_rod_turn_known(rod, j, any_held))
             progress->residual = fmax(progress->residual, fabs(rod->turn_gradient[j]) * per_length);
@@ -3390,7 +3473,7 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     double energy;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     sums = ndli_rod_shape_energy(rod);
-    energy = sums.stretch + sums.bend + sums.twist;
+    energy = sums.stretch + sums.bend + sums.twist + sums.grip;
     for (int i = 0; i < rod->node_count; i++)
         energy += 0.5 * rod->mass[i] * ndli_dot(rod->v[i], rod->v[i]);
     *lively = energy;
@@ -3552,7 +3635,7 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
         return result;
     memcpy(rod->x, rod->try_x, (size_t)rod->node_count * sizeof *rod->x);
     memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
-    return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
+    return ndli_rod_follow(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
 }
 
 static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
@@ -3606,11 +3689,167 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
     ndli_rod_clear_turns(rod);
+    ndli_rod_slip(rod);
     ndli_rod_read_reactions(rod);
     rod->ledger_open = 0;
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
     return SB_OK;
+}
+
+/* ==== src/needle/rod_grip.c ==== */
+/* rod_grip: what surrounds a rod holds it against turning: on every edge a torsion spring that slips at its limit
+ * (elastic, then perfectly plastic), one end on the rod, the other in the surroundings.
+ *
+ * A spring is wound by lag = theta - anchor, and its potential is convex: 1/2 k lag^2 up to the lag limit/k, straight
+ * beyond. Minimising it together with twist and bending from the anchors of the last state is one implicit step of the
+ * plastic flow; the anchors then follow what has slipped. Where the frame that theta is told from turns by itself
+ * (folded reference twist, other nodes), theta and anchor change alike. */
+
+NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag)
+{
+    double moment = rod->grip[j] * lag, limit = rod->grip_limit[j];
+    return moment > limit ? limit : moment < -limit ? -limit : moment;
+}
+
+NDLI_API void ndli_rod_add_grip_energy(const ndl_rod *rod, ndli_rod_sums *sums)
+{
+    double turned = 0, moments = 0;
+    for (int i = 1; i < rod->node_count - 1; i++)
+        moments += 2 * rod->torsion / rod->cell[i] * fabs(rod->shape.twist[i]);
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double lag = rod->shape.lag[j], moment = fabs(ndli_rod_grip_moment(rod, j, lag));
+        turned = fmax(turned, fabs(lag) + fabs(rod->anchor[j]));
+        if (!(rod->grip[j] > 0))
+            continue;
+        moments += moment;
+        sums->grip += moment * (fabs(lag) - 0.5 * moment / rod->grip[j]);
+    }
+    sums->turn_noise = 2.3e-16 * turned * moments;
+}
+
+NDLI_API void ndli_rod_add_grip_derivatives(const ndl_rod *rod, double *turn_gradient, ndli_rod_matrix *matrix)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double lag = rod->shape.lag[j];
+        turn_gradient[j] += ndli_rod_grip_moment(rod, j, lag);
+        if (matrix && rod->grip[j] * fabs(lag) < rod->grip_limit[j])
+            matrix->turn[j] += rod->grip[j];
+    }
+}
+
+NDLI_API void ndli_rod_slip(ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod) && rod->grips > 0; j++) {
+        double lag = rod->theta[j] - rod->anchor[j];
+        if (!(rod->grip[j] > 0))
+            rod->anchor[j] = rod->theta[j];
+        else if (rod->grip[j] * fabs(lag) > rod->grip_limit[j])
+            rod->anchor[j] = rod->theta[j] - ndli_rod_grip_moment(rod, j, lag) / rod->grip[j];
+        rod->shape.lag[j] = rod->theta[j] - rod->anchor[j];
+    }
+}
+
+NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double limit)
+{
+    double lag = rod->theta[edge] - rod->anchor[edge];
+    rod->grips += (stiffness > 0) - (rod->grip[edge] > 0);
+    if (!(stiffness > 0))
+        lag = 0;
+    else if (stiffness > rod->grip[edge]) /* what comes to it is not wound */
+        lag *= rod->grip[edge] / stiffness;
+    rod->grip[edge] = stiffness;
+    rod->grip_limit[edge] = stiffness > 0 ? limit : 0;
+    if (stiffness * fabs(lag) > limit)
+        lag = ndli_rod_grip_moment(rod, edge, lag) / stiffness;
+    rod->anchor[edge] = rod->theta[edge] - lag;
+    rod->ledger_open = 0;
+}
+
+NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle) { rod->theta[0] += angle; }
+
+NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit)
+{
+    if (!rod)
+        return SB_ERROR_ARGUMENT;
+    if (edge < 0 || edge >= ndli_rod_edges(rod))
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(stiffness) || !sb_is_finite(limit))
+        return SB_ERROR_NOT_FINITE;
+    if (stiffness < 0 || limit < 0)
+        return SB_ERROR_ARGUMENT;
+    ndli_rod_set_grip(rod, edge, (double)stiffness, (double)limit);
+    return SB_OK;
+}
+
+NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge)
+{
+    return (sb_real)-ndli_rod_grip_moment(rod, edge, rod->theta[edge] - rod->anchor[edge]);
+}
+
+/* ---- carried along where edges change ---- */
+
+NDLI_API void ndli_rod_split_grip(ndl_rod *rod, int edge)
+{
+    rod->anchor[edge + 1] = rod->anchor[edge];
+    rod->grip[edge] *= 0.5;
+    rod->grip_limit[edge] *= 0.5;
+    rod->grip[edge + 1] = rod->grip[edge];
+    rod->grip_limit[edge + 1] = rod->grip_limit[edge];
+    rod->grips += rod->grip[edge] > 0;
+}
+
+/* The angle of `to` is that of the merged edge already; `lags` are from before. */
+NDLI_API void ndli_rod_merge_grip(ndl_rod *rod, int from, int to, const double lags[2])
+{
+    double sum = rod->grip[from] + rod->grip[to], lag = 0;
+    if (sum > 0)
+        lag = (rod->grip[from] * lags[0] + rod->grip[to] * lags[1]) / sum;
+    rod->grips -= rod->grip[from] > 0 && rod->grip[to] > 0;
+    rod->grip[to] = sum;
+    rod->grip_limit[to] += rod->grip_limit[from];
+    rod->anchor[to] = rod->theta[to] - lag;
+}
+
+/* Slope of the lag along gripped edges (rad/m), the lesser of those to both sides: where they differ in sign, or where
+ * the grip ends, the lag is flat. Averages of a lag so sloped keep its torque, and do not wash it out. */
+static double ndli_rod_lag_slope(const ndl_rod *rod, const double *at, int j)
+{
+    double slopes[2];
+    for (int side = 0; side < 2; side++) {
+        int a = j - 1 + side, b = j + side;
+        if (a < 0 || b >= ndli_rod_edges(rod) || !(rod->grip[a] > 0) || !(rod->grip[b] > 0))
+            return 0;
+        slopes[side] = (rod->theta[b] - rod->anchor[b] - rod->theta[a] + rod->anchor[a]) /
+                       (0.5 * (at[b + 1] + at[b] - at[a + 1] - at[a]));
+    }
+    if (!(slopes[0] * slopes[1] > 0))
+        return 0;
+    return fabs(slopes[0]) < fabs(slopes[1]) ? slopes[0] : slopes[1];
+}
+
+NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, const double *at, int count,
+                                   ndli_rod_spread *spread)
+{
+    int first = 0;
+    for (int k = 0; k < count - 1; k++) {
+        double grip = 0, limit = 0, torque = 0;
+        for (int j = first; j < ndli_rod_edges(rod) && old_at[j] < at[k + 1]; j++) {
+            double from = fmax(at[k], old_at[j]), to = fmin(at[k + 1], old_at[j + 1]);
+            double share = (to - from) / (old_at[j + 1] - old_at[j]), off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
+            if (!(share > 0)) {
+                first = j; /* passed */
+                continue;
+            }
+            grip += share * rod->grip[j];
+            limit += share * rod->grip_limit[j];
+            torque += share * rod->grip[j] *
+                      (rod->theta[j] - rod->anchor[j] + off * ndli_rod_lag_slope(rod, old_at, j));
+        }
+        spread->grip[k] = grip;
+        spread->limit[k] = limit;
+        spread->lag[k] = grip > 0 ? torque / grip : 0;
+    }
 }
 
 /* ==== src/needle/rod_reshape.c ==== */
@@ -3699,15 +3938,16 @@ typedef struct ndli_rod_reshape {
     double *rest_length;   /* [count - 1] (m) */
     double *theta;         /* [count - 1] (rad) */
     double *curvature[2];  /* [count] (1/m) at rest; inner nodes */
+    ndli_rod_spread grip;  /* [count - 1] */
     ndli_rod_curve curve;  /* what is interpolated; stations' room for the old nodes */
 } ndli_rod_reshape;
 
-/* Hands out the scratch: 10 of the 44 reals a node of rod->band, and node arrays but try_x. */
+/* Hands out the scratch: 13 of the 44 reals a node of rod->band, and node arrays but try_x. */
 static ndli_rod_reshape ndli_rod_begin_reshape(ndl_rod *rod, const ndli_v3 *positions, int count)
 {
     ndli_rod_reshape reshape;
-    double *reals[10];
-    for (int k = 0; k < 10; k++)
+    double *reals[13];
+    for (int k = 0; k < 13; k++)
         reals[k] = rod->band + (size_t)k * (size_t)rod->capacity;
     reshape.count = count;
     reshape.x = positions;
@@ -3726,6 +3966,9 @@ static ndli_rod_reshape ndli_rod_begin_reshape(ndl_rod *rod, const ndli_v3 *posi
     reshape.curve.value = reals[8];
     reshape.curve.slope = reals[9];
     reshape.curve.count = 0;
+    reshape.grip.grip = reals[10];
+    reshape.grip.limit = reals[11];
+    reshape.grip.lag = reals[12];
     return reshape;
 }
 
@@ -3941,6 +4184,13 @@ static void ndli_rod_take_reshape(ndl_rod *rod, const ndli_rod_reshape *reshape)
     memcpy(rod->tangent, reshape->tangent, edges * sizeof *rod->tangent);
     memcpy(rod->director, reshape->director, edges * sizeof *rod->director);
     memcpy(rod->theta, reshape->theta, edges * sizeof *rod->theta);
+    memcpy(rod->grip, reshape->grip.grip, edges * sizeof *rod->grip);
+    memcpy(rod->grip_limit, reshape->grip.limit, edges * sizeof *rod->grip_limit);
+    rod->grips = 0;
+    for (size_t j = 0; j < edges; j++) {
+        rod->anchor[j] = rod->theta[j] - reshape->grip.lag[j];
+        rod->grips += rod->grip[j] > 0;
+    }
     memcpy(rod->rest_length, reshape->rest_length, edges * sizeof *rod->rest_length);
     ndli_rod_drop_supports(rod);
     ndli_rod_rest_changed(rod);
@@ -3967,9 +4217,11 @@ NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int
         return bad;
     ndli_rod_interpolate_motion(rod, &reshape);
     ndli_rod_interpolate_frames(rod, &reshape);
+    ndli_rod_spread_grip(rod, reshape.old_at, reshape.at, count, &reshape.grip);
     ndli_rod_take_reshape(rod, &reshape);
     rod->ledger_open = 0;
     ndli_rod_relax(rod);
+    ndli_rod_slip(rod);
     return -1;
 }
 
