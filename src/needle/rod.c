@@ -151,7 +151,8 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length};
+                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
+                        &rod->grip_limit, &rod->anchor, &rod->shape.lag};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -341,7 +342,7 @@ static void ndli_rod_copy_state(ndl_rod *rod, int save)
     size_t n = (size_t)rod->node_count;
     vectors[0] = rod->x, vectors[1] = rod->v, vectors[2] = rod->a;
     vectors[3] = rod->director, vectors[4] = rod->tangent, vectors[5] = rod->reaction;
-    reals[0] = rod->theta, reals[1] = rod->reaction_torque;
+    reals[0] = rod->theta, reals[1] = rod->reaction_torque, reals[2] = rod->anchor;
     for (size_t k = 0; k < NDLI_ROD_SAVED_NODES; k++)
         memcpy(save ? rod->saved_nodes + k * n : vectors[k], save ? vectors[k] : rod->saved_nodes + k * n,
                n * sizeof(ndli_v3));
@@ -355,6 +356,14 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod) { ndli_rod_copy_state(rod, 0); }
 
 NDLI_API int ndli_rod_moved(ndl_rod *rod)
 {
+    int bad = ndli_rod_follow(rod);
+    if (bad < 0)
+        ndli_rod_slip(rod);
+    return bad;
+}
+
+NDLI_API int ndli_rod_follow(ndl_rod *rod)
+{
     int bad = ndli_rod_set_shape(rod, rod->x, rod->theta);
     double turned = 0;
     if (bad >= 0)
@@ -365,6 +374,7 @@ NDLI_API int ndli_rod_moved(ndl_rod *rod)
         double before = rod->theta[j]; /* theta[j - 1] has turned already */
         turned += rod->shape.twist[j] - (before - (rod->theta[j - 1] - turned));
         rod->theta[j] = before + turned;
+        rod->anchor[j] += turned;
         rod->tangent[j] = rod->shape.tangent[j];
         rod->director[j] = ndli_rod_across(
             ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j], rod->director[j - 1]), rod->tangent[j]);
@@ -593,12 +603,13 @@ static void ndli_rod_shift_all(ndl_rod *rod, int node, int edge, int open)
 {
     int n = rod->node_count;
     ndli_v3 *node_vectors[6], *edge_vectors[2];
-    double *edge_reals[5];
+    double *edge_reals[8];
     node_vectors[0] = rod->x, node_vectors[1] = rod->v, node_vectors[2] = rod->a, node_vectors[3] = rod->target;
     node_vectors[4] = rod->target_velocity, node_vectors[5] = rod->force;
     edge_vectors[0] = rod->director, edge_vectors[1] = rod->tangent;
     edge_reals[0] = rod->theta, edge_reals[1] = rod->rest_length, edge_reals[2] = rod->turn;
     edge_reals[3] = rod->torque, edge_reals[4] = rod->reaction_torque;
+    edge_reals[5] = rod->grip, edge_reals[6] = rod->grip_limit, edge_reals[7] = rod->anchor;
     for (int k = 0; k < 6; k++)
         ndli_rod_shift(node_vectors[k], sizeof(ndli_v3), node, n, open);
     ndli_rod_shift(rod->reaction, sizeof(ndli_v3), node, n, open);
@@ -607,7 +618,7 @@ static void ndli_rod_shift_all(ndl_rod *rod, int node, int edge, int open)
     ndli_rod_shift(rod->has_velocity, 1, node, n, open);
     for (int k = 0; k < 2; k++)
         ndli_rod_shift(edge_vectors[k], sizeof(ndli_v3), edge, n - 1, open);
-    for (int k = 0; k < 5; k++)
+    for (int k = 0; k < 8; k++)
         ndli_rod_shift(edge_reals[k], sizeof(double), edge, n - 1, open);
     ndli_rod_shift(rod->turn_held, 1, edge, n - 1, open);
     rod->node_count += open ? 1 : -1;
@@ -683,6 +694,7 @@ NDL_API sb_result ndl_rod_split_edge(ndl_rod *rod, int edge)
     rod->turn[edge + 1] = rod->turn[edge];
     rod->torque[edge + 1] = rod->torque[edge];
     rod->reaction_torque[edge + 1] = 0;
+    ndli_rod_split_grip(rod, edge);
     rod->rest_length[edge] *= 0.5;
     rod->rest_length[edge + 1] = rod->rest_length[edge];
     ndli_rod_split_turn(rod, edge);
@@ -718,7 +730,7 @@ static void ndli_rod_share(ndl_rod *rod, int i, double after)
 
 NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
 {
-    double after, length, turn;
+    double after, length, turn, lags[2];
     if (!rod)
         return SB_ERROR_ARGUMENT;
     if (!ndli_rod_has_node(rod, node))
@@ -731,6 +743,8 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
     /* a rod that a merged edge would fold keeps its node */
     if (!(1 + ndli_dot(rod->tangent[node - 1], rod->tangent[node]) > 1))
         return SB_ERROR_UNSUPPORTED;
+    for (int k = 0; k < 2; k++)
+        lags[k] = rod->theta[node - 1 + k] - rod->anchor[node - 1 + k];
     ndli_rod_share(rod, node, after);
     rod->theta[node - 1] += rod->turn_held[node - 1] ? 0 : turn;
     rod->rest_length[node] = length;
@@ -738,6 +752,7 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
     rod->turn[node] += rod->turn[node - 1];
     rod->torque[node] += rod->torque[node - 1];
     rod->theta[node] = rod->theta[node - 1];
+    ndli_rod_merge_grip(rod, node - 1, node, lags);
     rod->tangent[node] = rod->tangent[node - 1];
     rod->director[node] = rod->director[node - 1];
     ndli_rod_shift_all(rod, node, node - 1, 0);
@@ -765,6 +780,7 @@ NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length)
     for (int k = 0; k < 2; k++)
         ndli_rod_set_rest_density(rod, 1 + k, densities[k]);
     ndli_rod_relax(rod);
+    ndli_rod_slip(rod);
     ndli_rod_touched(rod);
     return SB_OK;
 }
@@ -827,6 +843,7 @@ NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
     energy.bend = (sb_real)sums.bend;
     energy.twist = (sb_real)sums.twist;
     energy.kinetic = (sb_real)kinetic;
+    energy.grip = (sb_real)sums.grip;
     return energy;
 }
 

@@ -111,6 +111,13 @@ NDL_API sb_result ndl_rod_set_torque(ndl_rod *rod, int edge, sb_real torque);
 NDL_API sb_result ndl_rod_set_gravity(ndl_rod *rod, sb_vec3 gravity);
 NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real bending);
 
+/* What surrounds an edge holds it against turning about its tangent: a torsion spring of this stiffness (N m/rad, >= 0;
+ * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
+ * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
+ * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per length
+ * give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares follow. */
+NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
+
 /* ---- motion ---- */
 
 /* What a step or static solve did; every call writes every field. */
@@ -202,6 +209,7 @@ NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node);
 
 typedef struct ndl_rod_energy {
     sb_real stretch, bend, twist, kinetic; /* J */
+    sb_real grip;        /* J: in the springs of ndl_rod_set_grip */
 } ndl_rod_energy;
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod);
 /* Elastic and viscous force (N) on every node from the present state, forces[node_count]: minus the gradient of the
@@ -211,6 +219,8 @@ NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces);
 NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod);
 /* Torque (N m) about the tangent that holds an edge's frame, in the last step or static solve; 0 where free. */
 NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge);
+/* Torque (N m) about the tangent with which the surroundings' grip turns an edge; 0 where there is none. */
+NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge);
 /* What holds the base, as force (N) and torque (N m) about node 0 on the rod: what a hand feels is the opposite. */
 NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *torque);
 

@@ -50,6 +50,7 @@ static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const 
     across = ndli_cross(shape->tangent[j], d);
     sbi_dense_sin_cos(theta[j], &s, &c);
     shape->director[j] = d;
+    shape->lag[j] = theta[j] - rod->anchor[j];
     shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
     shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
     return 1;
@@ -125,7 +126,7 @@ static void ndli_rod_add_bend_energy(const ndl_rod *rod, int i, ndli_rod_sums *s
 
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 {
-    ndli_rod_sums sums = {0, 0, 0, 0, 0};
+    ndli_rod_sums sums = {0, 0, 0, 0, 0, 0, 0};
     double reach = ndli_rod_reach(rod);
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double strain = rod->shape.length[j] / rod->rest_length[j] - 1, unknown = 2.3e-16 * reach / rod->rest_length[j];
@@ -142,7 +143,9 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         ndli_rod_add_bend_energy(rod, i, &sums);
         sums.twist += 0.5 * rod->torsion / rod->cell[i] * rod->shape.twist[i] * rod->shape.twist[i];
     }
-    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.viscous);
+    if (rod->grips > 0)
+        ndli_rod_add_grip_energy(rod, &sums);
+    sums.noise += sums.turn_noise + 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.grip + sums.viscous);
     return sums;
 }
 
@@ -405,6 +408,8 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
     }
+    if (rod->grips > 0)
+        ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
 }
 
 /* ---- damping within a step ---- */

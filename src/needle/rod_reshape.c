@@ -84,15 +84,16 @@ typedef struct ndli_rod_reshape {
     double *rest_length;   /* [count - 1] (m) */
     double *theta;         /* [count - 1] (rad) */
     double *curvature[2];  /* [count] (1/m) at rest; inner nodes */
+    ndli_rod_spread grip;  /* [count - 1] */
     ndli_rod_curve curve;  /* what is interpolated; stations' room for the old nodes */
 } ndli_rod_reshape;
 
-/* Hands out the scratch: 10 of the 44 reals a node of rod->band, and node arrays but try_x. */
+/* Hands out the scratch: 13 of the 44 reals a node of rod->band, and node arrays but try_x. */
 static ndli_rod_reshape ndli_rod_begin_reshape(ndl_rod *rod, const ndli_v3 *positions, int count)
 {
     ndli_rod_reshape reshape;
-    double *reals[10];
-    for (int k = 0; k < 10; k++)
+    double *reals[13];
+    for (int k = 0; k < 13; k++)
         reals[k] = rod->band + (size_t)k * (size_t)rod->capacity;
     reshape.count = count;
     reshape.x = positions;
@@ -111,6 +112,9 @@ static ndli_rod_reshape ndli_rod_begin_reshape(ndl_rod *rod, const ndli_v3 *posi
     reshape.curve.value = reals[8];
     reshape.curve.slope = reals[9];
     reshape.curve.count = 0;
+    reshape.grip.grip = reals[10];
+    reshape.grip.limit = reals[11];
+    reshape.grip.lag = reals[12];
     return reshape;
 }
 
@@ -326,6 +330,13 @@ static void ndli_rod_take_reshape(ndl_rod *rod, const ndli_rod_reshape *reshape)
     memcpy(rod->tangent, reshape->tangent, edges * sizeof *rod->tangent);
     memcpy(rod->director, reshape->director, edges * sizeof *rod->director);
     memcpy(rod->theta, reshape->theta, edges * sizeof *rod->theta);
+    memcpy(rod->grip, reshape->grip.grip, edges * sizeof *rod->grip);
+    memcpy(rod->grip_limit, reshape->grip.limit, edges * sizeof *rod->grip_limit);
+    rod->grips = 0;
+    for (size_t j = 0; j < edges; j++) {
+        rod->anchor[j] = rod->theta[j] - reshape->grip.lag[j];
+        rod->grips += rod->grip[j] > 0;
+    }
     memcpy(rod->rest_length, reshape->rest_length, edges * sizeof *rod->rest_length);
     ndli_rod_drop_supports(rod);
     ndli_rod_rest_changed(rod);
@@ -352,9 +363,11 @@ NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int
         return bad;
     ndli_rod_interpolate_motion(rod, &reshape);
     ndli_rod_interpolate_frames(rod, &reshape);
+    ndli_rod_spread_grip(rod, reshape.old_at, reshape.at, count, &reshape.grip);
     ndli_rod_take_reshape(rod, &reshape);
     rod->ledger_open = 0;
     ndli_rod_relax(rod);
+    ndli_rod_slip(rod);
     return -1;
 }
 

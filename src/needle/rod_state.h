@@ -20,6 +20,7 @@ typedef struct ndli_rod_shape {
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
     double *chi;      /* [nodes] 1 + t.t' */
     double *twist;    /* [nodes] (rad) */
+    double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
 /* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
@@ -63,6 +64,9 @@ struct ndl_rod {
     ndli_v3 base_director;
     ndli_v3 *force;          /* [nodes] dead loads (N) */
     double *torque;         /* [edges] (N m) */
+    int grips;               /* edges with a grip */
+    double *grip, *grip_limit; /* [edges] the surroundings' grip: N m/rad; N m */
+    double *anchor;         /* [edges] (rad) theta at which that spring is not wound */
     ndli_v3 *reaction;       /* [nodes] */
     double *reaction_torque; /* [edges] */
 
@@ -94,7 +98,7 @@ struct ndl_rod {
 };
 
 /* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
-enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 2 };
+enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 3 };
 
 /* What of the second derivatives is wanted. */
 enum {
@@ -120,8 +124,10 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
+    double grip;                 /* J: of the surroundings' springs, with what slips since the state */
     double viscous;              /* J: what damping adds within a step */
     double noise;                /* J: what rounding of positions leaves unknown of their sum */
+    double turn_noise;           /* J: what rounding of angles does, where there is a grip; it is in noise, too */
 } ndli_rod_sums;
 /* Elastic energies of rod->shape. */
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
@@ -143,9 +149,12 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
 
 /* ---- rod ---- */
 
-/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1,
- * or the node that ndli_rod_set_shape names; nothing has changed then, x aside. */
+/* After x or theta changed: tangents, frames (carried from where the edges were) and quasi-static theta follow, and
+ * the surroundings' grip slips where it must. Returns -1, or the node that ndli_rod_set_shape names; nothing has
+ * changed then, x and theta aside. */
 NDLI_API int ndli_rod_moved(ndl_rod *rod);
+/* The same, but nothing slips for good yet: the motion goes on. */
+NDLI_API int ndli_rod_follow(ndl_rod *rod);
 /* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
 NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);
 /* rest_bend of the inner node i from its curvature (1/m) and cell. */
@@ -161,6 +170,31 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
+
+/* ---- rod_grip ---- */
+
+/* Torque (N m) with which the grip of edge j, wound by `lag`, is against more of it. */
+NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag);
+/* Of rod->shape. */
+NDLI_API void ndli_rod_add_grip_energy(const ndl_rod *rod, ndli_rod_sums *sums);
+NDLI_API void ndli_rod_add_grip_derivatives(const ndl_rod *rod, double *turn_gradient, ndli_rod_matrix *matrix);
+/* Anchors follow where springs are wound beyond their limit. */
+NDLI_API void ndli_rod_slip(ndl_rod *rod);
+/* ndl_rod_set_grip with valid arguments. */
+NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double limit);
+/* Turns the frame of edge 0, which must be held against turning, by `angle` (rad) about its tangent, for those who move
+ * nodes themselves; ndli_rod_moved, which must follow, turns the rest. */
+NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle);
+/* Edge and edge + 1 are now the halves of what was edge. */
+NDLI_API void ndli_rod_split_grip(ndl_rod *rod, int edge);
+/* Edge `from` goes into edge `to`, whose theta is that of both; their lags were these. */
+NDLI_API void ndli_rod_merge_grip(ndl_rod *rod, int from, int to, const double lags[2]);
+typedef struct ndli_rod_spread {
+    double *grip, *limit, *lag; /* [edges] */
+} ndli_rod_spread;
+/* Grip and lag of `count` - 1 new edges between the stations `at`, when the old nodes are at old_at (m). */
+NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, const double *at, int count,
+                                   ndli_rod_spread *spread);
 
 /* ---- rod_reshape ---- */
 

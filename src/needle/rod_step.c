@@ -28,8 +28,8 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
     double potential;
     ndli_rod_set_shape(rod, rod->x, theta);
     sums = ndli_rod_shape_energy(rod);
-    potential = sums.bend + sums.twist + sums.viscous; /* stretching does not change, and would drown it */
-    *noise = 4.5e-15 * potential;
+    potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
+    *noise = 4.5e-15 * potential + sums.turn_noise;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         potential -= rod->torque[j] * theta[j];
         *noise += 4.5e-15 * fabs(rod->torque[j] * theta[j]);
@@ -45,10 +45,11 @@ static int ndli_rod_any_turn_held(const ndl_rod *rod)
     return 0;
 }
 
-/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held nowhere: its first edge stays. */
+/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+ * edge stays. */
 static int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held)
 {
-    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain);
+    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain && rod->grips == 0);
 }
 
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
@@ -71,11 +72,23 @@ static int ndli_rod_turn_step(ndl_rod *rod, int flags)
     return 1;
 }
 
+/* Whether Newton is at an end although its last step was not below what matters: where springs slip angles may be
+ * large and their rounding, too. The whole step (largest change, change before) promised no more than noise. */
+static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double before, double noise)
+{
+    double promised = 0;
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        promised += 0.5 * fabs(rod->step_theta[j] * (rod->torque[j] - rod->turn_gradient[j]));
+    return rod->grips > 0 && promised <= noise && largest > 0.25 * before;
+}
+
 NDLI_API void ndli_rod_relax(ndl_rod *rod)
 {
     size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
-    for (int iteration = 0; iteration < 50; iteration++) {
+    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise), before = 0;
+    /* at worst one more spring begins to slip in each */
+    int most = 50 + 2 * rod->grips;
+    for (int iteration = 0; iteration < most; iteration++) {
         double size = 1, largest = 0, next = potential;
         if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
             break;
@@ -92,8 +105,9 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
             break;
         memcpy(rod->theta, rod->try_theta, bytes);
         potential = next;
-        if (largest < 1e-13)
+        if (largest < 1e-13 || ndli_rod_turns_settled(rod, largest, before, noise))
             break;
+        before = size * largest;
     }
     ndli_rod_set_shape(rod, rod->x, rod->theta);
 }
@@ -108,7 +122,7 @@ static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem
     ndli_rod_sums sums = ndli_rod_shape_energy(rod);
     ndli_rod_progress progress = {0, 0, 0, 0, 0};
     double sizes = 0;
-    progress.potential = sums.stretch + sums.bend + sums.twist + sums.viscous;
+    progress.potential = sums.stretch + sums.bend + sums.twist + sums.grip + sums.viscous;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
         double work = ndli_dot(ndli_rod_load(rod, i), ndli_sub(rod->try_x[i], rod->x[i])), inertia = 0;
@@ -148,6 +162,7 @@ static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int 
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double per_length = 1 / rod->rest_length[j];
         progress->scale = fmax(progress->scale, fabs(rod->turn_gradient[j]) * per_length);
+        progress->scale = fmax(progress->scale, fabs(ndli_rod_grip_moment(rod, j, rod->shape.lag[j])) * per_length);
         rod->turn_gradient[j] -= rod->torque[j];
         if (!ndli_rod_turn_known(rod, j, any_held))
             progress->residual = fmax(progress->residual, fabs(rod->turn_gradient[j]) * per_length);
@@ -507,7 +522,7 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     double energy;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     sums = ndli_rod_shape_energy(rod);
-    energy = sums.stretch + sums.bend + sums.twist;
+    energy = sums.stretch + sums.bend + sums.twist + sums.grip;
     for (int i = 0; i < rod->node_count; i++)
         energy += 0.5 * rod->mass[i] * ndli_dot(rod->v[i], rod->v[i]);
     *lively = energy;
@@ -669,7 +684,7 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
         return result;
     memcpy(rod->x, rod->try_x, (size_t)rod->node_count * sizeof *rod->x);
     memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
-    return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
+    return ndli_rod_follow(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
 }
 
 static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
@@ -723,6 +738,7 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
     ndli_rod_clear_turns(rod);
+    ndli_rod_slip(rod);
     ndli_rod_read_reactions(rod);
     rod->ledger_open = 0;
     ndli_rod_publish(rod);
