@@ -234,6 +234,15 @@
 #define ndl_push_begin ndl_push_begin_f32
 #define ndl_push_update ndl_push_update_f32
 #define ndl_push_choose ndl_push_choose_f32
+#define ndl_tissue_state_size ndl_tissue_state_size_f32
+#define ndl_tissue_save ndl_tissue_save_f32
+#define ndl_tissue_load ndl_tissue_load_f32
+#define ndl_remesh_state_size ndl_remesh_state_size_f32
+#define ndl_remesh_save ndl_remesh_save_f32
+#define ndl_remesh_load ndl_remesh_load_f32
+#define ndl_rod_state_size ndl_rod_state_size_f32
+#define ndl_rod_save ndl_rod_save_f32
+#define ndl_rod_load ndl_rod_load_f32
 #endif
 #endif
 
@@ -520,7 +529,8 @@ typedef struct ndl_mesh_change {
     int node_count;
 } ndl_mesh_change;
 
-/* Must not call back into the mesh. Runs after the change, with everything in place. */
+/* Must not call back into the mesh. Runs after the change, with everything in place. A change of nothing at all says
+ * that masses have changed. */
 typedef void (*ndl_mesh_listener)(void *user, const ndl_mesh_change *change);
 
 /* The mesh. Arrays are for reading: x, v, a, fixed flags and the listener are the caller's to set, all else changes
@@ -1111,6 +1121,46 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 
 #endif /* NDL_STEER_H */
 
+/* ==== src/needle/state.h ==== */
+/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 5. */
+#ifndef NDL_STATE_H
+#define NDL_STATE_H
+
+
+/* A saved state holds all that steps, setters and remeshing change: mesh and motion, supports and loads, materials,
+ * damping, rotations and their lag, the preconditioner that is not made anew in every step, energy ledgers. What
+ * follows a load is what followed the save, bit for bit, whatever has been split, mended or grown in between, and also
+ * in another object, process or machine with the same order of bytes. A state is loaded into an object that was made
+ * from the same mesh and the same def, in the same precision; allocator, jobs, clock and slack may differ.
+ *
+ * A remesher's state belongs with that of the tissue whose mesh it changes: save both at the same time, and load the
+ * tissue first. A remesher refuses a state that was saved with another mesh than its tissue now has.
+ *
+ * size: bytes that save writes for the object as it is; splits make it grow. save: size must be at least that, what is
+ * behind stays; nothing that a step could notice changes, nothing is allocated. load: size may be larger than what was
+ * saved. Buffers need no alignment. Cost of each: proportional to the object.
+ *
+ * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
+ * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
+ * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes); SB_ERROR_STATE (another object's, or a remesher's
+ * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator gives,
+ * or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load allocates
+ * where the object has less room than the state needs, else nothing. */
+NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
+NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
+NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
+
+NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh);
+NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error);
+NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error);
+
+NDL_API size_t ndl_rod_state_size(const ndl_rod *rod);
+NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error);
+NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error);
+
+
+#endif /* NDL_STATE_H */
+
 #endif /* NEEDLE_H */
 
 #if defined(NDL_IMPLEMENTATION) && !defined(NDL_IMPLEMENTATION_DONE)
@@ -1146,6 +1196,21 @@ NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
 NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
 /* All densities those of the regions again, once all is in its place. */
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
+
+/* ==== src/needle/state.h, internal ==== */
+/* ---- internal: undo ----
+ * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
+ * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
+NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t);
+/* 0: the tissue waits for memory after a change of its mesh, and there is none: SB_ERROR_MEMORY for the caller. */
+NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer);
+NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer);
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer);
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod);
+NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
+NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
 
 /* ==== src/needle/real3.h ==== */
 /* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along
@@ -1294,6 +1359,107 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b);
 #endif
 
 #endif /* NDL_BAND_H */
+
+/* ==== src/needle/image.h ==== */
+/* image: bytes of a saved state. Floor 1, internal.
+ *
+ * One function per object names its parts in order, whatever for: measuring, writing and reading are the same walk. */
+#ifndef NDL_IMAGE_H
+#define NDL_IMAGE_H
+
+
+#include <string.h>
+
+enum { NDLI_IMAGE_VERSION = 1, NDLI_IMAGE_ORDER = 0x01020304 };
+
+/* Neither in nor out: measures. */
+typedef struct ndli_image {
+    unsigned char *out;
+    const unsigned char *in;
+    size_t used;
+    int overflow;
+} ndli_image;
+
+/* Parts begin at multiples of eight bytes. Returns where the part begins. */
+SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, size_t size)
+{
+    size_t at = image->used, bytes = count * size, room;
+    if (size && count > ((size_t)-1 - 16 - at) / size) {
+        image->overflow = 1;
+        return at;
+    }
+    room = (bytes + 7) / 8 * 8;
+    if (image->in && bytes)
+        memcpy(array, image->in + at, bytes);
+    if (image->out) {
+        if (bytes)
+            memcpy(image->out + at, array, bytes);
+        memset(image->out + at + bytes, 0, room - bytes);
+    }
+    image->used = at + room;
+    return at;
+}
+
+/* Number i of an array of ints in bytes of any alignment. */
+SB_INLINE int ndli_image_int(const unsigned char *array, size_t i)
+{
+    int value;
+    memcpy(&value, array + i * sizeof(int), sizeof value);
+    return value;
+}
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The checks that all loads begin with: kind, version, precision, size, checksum. Bytes behind the image do no harm.
+ * magic: 8 bytes. */
+NDLI_API sb_result ndli_image_check(const void *buffer, size_t size, const char *magic, const char *what,
+                                    sb_error *error);
+/* Hash of bytes whose number is a multiple of eight, or which are ints. */
+NDLI_API uint64_t ndli_image_hash(uint64_t hash, const void *bytes, size_t size);
+/* 1 when none of the numbers is NaN or infinite. */
+NDLI_API int ndli_image_is_finite(const unsigned char *reals, size_t count);
+#endif
+
+#endif /* NDL_IMAGE_H */
+
+/* ==== src/needle/image.c ==== */
+/* image: what loads check before anything else. */
+
+NDLI_API sb_result ndli_image_check(const void *buffer, size_t size, const char *magic, const char *what,
+                                    sb_error *error)
+{
+    const unsigned char *image = (const unsigned char *)buffer;
+    uint64_t told;
+    if (!buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "buffer is NULL");
+    if (size >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL) {
+        told = sbi_get_bytes(image + 16, 8);
+        if (told >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL && told < (uint64_t)size)
+            size = (size_t)told;
+    }
+    return sbi_image_check(image, size, magic, NDLI_IMAGE_VERSION, what, error);
+}
+
+NDLI_API uint64_t ndli_image_hash(uint64_t hash, const void *bytes, size_t size)
+{
+    const unsigned char *at = (const unsigned char *)bytes;
+    for (; size >= 8; at += 8, size -= 8) {
+        uint64_t word;
+        memcpy(&word, at, 8);
+        hash = sbi_hash_word(hash, word);
+    }
+    return size ? sbi_hash_word(hash, sbi_get_bytes(at, (int)size)) : hash;
+}
+
+NDLI_API int ndli_image_is_finite(const unsigned char *reals, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++) {
+        sb_real value;
+        memcpy(&value, reals + i * sizeof value, sizeof value);
+        good &= sb_is_finite(value);
+    }
+    return good;
+}
 
 /* ==== src/needle/band.c ==== */
 /* band: see band.h. */
@@ -4233,6 +4399,7 @@ static void ndli_tissue_keep_mass(ndl_tissue_mesh *t)
 
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
 {
+    ndl_mesh_change nothing;
     if (tissue->density_count == 1)
         return;
     for (int t = 0; t < tissue->tet_end; t++)
@@ -4241,6 +4408,9 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
     for (int n = 0; n < tissue->node_end; n++)
         if (tissue->node_flags[n])
             ndli_tissue_weigh(tissue, n);
+    memset(&nothing, 0, sizeof nothing);
+    if (tissue->listener)
+        tissue->listener(tissue->listener_user, &nothing);
 }
 
 /* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,
@@ -4453,6 +4623,8 @@ NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
  * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
  * union of what any candidate changes, without that union. */
 
+
+#include <limits.h>
 #include <string.h>
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
@@ -6226,6 +6398,258 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
 }
 
+/* ---- state ---- */
+
+static const char ndli_remesh_magic[9] = "NDLREME\x1a";
+
+typedef struct ndli_remesh_head {
+    double smooth_below, release_above, entry_slip;
+    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
+    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
+} ndli_remesh_head;
+
+static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+{
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
+    return ndli_image_hash(hash, mesh->owner, nodes * sizeof(int));
+}
+
+static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->smooth_below = (double)r->def.smooth_below;
+    h->release_above = (double)r->def.release_above;
+    h->entry_slip = (double)r->def.entry_slip;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_needles = r->def.max_needles;
+    h->interfaces = (int)r->def.interfaces;
+    h->max_smoothed = r->def.max_smoothed;
+    h->release_cursor = r->release_cursor;
+}
+
+/* A split's simplex in four places, those that it does not use 0. */
+static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+{
+    ndli_split whole;
+    memset(&whole, 0, sizeof whole);
+    if (image->out) {
+        whole = *split;
+        for (int i = whole.size; i < 4; i++)
+            whole.simplex[i] = 0;
+    }
+    ndli_image_part(image, &whole, 1, sizeof whole);
+    if (image->in)
+        *split = whole;
+}
+
+/* counts: [3] nodes, splits, pool */
+static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+{
+    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
+    for (int i = 0; i < counts[1]; i++)
+        ndli_remesh_walk_split(needle->stack + i, image);
+    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
+}
+
+/* Measures or writes. */
+static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
+{
+    ndli_remesh_head head;
+    ndli_remesh_fill_head(r, &head);
+    head.mesh = mesh;
+    ndli_image_part(image, &head, 1, sizeof head);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int counts[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
+        ndli_image_part(image, counts, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, counts, image);
+    }
+}
+
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_remesh_write(r, 0, &image);
+    return image.used;
+}
+
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_remesh_write(r, 0, &image);
+}
+
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
+{
+    ndli_remesh_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    r->release_cursor = head.release_cursor;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int counts[4];
+        ndli_image_part(&image, counts, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, counts, &image);
+        r->needles[i].count = counts[0];
+        r->needles[i].depth = counts[1];
+        r->needles[i].pool_count = counts[2];
+    }
+}
+
+/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
+static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
+{
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 0 ||
+        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
+        return 0;
+    for (int i = 0; i < s->size; i++)
+        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
+            return 0;
+    return 1;
+}
+
+static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
+{
+    for (int i = 0; i < count; i++) {
+        int slot = ndli_image_int(slots, (size_t)i);
+        if (slot < 0 || slot >= end)
+            return 0;
+    }
+    return 1;
+}
+
+/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
+ * out */
+static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
+{
+    ndli_needle none;
+    ndli_image image;
+    size_t stack, pool;
+    memset(&none, 0, sizeof none);
+    memset(&image, 0, sizeof image);
+    image.used = 4 * sizeof(int);
+    if (left < image.used)
+        return 0;
+    memcpy(counts, in, 4 * sizeof(int));
+    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
+        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
+        return 0;
+    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
+    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+    ndli_remesh_walk_needle(&none, counts, &image);
+    if (image.overflow || image.used > left ||
+        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
+        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
+        return 0;
+    for (int i = 0; i < counts[1]; i++) {
+        ndli_split split;
+        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
+        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
+            return 0;
+    }
+    return image.used;
+}
+
+static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+{
+    ndli_remesh_head own;
+    ndli_remesh_fill_head(r, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
+    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
+        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
+        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
+    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
+    if (head->release_cursor < 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
+    return SB_OK;
+}
+
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
+static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
+    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    return good;
+}
+
+/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
+static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
+{
+    ndli_remesh_head head;
+    size_t at = sizeof head;
+    sb_result result = SB_OK;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
+    memcpy(&head, in, sizeof head);
+    if (!room)
+        result = ndli_remesh_check_head(r, &head, error);
+    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
+        int counts[4];
+        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
+        at += used;
+        if (!used)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
+        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
+    return result;
+}
+
+NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
+{
+    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_remesh_state_size(remesh);
+    ndli_image image;
+    if (!remesh || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
+    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    sb_result result;
+    if (!remesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    result = ndli_remesh_pass(remesh, in, size, 0, error);
+    if (result == SB_OK)
+        result = ndli_remesh_pass(remesh, in, size, 1, error);
+    if (result == SB_OK)
+        ndli_remesh_rewind(remesh, in);
+    return result;
+}
+
 /* ==== src/needle/tissue_state.h ==== */
 /* tissue_state: what is inside a tissue. Floor 4, internal: tissue_matrix.c keeps the stiffness up to date with mesh
  * and rotations, tissue_precond.c preconditions, tissue_step.c steps; a room above couples rods to it.
@@ -6361,6 +6785,7 @@ struct ndl_tissue {
     double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
 
     ndli_solid_scheme scheme;
+    uint64_t make;          /* hash of what cannot change: the first mesh, densities, how steps are done */
     int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
 };
 
@@ -6377,6 +6802,16 @@ SB_INLINE int ndli_solid_is_node(const ndl_tissue *t, int node)
 NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
 /* The mesh's listener. */
 NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
+/* Memory for the mesh's capacities and a pool of so many places, so many edges; nothing else changes. 0: none. */
+NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges);
+/* Takes a tet out of the rings of its edges, and edges without tets away. */
+NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet);
+/* Puts a tet into the rings of its edges; 0: no memory. */
+NDLI_API int ndli_solid_join(ndl_tissue *t, int tet);
+/* A slot out of use: no stiffness, no rotation. */
+NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet);
+/* rotated = R g of the tets of the batch that are marked as turned, by old_quats: a function of these and of g. */
+NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch);
 /* Rest data of a tet from mesh and materials. */
 NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
 /* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
@@ -6532,6 +6967,8 @@ static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
         memcpy(t->target_velocity, old.target_velocity, n * sizeof(sb_vec3));
         memcpy(t->reaction, old.reaction, n * sizeof(sb_vec3));
         memcpy(t->arm, old.arm, n * sizeof(sb_vec3));
+        memcpy(t->seen_x, old.seen_x, n * sizeof(sb_vec3));
+        memcpy(t->internal, old.internal, n * sizeof(sb_vec3));
         memcpy(t->row_start, old.row_start, n * sizeof(int));
         memcpy(t->row_count, old.row_count, n * sizeof(int));
         memcpy(t->row_class, old.row_class, n * sizeof(int));
@@ -6550,7 +6987,6 @@ static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
     sbi_free(&t->allocator, old.node_block);
     t->node_block = block;
     t->node_room = room;
-    t->seen_end = 0;
     return 1;
 }
 
@@ -6580,7 +7016,6 @@ static int ndli_solid_grow_tets(ndl_tissue *t, int room)
     sbi_free(&t->allocator, old.tet_block);
     t->tet_block = block;
     t->tet_room = room;
-    t->seen_end = 0;
     return 1;
 }
 
@@ -6621,6 +7056,14 @@ static int ndli_solid_grow_slots(ndl_tissue *t, int room)
     return 1;
 }
 
+NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges)
+{
+    return (t->mesh.node_capacity <= t->node_room || ndli_solid_grow_nodes(t, t->mesh.node_capacity)) &&
+           (t->mesh.tet_capacity <= t->tet_room || ndli_solid_grow_tets(t, t->mesh.tet_capacity)) &&
+           (slots <= t->slot_room || ndli_solid_grow_slots(t, ndli_solid_more(slots))) &&
+           (edges <= t->edge_room || ndli_solid_grow_edges(t, ndli_solid_more(edges)));
+}
+
 NDLI_API void ndli_solid_free(ndl_tissue *t)
 {
     sbi_free(&t->allocator, t->node_block);
@@ -6655,8 +7098,7 @@ NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet)
     t->stale_tet[tet] = 1;
 }
 
-/* A slot out of use: no stiffness, no rotation. */
-static void ndli_solid_blank(ndl_tissue *t, int tet)
+NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet)
 {
     size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
     for (size_t k = 0; k < 9; k++)
@@ -6823,8 +7265,7 @@ static void ndli_solid_drop_edge(ndl_tissue *t, int edge)
     t->edge_dirty[edge] = 0;
 }
 
-/* Takes a tet out of the rings of its edges, and edges without tets away. */
-static void ndli_solid_leave(ndl_tissue *t, int tet)
+NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet)
 {
     for (int p = 0; p < 6; p++) {
         int at = 6 * tet + p, edge = t->tet_edges[at], *link;
@@ -6840,8 +7281,7 @@ static void ndli_solid_leave(ndl_tissue *t, int tet)
     }
 }
 
-/* Puts a tet into the rings of its edges; 0: no memory. */
-static int ndli_solid_join(ndl_tissue *t, int tet)
+NDLI_API int ndli_solid_join(ndl_tissue *t, int tet)
 {
     const int *n = t->mesh.tets + 4 * (size_t)tet;
     for (int p = 0; p < 6; p++) {
@@ -6876,9 +7316,9 @@ static int ndli_solid_is_joined(const ndl_tissue *t, int tet)
 
 /* ---- all anew ---- */
 
-/* Rows laid out one after the other with room for two more blocks each, so that a new mesh lies in memory in the order
- * it is read. Columns come later. Uses scratch. */
-static int ndli_solid_lay_rows(ndl_tissue *t)
+/* Rows laid out one after the other with room for `spare` more blocks each, so that a new mesh lies in memory in the
+ * order it is read. Columns come later. Uses scratch. */
+static int ndli_solid_lay_rows(ndl_tissue *t, int spare)
 {
     const ndl_tissue_mesh *mesh = &t->mesh;
     int64_t slots = 0, edges = 0;
@@ -6891,7 +7331,7 @@ static int ndli_solid_lay_rows(ndl_tissue *t)
                 count += t->scratch[j] != i + 1;
                 t->scratch[j] = i + 1;
             }
-        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + 2) : -1;
+        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + spare) : -1;
         t->row_start[i] = (int)slots;
         t->row_count[i] = 0;
         t->node_dirty[i] = 1;
@@ -6918,15 +7358,21 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     const ndl_tissue_mesh *mesh = &t->mesh;
     t->broken = 1;
     t->changed = 1;
-    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity))
+    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity) &&
+        mesh->node_end > t->node_room)
         return 0;
-    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity))
+    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity) && mesh->tet_end > t->tet_room)
         return 0;
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t))
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
         return 0;
+    for (int i = mesh->node_end; i < t->node_room; i++) {
+        t->role[i] = NDLI_ROW_ABSENT;
+        t->row_count[i] = 0;
+        t->row_class[i] = -1;
+    }
     for (int i = 0; i < mesh->node_end; i++) {
         if (!mesh->node_flags[i])
             t->role[i] = NDLI_ROW_ABSENT;
@@ -6986,6 +7432,8 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 {
     ndl_tissue *t = (ndl_tissue *)user;
     t->changed = 1;
+    if (change->node_count == 0) /* the densities: all masses are others */
+        t->inverse_valid = 0;
     if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
         (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
         t->broken = 1;
@@ -7077,30 +7525,51 @@ static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LA
     return square * (4 - square) > t->lazy_angle * t->lazy_angle;
 }
 
-/* Where a tet has turned or is new: its rotated gradients, and what they were rotated by. */
-static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES], const sb_real (*h)[NDLI_LANES],
-                            const sb_real (*moduli)[NDLI_LANES])
+NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
 {
-    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
+    const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
+    const sb_real(*q)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    sb_real r[9][NDLI_LANES], h[9][NDLI_LANES];
     int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES);
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_mat3 m = sb_quat_to_mat3(sb_quat_make(q[0][l], q[1][l], q[2][l], q[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = m.m[k / 3][k % 3];
+    }
+    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
     for (int l = 0; l < count; l++) {
-        int tet = batch * NDLI_LANES + l;
-        sb_real *out = t->rotated + 16 * (size_t)tet;
-        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
-                                         (t->stale_tet[tet] ||
-                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
-        if (!t->turned[tet])
+        sb_real *out = t->rotated + 16 * (size_t)(batch * NDLI_LANES + l);
+        if (!t->turned[batch * NDLI_LANES + l])
             continue;
-        t->stale_tet[tet] = 0;
         for (int i = 0; i < 3; i++)
             out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
         for (int k = 0; k < 9; k++)
             out[3 + k] = h[k][l];
         out[12] = moduli[0][l];
         out[13] = moduli[1][l];
+    }
+}
+
+/* Where a tet has turned or is new: the rotation of its stiffness, and its rotated gradients. */
+static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES])
+{
+    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
+    for (int l = 0; l < count; l++) {
+        int tet = batch * NDLI_LANES + l;
+        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
+                                         (t->stale_tet[tet] ||
+                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        if (!t->turned[tet])
+            continue;
+        any = 1;
+        t->stale_tet[tet] = 0;
         for (int k = 0; k < 4; k++)
             old[k][l] = q[k][l];
     }
+    if (any)
+        ndli_solid_rotate(t, batch);
 }
 
 static void ndli_solid_batch(ndl_tissue *t, int batch)
@@ -7108,7 +7577,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
     const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
     sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
-    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES], h[9][NDLI_LANES];
+    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
     ndli_solid_gather(&t->mesh, batch, d);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -7116,8 +7585,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
                 f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] + d[3 + i][l] * g[3 + j][l] +
                                   d[6 + i][l] * g[6 + j][l];
     sb_polar_batch(f, quats, r);
-    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
-    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats, (const sb_real(*)[NDLI_LANES])h, moduli);
+    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats);
     t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
     for (int l = 0; l < NDLI_LANES; l++) {
@@ -7603,18 +8071,15 @@ static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const doubl
         }
 }
 
+/* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
 static void ndli_coarse_assemble(ndl_tissue *t)
 {
     ndli_solid_coarse *coarse = &t->coarse;
     int reach = 0;
     double w[6][6];
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] >= 0) {
-            int gap = t->aggregate[n[0]] - t->aggregate[n[1]];
-            reach = sbi_max_int(reach, gap < 0 ? -gap : gap);
-        }
-    }
+    for (int i = 0; i < t->mesh.node_end; i++)
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
+            reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
     coarse->width = 6 * reach + 5;
     memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
     for (int i = 0; i < t->mesh.node_end; i++) {
@@ -7627,14 +8092,13 @@ static void ndli_coarse_assemble(ndl_tissue *t)
             block[c] += t->scheme.mass * t->mesh.mass[i];
         ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
         ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
-    }
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] < 0 || t->role[n[0]] != NDLI_ROW_FREE || t->role[n[1]] != NDLI_ROW_FREE)
-            continue;
-        ndli_coarse_project(t->blocks[t->edge_slots[2 * (size_t)e]], t->scheme.stiffness, t->arm[n[0]], t->arm[n[1]],
-                            w);
-        ndli_coarse_add(coarse, t->aggregate[n[0]], t->aggregate[n[1]], (const double(*)[6])w, 1);
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
+            int j = t->columns[k];
+            if (j < i || t->role[j] != NDLI_ROW_FREE)
+                continue;
+            ndli_coarse_project(t->blocks[k], t->scheme.stiffness, t->arm[i], t->arm[j], w);
+            ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[j], (const double(*)[6])w, 1);
+        }
     }
 }
 
@@ -8233,6 +8697,7 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
 /* ==== src/needle/tissue.c ==== */
 /* tissue: creation, supports, loads and readings. */
 
+
 #include <string.h>
 
 enum { NDLI_TISSUE_COOKIE = 0x7155 };
@@ -8346,6 +8811,21 @@ static sb_result ndli_solid_make_mesh(ndl_tissue *t, const ndl_tissue_def *def, 
     return result;
 }
 
+/* A saved state belongs to tissues with the same of all this. */
+static void ndli_solid_set_make(ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash = ndli_image_hash(nodes, mesh->X, nodes * sizeof(sb_vec3));
+    hash = ndli_image_hash(hash, mesh->tets, tets * 4 * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->regions, tets * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->densities, (size_t)mesh->density_count * sizeof(sb_real));
+    hash = sbi_hash_word(hash, sbi_real_bits(t->lazy_angle));
+    hash = sbi_hash_word(hash, sbi_real_bits(t->tolerance));
+    hash = sbi_hash_word(hash, (uint64_t)t->max_iterations);
+    t->make = sbi_hash_word(hash, (uint64_t)t->integrator);
+}
+
 NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error)
 {
     ndl_tissue *t;
@@ -8368,6 +8848,7 @@ NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tiss
         ndl_tissue_destroy(t);
         return result;
     }
+    ndli_solid_set_make(t);
     for (int i = 0; i < def->fixed_count; i++)
         ndl_tissue_fix(t, def->fixed_nodes[i]);
     t->mesh.listener = ndli_solid_changed;
@@ -8573,6 +9054,754 @@ NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
     for (int c = 0; c < 9; c++)
         k.m[c / 3][c % 3] = block[c];
     return k;
+}
+
+/* ==== src/needle/state.c ==== */
+/* state: a tissue's state holds what cannot be computed again: mesh, motion, supports, rotations with their lag, the
+ * coarse matrix of some steps ago, the ledger. Rows, edges and stiffness are functions of these. A load therefore takes
+ * out of the matrix the tets that the state has otherwise, and puts the state's in: its cost follows what differs. */
+
+
+#include <limits.h>
+
+static const char ndli_tissue_magic[9] = "NDLTISS\x1a";
+static const char ndli_rod_magic[9] = "NDLROD\x1a\x1a";
+
+/* ---- what a tissue's image holds ---- */
+
+typedef struct ndli_tissue_head {
+    uint64_t make;
+    double damping_mass, damping_stiffness, gravity[3], made_mass, made_stiffness;
+    double elastic, ledger, work, work_unit, left_at;
+    int order, material_count;
+    int node_end, tet_end, node_count, tet_count, free_node, free_tet, displaced_count;
+    int changed, seen, acceleration_known, ledger_open;
+    int coarse_usable, coarse_age, coarse_fresh, coarse_wasted, coarse_width, coarse_count, unused;
+} ndli_tissue_head;
+
+/* Where parts begin that are compared or checked before they are read. */
+typedef struct ndli_tissue_places {
+    size_t lame, X, x, v, a, mass, owner, star, displaced, displaced_at, flags;
+    size_t tets, neighbours, next, prev, regions, density;
+    size_t force, internal, arm, aggregate, role, quats, old_quats, stale, centre;
+    size_t end;
+} ndli_tissue_places;
+
+static int ndli_state_has_seen(const ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    return t->seen_end == mesh->node_end &&
+           memcmp(t->seen_x, mesh->x, (size_t)mesh->node_end * sizeof(sb_vec3)) == 0;
+}
+
+static void ndli_state_fill_head(const ndl_tissue *t, ndli_tissue_head *h)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    memset(h, 0, sizeof *h);
+    h->make = t->make;
+    h->damping_mass = (double)t->damping_mass, h->damping_stiffness = (double)t->damping_stiffness;
+    h->gravity[0] = (double)t->gravity.x, h->gravity[1] = (double)t->gravity.y, h->gravity[2] = (double)t->gravity.z;
+    h->made_mass = (double)t->coarse.made_mass, h->made_stiffness = (double)t->coarse.made_stiffness;
+    h->elastic = t->elastic, h->ledger = t->ledger, h->work = t->work, h->work_unit = t->work_unit;
+    h->left_at = t->left_at;
+    h->order = NDLI_IMAGE_ORDER;
+    h->material_count = t->material_count;
+    h->node_end = mesh->node_end, h->tet_end = mesh->tet_end;
+    h->node_count = mesh->node_count, h->tet_count = mesh->tet_count;
+    h->free_node = mesh->free_node, h->free_tet = mesh->free_tet;
+    h->displaced_count = mesh->displaced_count;
+    h->changed = t->changed;
+    h->seen = ndli_state_has_seen(t);
+    h->acceleration_known = t->acceleration_known;
+    h->ledger_open = t->ledger_open;
+    h->coarse_usable = t->coarse.usable, h->coarse_age = t->coarse.age, h->coarse_fresh = t->coarse.fresh_iterations;
+    h->coarse_wasted = t->coarse.wasted, h->coarse_width = t->coarse.width, h->coarse_count = t->coarse.count;
+}
+
+static void ndli_state_take_head(ndl_tissue *t, const ndli_tissue_head *h)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    t->damping_mass = (sb_real)h->damping_mass, t->damping_stiffness = (sb_real)h->damping_stiffness;
+    t->gravity = sb_v3((sb_real)h->gravity[0], (sb_real)h->gravity[1], (sb_real)h->gravity[2]);
+    t->coarse.made_mass = (sb_real)h->made_mass, t->coarse.made_stiffness = (sb_real)h->made_stiffness;
+    t->elastic = h->elastic, t->ledger = h->ledger, t->work = h->work, t->work_unit = h->work_unit;
+    t->left_at = h->left_at;
+    mesh->node_end = h->node_end, mesh->tet_end = h->tet_end;
+    mesh->node_count = h->node_count, mesh->tet_count = h->tet_count;
+    mesh->free_node = h->free_node, mesh->free_tet = h->free_tet;
+    mesh->displaced_count = h->displaced_count;
+    t->acceleration_known = h->acceleration_known;
+    t->ledger_open = h->ledger_open;
+    t->coarse.usable = h->coarse_usable, t->coarse.age = h->coarse_age, t->coarse.fresh_iterations = h->coarse_fresh;
+    t->coarse.wasted = h->coarse_wasted, t->coarse.width = h->coarse_width;
+}
+
+static size_t ndli_state_lanes(int tets)
+{
+    return ((size_t)tets + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
+}
+
+/* The mesh, which rows and edges follow. */
+static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end;
+    p->lame = ndli_image_part(image, t->lame, (size_t)h->material_count, 2 * sizeof(sb_real));
+    p->X = ndli_image_part(image, mesh->X, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
+    p->x = ndli_image_part(image, mesh->x, nodes, sizeof(sb_vec3));
+    p->v = ndli_image_part(image, mesh->v, nodes, sizeof(sb_vec3));
+    p->a = ndli_image_part(image, mesh->a, nodes, sizeof(sb_vec3));
+    p->mass = ndli_image_part(image, mesh->mass, nodes, sizeof(sb_real));
+    p->owner = ndli_image_part(image, mesh->owner, nodes, sizeof(int));
+    p->star = ndli_image_part(image, mesh->node_star, nodes, sizeof(int));
+    p->displaced = ndli_image_part(image, mesh->displaced, (size_t)h->displaced_count, sizeof(int));
+    p->displaced_at = ndli_image_part(image, mesh->displaced_at, nodes, sizeof(int));
+    p->flags = ndli_image_part(image, mesh->node_flags, nodes, 1);
+    p->tets = ndli_image_part(image, mesh->tets, tets, 4 * sizeof(int));
+    p->neighbours = ndli_image_part(image, mesh->neighbours, tets, 4 * sizeof(int));
+    p->next = ndli_image_part(image, mesh->corner_next, tets, 4 * sizeof(int));
+    p->prev = ndli_image_part(image, mesh->corner_prev, tets, 4 * sizeof(int));
+    p->regions = ndli_image_part(image, mesh->regions, tets, sizeof(int));
+    p->density = ndli_image_part(image, mesh->tet_density, tets, sizeof(sb_real));
+    ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
+    ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
+}
+
+static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
+{
+    size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end, lanes = ndli_state_lanes(h->tet_end);
+    size_t aggregates = (size_t)h->coarse_count;
+    p->force = ndli_image_part(image, t->force, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
+    p->internal = ndli_image_part(image, t->internal, h->seen ? nodes : 0, sizeof(sb_vec3));
+    p->arm = ndli_image_part(image, t->arm, nodes, sizeof(sb_vec3));
+    p->aggregate = ndli_image_part(image, t->aggregate, nodes, sizeof(int));
+    p->role = ndli_image_part(image, t->role, nodes, 1);
+    ndli_image_part(image, t->has_velocity, nodes, 1);
+    p->quats = ndli_image_part(image, t->quats, lanes, 4 * sizeof(sb_real));
+    p->old_quats = ndli_image_part(image, t->old_quats, lanes, 4 * sizeof(sb_real));
+    p->stale = ndli_image_part(image, t->stale_tet, tets, 1);
+    p->centre = ndli_image_part(image, t->coarse.centre, aggregates, sizeof(sb_vec3));
+    ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
+    ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
+                    ((size_t)h->coarse_width + 1) * sizeof(double));
+    p->end = image->used;
+}
+
+/* Bytes of an image from its head on, and where they lie. */
+static size_t ndli_state_measure(ndl_tissue *t, ndli_tissue_head *h, ndli_tissue_places *places, int *overflow)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_image_part(&image, h, 1, sizeof *h);
+    ndli_state_walk_mesh(t, h, &image, places);
+    ndli_state_walk_solid(t, h, &image, places);
+    *overflow = image.overflow;
+    return image.used;
+}
+
+static void ndli_state_write(ndl_tissue *t, unsigned char *out)
+{
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = out;
+    ndli_state_fill_head(t, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_state_walk_mesh(t, &head, &image, &places);
+    ndli_state_walk_solid(t, &head, &image, &places);
+}
+
+/* ---- taking a state ---- */
+
+/* Marks what the state has otherwise: nodes elsewhere in the material (node_mark), tets whose rotated gradients are
+ * to be made anew (turned); takes tets with other nodes out of the matrix. Returns 1 when there are such. */
+static int ndli_state_compare(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
+                              const unsigned char *in, int tets, int *materials_differ)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    int nodes = sbi_min_int(mesh->node_end, h->node_end), differs = 0;
+    *materials_differ = memcmp(t->lame, in + p->lame, (size_t)t->material_count * 2 * sizeof(sb_real)) != 0;
+    for (int i = 0; i < nodes; i++)
+        mesh->node_mark[i] = memcmp(mesh->X + i, in + p->X + (size_t)i * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
+    for (int e = 0; e < tets; e++) {
+        const int *n = mesh->tets + 4 * (size_t)e;
+        int was = e < mesh->tet_end && n[0] >= 0, n_then[4] = {-1, -1, -1, -1}, same;
+        if (e < h->tet_end)
+            memcpy(n_then, in + p->tets + (size_t)e * sizeof n_then, sizeof n_then);
+        same = was ? memcmp(n, n_then, sizeof n_then) == 0 : n_then[0] < 0;
+        if (same && was)
+            t->turned[e] = (unsigned char)(*materials_differ | t->stale_tet[e] | mesh->node_mark[n[0]] |
+                                           mesh->node_mark[n[1]] | mesh->node_mark[n[2]] | mesh->node_mark[n[3]]);
+        else
+            t->turned[e] = (unsigned char)(n_then[0] >= 0);
+        if (same)
+            continue;
+        differs = 1;
+        if (was && !t->broken)
+            ndli_solid_leave(t, e);
+        mesh->tet_mark[e] = 1;
+    }
+    for (int i = 0; i < nodes; i++)
+        mesh->node_mark[i] = 0;
+    return differs;
+}
+
+/* Rest data and rows after the mesh is the state's. */
+static void ndli_state_join(ndl_tissue *t, int tets, int differs, int materials_differ)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    int whole = t->broken;
+    for (int e = 0; e < tets; e++) {
+        int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
+        if (is && (t->turned[e] || materials_differ))
+            ndli_solid_measure(t, e);
+        else if (mesh->tet_mark[e] && !is)
+            ndli_solid_blank(t, e);
+        if (mesh->tet_mark[e] && is && !whole)
+            whole = !ndli_solid_join(t, e);
+        mesh->tet_mark[e] = 0;
+    }
+    if (differs && whole) {
+        int made = ndli_solid_rebuild(t);
+        SB_ASSERT(made);
+        (void)made;
+        for (int e = 0; e < mesh->tet_end; e++)
+            t->turned[e] = mesh->tets[4 * (size_t)e] >= 0;
+    }
+}
+
+/* Slots that the state does not know are as they were before anything was in them. */
+static void ndli_state_forget_nodes(ndl_tissue *t, int from, int to)
+{
+    for (int i = from; i < to; i++) {
+        t->mesh.node_flags[i] = 0;
+        t->role[i] = NDLI_ROW_ABSENT;
+        t->has_velocity[i] = 0;
+        t->mesh.mass[i] = 0;
+        t->mesh.owner[i] = t->mesh.node_star[i] = t->mesh.displaced_at[i] = -1;
+        t->force[i] = t->reaction[i] = sb_v3(0, 0, 0);
+    }
+}
+
+/* Rotated gradients and stiffness where turned, by the state's old rotations. */
+static void ndli_state_turn(ndl_tissue *t)
+{
+    int batches = (int)(ndli_state_lanes(t->mesh.tet_end) / SB_POLAR_LANES);
+    for (int batch = 0; batch < batches; batch++) {
+        int first = batch * SB_POLAR_LANES, last = sbi_min_int(t->mesh.tet_end, first + SB_POLAR_LANES), any = 0;
+        for (int e = first; e < last; e++)
+            any |= t->turned[e] = (unsigned char)(t->turned[e] && !t->stale_tet[e]);
+        if (any)
+            ndli_solid_rotate(t, batch);
+    }
+    ndli_solid_stiffness(t);
+}
+
+/* Adds to `turned` the tets whose stiffness has another rotation in the state. */
+static void ndli_state_compare_rotations(ndl_tissue *t, const ndli_tissue_head *h, const unsigned char *old_quats)
+{
+    size_t batch_bytes = 4 * SB_POLAR_LANES * sizeof(sb_real);
+    int tets = sbi_min_int(t->mesh.tet_end, h->tet_end);
+    SB_ASSERT(h->tet_end <= t->tet_room);
+    for (int first = 0; first < tets; first += SB_POLAR_LANES) {
+        const sb_real *now = t->old_quats + 4 * (size_t)first;
+        const unsigned char *then = old_quats + 4 * (size_t)first * sizeof(sb_real);
+        int last = sbi_min_int(tets, first + SB_POLAR_LANES);
+        if (memcmp(now, then, batch_bytes) == 0)
+            continue;
+        for (int e = first; e < last; e++)
+            for (int k = 0; k < 4; k++) {
+                size_t at = (size_t)(k * SB_POLAR_LANES + e - first);
+                if (memcmp(now + at, then + at * sizeof(sb_real), sizeof(sb_real)) != 0)
+                    t->turned[e] = 1;
+            }
+    }
+}
+
+/* The tissue becomes what the image tells. There is memory. */
+static void ndli_state_take(ndl_tissue *t, const unsigned char *in)
+{
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    ndli_image image;
+    int overflow, differs, materials_differ, tets, nodes = t->mesh.node_end, whole = t->broken;
+    memcpy(&head, in, sizeof head);
+    ndli_state_measure(t, &head, &places, &overflow);
+    memset(&image, 0, sizeof image);
+    image.in = in;
+    tets = sbi_min_int(t->tet_room, sbi_max_int(t->mesh.tet_end, head.tet_end)); /* broken: the mesh may have more */
+    differs = ndli_state_compare(t, &head, &places, in, tets, &materials_differ) | whole;
+    ndli_state_compare_rotations(t, &head, in + places.old_quats);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_state_walk_mesh(t, &head, &image, &places);
+    ndli_state_forget_nodes(t, head.node_end, sbi_min_int(nodes, t->node_room));
+    ndli_state_take_head(t, &head);
+    ndli_state_join(t, tets, differs, materials_differ);
+    ndli_state_walk_solid(t, &head, &image, &places);
+    ndli_state_turn(t);
+    t->inverse_valid = t->coarse.listed = 0;
+    t->changed = head.changed;
+    t->seen_end = 0;
+    if (head.seen) {
+        memcpy(t->seen_x, t->mesh.x, (size_t)head.node_end * sizeof(sb_vec3));
+        t->seen_end = head.node_end;
+    }
+}
+
+/* ---- checking a tissue's image ---- */
+
+typedef struct ndli_state_reader {
+    const unsigned char *in;
+    const ndli_tissue_head *head;
+    const ndli_tissue_places *places;
+} ndli_state_reader;
+
+static int ndli_state_lives(const ndli_state_reader *r, int node)
+{
+    return node >= 0 && node < r->head->node_end && r->in[r->places->flags + (size_t)node] != 0;
+}
+
+static int ndli_state_tet_lives(const ndli_state_reader *r, int tet)
+{
+    return tet >= 0 && tet < r->head->tet_end && ndli_image_int(r->in + r->places->tets, 4 * (size_t)tet) >= 0;
+}
+
+/* Whether the corner is one of its node's ring. */
+static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
+{
+    const ndli_tissue_places *p = r->places;
+    size_t at = (size_t)corner;
+    int node = ndli_image_int(r->in + p->tets, at), next = ndli_image_int(r->in + p->next, at);
+    int prev = ndli_image_int(r->in + p->prev, at), corners = 4 * r->head->tet_end;
+    if (!ndli_state_lives(r, node) || next < -1 || next >= corners || prev < -1 || prev >= corners)
+        return 0;
+    if (next >= 0 && (ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
+                      ndli_image_int(r->in + p->tets, (size_t)next) != node))
+        return 0;
+    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner
+                     : ndli_image_int(r->in + p->star, (size_t)node) == corner;
+}
+
+static int ndli_state_tet_holds(const ndl_tissue *t, const ndli_state_reader *r, int tet)
+{
+    int region = ndli_image_int(r->in + r->places->regions, (size_t)tet);
+    if (t->material_count > 1 && (region < 0 || region >= t->material_count))
+        return 0;
+    for (int c = 0; c < 4; c++) {
+        int corner = 4 * tet + c, other = ndli_image_int(r->in + r->places->neighbours, (size_t)corner);
+        if (!ndli_state_corner_holds(r, corner) || (other != -1 && !ndli_state_tet_lives(r, other)))
+            return 0;
+        for (int d = 0; d < c; d++)
+            if (ndli_image_int(r->in + r->places->tets, (size_t)corner) ==
+                ndli_image_int(r->in + r->places->tets, (size_t)(4 * tet + d)))
+                return 0;
+    }
+    return 1;
+}
+
+/* Corners in the ring of a node that the checks of corners have passed; -1: what is told of the node is wrong. */
+static int ndli_state_node_holds(const ndl_tissue *t, const ndli_state_reader *r, int node)
+{
+    const ndli_tissue_places *p = r->places;
+    size_t at = (size_t)node;
+    int role = r->in[p->role + at], lives = ndli_state_lives(r, node), count = 0;
+    int aggregate = ndli_image_int(r->in + p->aggregate, at), place = ndli_image_int(r->in + p->displaced_at, at);
+    if (role > NDLI_ROW_COUPLED || (role == NDLI_ROW_ABSENT) != !lives || aggregate < 0 ||
+        aggregate >= t->coarse.count || place < -1 || place >= r->head->displaced_count ||
+        (place >= 0 && ndli_image_int(r->in + p->displaced, (size_t)place) != node))
+        return -1;
+    if (!lives)
+        return 0;
+    for (int k = ndli_image_int(r->in + p->star, at); k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
+        if (k < 0 || k >= 4 * r->head->tet_end || ndli_image_int(r->in + p->tets, (size_t)k) != node)
+            return -1;
+        count++;
+    }
+    return count > 0 ? count : -1;
+}
+
+/* Whether a list of free slots has so many, none of them in use. */
+static int ndli_state_list_holds(const ndli_state_reader *r, int first, int count, int of_tets)
+{
+    int end = of_tets ? r->head->tet_end : r->head->node_end;
+    for (; count > 0 && first >= 0 && first < end; count--) {
+        if (of_tets ? ndli_state_tet_lives(r, first) : ndli_state_lives(r, first))
+            return 0;
+        first = of_tets ? ndli_image_int(r->in + r->places->neighbours, 4 * (size_t)first)
+                        : ndli_image_int(r->in + r->places->star, (size_t)first);
+    }
+    return count == 0 && first == -1;
+}
+
+static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state_reader *r, sb_error *error)
+{
+    const ndli_tissue_head *h = r->head;
+    int tets = 0, nodes = 0;
+    int64_t corners = 0;
+    for (int e = 0; e < h->tet_end; e++)
+        if (ndli_state_tet_lives(r, e)) {
+            if (!ndli_state_tet_holds(t, r, e))
+                return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
+            tets++;
+        }
+    for (int i = 0; i < h->node_end; i++) {
+        int count = ndli_state_node_holds(t, r, i);
+        if (count < 0)
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved tissue is damaged at node %d", i);
+        nodes += count > 0;
+        corners += count;
+    }
+    for (int i = 0; i < h->displaced_count; i++) {
+        int node = ndli_image_int(r->in + r->places->displaced, (size_t)i);
+        if (!ndli_state_lives(r, node) || ndli_image_int(r->in + r->places->displaced_at, (size_t)node) != i)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: node %d is not displaced", node);
+    }
+    if (tets != h->tet_count || nodes != h->node_count || corners != 4 * (int64_t)tets ||
+        !ndli_state_list_holds(r, h->free_tet, h->tet_end - h->tet_count, 1) ||
+        !ndli_state_list_holds(r, h->free_node, h->node_end - h->node_count, 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: slots in use and free ones disagree");
+    return SB_OK;
+}
+
+static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
+{
+    const ndli_tissue_places *p = r->places;
+    const ndli_tissue_head *h = r->head;
+    size_t nodes = 3 * (size_t)h->node_end;
+    int good = ndli_image_is_finite(r->in + p->X, nodes) && ndli_image_is_finite(r->in + p->x, nodes) &&
+               ndli_image_is_finite(r->in + p->v, nodes) && ndli_image_is_finite(r->in + p->a, nodes) &&
+               ndli_image_is_finite(r->in + p->mass, nodes / 3) && ndli_image_is_finite(r->in + p->force, 2 * nodes) &&
+               ndli_image_is_finite(r->in + p->density, (size_t)h->tet_end) &&
+               ndli_image_is_finite(r->in + p->lame, 2 * (size_t)h->material_count) &&
+               ndli_image_is_finite(r->in + p->quats, 8 * ndli_state_lanes(h->tet_end));
+    for (int i = 0; i < 12; i++) {
+        double value;
+        memcpy(&value, r->in + sizeof(uint64_t) + (size_t)i * sizeof value, sizeof value);
+        good = good && value - value == 0;
+    }
+    return good ? SB_OK : sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
+}
+
+static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
+
+static sb_result ndli_state_check_head(const ndl_tissue *t, const ndli_tissue_head *h, sb_error *error)
+{
+    int limit = INT_MAX / 12 - SB_POLAR_LANES, width = 6 * t->coarse.count - 1;
+    if (h->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved tissue is of a machine with another order of bytes");
+    if (h->make != t->make || h->material_count != t->material_count || h->coarse_count != t->coarse.count)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved tissue was made from another mesh or another def");
+    if (h->node_count < 1 || h->tet_count < 1 || h->node_end < h->node_count || h->tet_end < h->tet_count ||
+        h->node_end > limit || h->tet_end > limit || h->displaced_count < 0 || h->displaced_count > h->node_count ||
+        h->free_node < -1 || h->free_tet < -1 || !ndli_state_is_flag(h->changed) || !ndli_state_is_flag(h->seen) ||
+        !ndli_state_is_flag(h->acceleration_known) || !ndli_state_is_flag(h->ledger_open) ||
+        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_width < 0 || h->coarse_width > width ||
+        !(h->damping_mass >= 0) || !(h->damping_stiffness >= 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has counts or flags out of their range");
+    return SB_OK;
+}
+
+static sb_result ndli_state_check_tissue(ndl_tissue *t, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    ndli_state_reader reader;
+    int overflow;
+    size_t told;
+    sb_result result = ndli_image_check(buffer, size, ndli_tissue_magic, "tissue", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    if (told < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue ends in its head");
+    memcpy(&head, in, sizeof head);
+    result = ndli_state_check_head(t, &head, error);
+    if (result != SB_OK)
+        return result;
+    if (ndli_state_measure(t, &head, &places, &overflow) != told || overflow)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has another size than its counts tell");
+    reader.in = in;
+    reader.head = &head;
+    reader.places = &places;
+    result = ndli_state_check_numbers(&reader, error);
+    return result == SB_OK ? ndli_state_check_topology(t, &reader, error) : result;
+}
+
+/* ---- memory for a state ---- */
+
+/* Edges of the image's mesh, and places for its rows without any to spare; 0: too many to count. */
+static int ndli_state_count_rows(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
+                                 const unsigned char *in, int *slots, int *edges)
+{
+    int64_t places = 0, ends = 0;
+    for (int i = 0; i < h->node_end; i++) {
+        int count = 0, alive = in[p->flags + (size_t)i] != 0;
+        t->scratch[i] = i + 1;
+        for (int k = alive ? ndli_image_int(in + p->star, (size_t)i) : -1; k >= 0;
+             k = ndli_image_int(in + p->next, (size_t)k))
+            for (int c = 0; c < 4; c++) {
+                int j = ndli_image_int(in + p->tets, 4 * (size_t)(k / 4) + (size_t)c);
+                count += t->scratch[j] != i + 1;
+                t->scratch[j] = i + 1;
+            }
+        places += (count + NDLI_SOLID_PIECE - 1) / NDLI_SOLID_PIECE * NDLI_SOLID_PIECE;
+        ends += count;
+    }
+    memset(t->scratch, 0, (size_t)h->node_end * sizeof(int));
+    if (places > INT_MAX / 8)
+        return 0;
+    *slots = (int)places;
+    *edges = (int)(ends / 2);
+    return 1;
+}
+
+static sb_result ndli_state_reserve(ndl_tissue *t, const unsigned char *in, sb_error *error)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    int overflow, slots = 0, edges = 0;
+    memcpy(&head, in, sizeof head);
+    ndli_state_measure(t, &head, &places, &overflow);
+    if ((head.node_end > mesh->node_capacity || head.tet_end > mesh->tet_capacity) &&
+        !ndli_tissue_reserve(mesh, sbi_max_int(0, head.node_end - mesh->node_count),
+                             sbi_max_int(0, head.tet_end - mesh->tet_count)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tissue of %d nodes", head.node_end);
+    if (!ndli_solid_reserve(t, 0, 0) || !ndli_state_count_rows(t, &head, &places, in, &slots, &edges) ||
+        !ndli_solid_reserve(t, slots, edges))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of a tissue of %d nodes", head.node_end);
+    return SB_OK;
+}
+
+/* ---- tissue: calls ---- */
+
+static size_t ndli_state_size_of(const ndl_tissue *tissue)
+{
+    ndl_tissue view = *tissue; /* its arrays may then be named by a walk that also reads */
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    int overflow;
+    ndli_state_fill_head(tissue, &head);
+    return ndli_state_measure(&view, &head, &places, &overflow);
+}
+
+NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue)
+{
+    return tissue ? ndli_state_size_of(tissue) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error)
+{
+    ndl_tissue view;
+    size_t needed;
+    if (!tissue || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", tissue ? "buffer" : "tissue");
+    if (tissue->broken)
+        return sbi_fail(error, SB_ERROR_MEMORY, "a change of the mesh found no memory: no state before a step has");
+    needed = ndl_tissue_state_size(tissue);
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this tissue takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    view = *tissue;
+    ndli_state_write(&view, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_tissue_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error)
+{
+    sb_result result;
+    if (!tissue)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    result = ndli_state_check_tissue(tissue, buffer, size, error);
+    if (result == SB_OK)
+        result = ndli_state_reserve(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD, error);
+    if (result == SB_OK)
+        ndli_state_take(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
+    return result;
+}
+
+NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t) { return ndli_state_size_of(t); }
+
+NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer)
+{
+    if (t->broken && !ndli_solid_rebuild(t))
+        return 0;
+    ndli_state_write(t, (unsigned char *)buffer);
+    return 1;
+}
+
+NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer)
+{
+    ndli_state_take(t, (const unsigned char *)buffer);
+}
+
+/* ---- rods ---- */
+
+typedef struct ndli_rod_head {
+    double stretch, bending[2], torsion, line_density, tolerance; /* the make */
+    double gravity[3], damping_stretch, damping_bending, base_director[3], ledger;
+    int order, max_newton, node_count, plain, base_director_set, ledger_open;
+} ndli_rod_head;
+
+static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->stretch = rod->stretch, h->bending[0] = rod->bending[0], h->bending[1] = rod->bending[1];
+    h->torsion = rod->torsion, h->line_density = rod->line_density, h->tolerance = rod->tolerance;
+    h->gravity[0] = rod->gravity.x, h->gravity[1] = rod->gravity.y, h->gravity[2] = rod->gravity.z;
+    h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
+    h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
+    h->base_director[2] = rod->base_director.z;
+    h->ledger = rod->ledger;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_newton = rod->max_newton;
+    h->node_count = rod->node_count;
+    h->plain = rod->plain;
+    h->base_director_set = rod->base_director_set;
+    h->ledger_open = rod->ledger_open;
+}
+
+static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
+{
+    rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
+    rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
+    rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
+    rod->ledger = h->ledger;
+    rod->node_count = h->node_count;
+    rod->plain = h->plain;
+    rod->base_director_set = h->base_director_set;
+    rod->ledger_open = h->ledger_open;
+}
+
+/* Arrays of edges have a place per node, too: whole ones are copied. Returns where the bytes that are no numbers
+ * begin. */
+static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
+{
+    ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
+                          rod->target, rod->target_velocity, rod->force, rod->reaction};
+    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque};
+    size_t n = (size_t)node_count, flags;
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
+        ndli_image_part(image, reals[i], n, sizeof(double));
+    ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
+    flags = image->used;
+    ndli_image_part(image, rod->held, n, 1);
+    ndli_image_part(image, rod->has_velocity, n, 1);
+    ndli_image_part(image, rod->turn_held, n, 1);
+    return flags;
+}
+
+static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.used = sizeof(ndli_rod_head);
+    *flags = ndli_rod_walk(rod, node_count, &image);
+    return image.used;
+}
+
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod)
+{
+    ndl_rod view = *rod;
+    size_t flags;
+    return ndli_rod_measure(&view, rod->node_count, &flags);
+}
+
+NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
+{
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_take_head(rod, &head);
+    ndli_rod_walk(rod, head.node_count, &image);
+    ndli_rod_publish(rod);
+}
+
+static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    ndli_rod_head own, head;
+    size_t told, flags;
+    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    if (told < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
+    memcpy(&head, in, sizeof head);
+    ndli_rod_fill_head(rod, &own);
+    if (head.order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
+    if (memcmp(&own, &head, 6 * sizeof(double)) != 0 || own.max_newton != head.max_newton)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
+    if (head.node_count > rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head.node_count,
+                        rod->capacity);
+    if (head.node_count < 2 || ndli_rod_measure(rod, head.node_count, &flags) != told ||
+        !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
+        !ndli_state_is_flag(head.ledger_open))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
+    for (size_t at = 0; at < flags; at += sizeof(double)) {
+        double value;
+        memcpy(&value, in + at, sizeof value);
+        if ((at < 15 * sizeof(double) || at >= sizeof head) && value - value != 0)
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
+    }
+    return SB_OK;
+}
+
+NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
+{
+    return rod ? ndli_rod_snapshot_size(rod) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_rod_state_size(rod);
+    if (!rod || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", rod ? "buffer" : "rod");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this rod takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    ndli_rod_snapshot(rod, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_rod_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    sb_result result;
+    if (!rod)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "rod is NULL");
+    result = ndli_rod_check_image(rod, buffer, size, error);
+    if (result == SB_OK)
+        ndli_rod_rewind(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
+    return result;
 }
 
 /* ==== src/needle/steer_path.h ==== */

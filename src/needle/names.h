@@ -102,6 +102,15 @@
 #define ndl_push_begin ndl_push_begin_f32
 #define ndl_push_update ndl_push_update_f32
 #define ndl_push_choose ndl_push_choose_f32
+#define ndl_tissue_state_size ndl_tissue_state_size_f32
+#define ndl_tissue_save ndl_tissue_save_f32
+#define ndl_tissue_load ndl_tissue_load_f32
+#define ndl_remesh_state_size ndl_remesh_state_size_f32
+#define ndl_remesh_save ndl_remesh_save_f32
+#define ndl_remesh_load ndl_remesh_load_f32
+#define ndl_rod_state_size ndl_rod_state_size_f32
+#define ndl_rod_save ndl_rod_save_f32
+#define ndl_rod_load ndl_rod_load_f32
 #endif
 #endif
 
