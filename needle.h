@@ -155,6 +155,7 @@
 #define ndl_rod_set_torque ndl_rod_set_torque_f32
 #define ndl_rod_set_gravity ndl_rod_set_gravity_f32
 #define ndl_rod_set_damping ndl_rod_set_damping_f32
+#define ndl_rod_set_grip ndl_rod_set_grip_f32
 #define ndl_rod_step ndl_rod_step_f32
 #define ndl_default_rod_static_options ndl_default_rod_static_options_f32
 #define ndl_rod_solve_static ndl_rod_solve_static_f32
@@ -177,6 +178,7 @@
 #define ndl_rod_forces ndl_rod_forces_f32
 #define ndl_rod_reactions ndl_rod_reactions_f32
 #define ndl_rod_reaction_torque ndl_rod_reaction_torque_f32
+#define ndl_rod_grip_torque ndl_rod_grip_torque_f32
 #define ndl_rod_base_wrench ndl_rod_base_wrench_f32
 #define ndl_tissue_mesh_create ndl_tissue_mesh_create_f32
 #define ndl_tissue_mesh_free ndl_tissue_mesh_free_f32
@@ -252,6 +254,15 @@
 #define ndl_needle_advance ndl_needle_advance_f32
 #define ndl_needle_cutting ndl_needle_cutting_f32
 #define ndl_needle_tip_material ndl_needle_tip_material_f32
+#define ndl_tissue_state_size ndl_tissue_state_size_f32
+#define ndl_tissue_save ndl_tissue_save_f32
+#define ndl_tissue_load ndl_tissue_load_f32
+#define ndl_remesh_state_size ndl_remesh_state_size_f32
+#define ndl_remesh_save ndl_remesh_save_f32
+#define ndl_remesh_load ndl_remesh_load_f32
+#define ndl_rod_state_size ndl_rod_state_size_f32
+#define ndl_rod_save ndl_rod_save_f32
+#define ndl_rod_load ndl_rod_load_f32
 #endif
 #endif
 
@@ -406,6 +417,13 @@ NDL_API sb_result ndl_rod_set_torque(ndl_rod *rod, int edge, sb_real torque);
 NDL_API sb_result ndl_rod_set_gravity(ndl_rod *rod, sb_vec3 gravity);
 NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real bending);
 
+/* What surrounds an edge holds it against turning about its tangent: a torsion spring of this stiffness (N m/rad, >= 0;
+ * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
+ * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
+ * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per length
+ * give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares follow. */
+NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
+
 /* ---- motion ---- */
 
 /* What a step or static solve did; every call writes every field. */
@@ -497,6 +515,7 @@ NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node);
 
 typedef struct ndl_rod_energy {
     sb_real stretch, bend, twist, kinetic; /* J */
+    sb_real grip;        /* J: in the springs of ndl_rod_set_grip */
 } ndl_rod_energy;
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod);
 /* Elastic and viscous force (N) on every node from the present state, forces[node_count]: minus the gradient of the
@@ -506,6 +525,8 @@ NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces);
 NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod);
 /* Torque (N m) about the tangent that holds an edge's frame, in the last step or static solve; 0 where free. */
 NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge);
+/* Torque (N m) about the tangent with which the surroundings' grip turns an edge; 0 where there is none. */
+NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge);
 /* What holds the base, as force (N) and torque (N m) about node 0 on the rod: what a hand feels is the opposite. */
 NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *torque);
 
@@ -548,7 +569,8 @@ typedef struct ndl_mesh_change {
     int node_count;
 } ndl_mesh_change;
 
-/* Must not call back into the mesh. Runs after the change, with everything in place. */
+/* Must not call back into the mesh. Runs after the change, with everything in place. A change of nothing at all says
+ * that masses have changed. */
 typedef void (*ndl_mesh_listener)(void *user, const ndl_mesh_change *change);
 
 /* The mesh. Arrays are for reading: x, v, a, fixed flags and the listener are the caller's to set, all else changes
@@ -1321,6 +1343,46 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
 
 #endif /* NDL_NEEDLE_H */
 
+/* ==== src/needle/state.h ==== */
+/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 5. */
+#ifndef NDL_STATE_H
+#define NDL_STATE_H
+
+
+/* A saved state holds all that steps, setters and remeshing change: mesh and motion, supports and loads, materials,
+ * damping, rotations and their lag, the preconditioner that is not made anew in every step, energy ledgers. What
+ * follows a load is what followed the save, bit for bit, whatever has been split, mended or grown in between, and also
+ * in another object, process or machine with the same order of bytes. A state is loaded into an object that was made
+ * from the same mesh and the same def, in the same precision; allocator, jobs, clock and slack may differ.
+ *
+ * A remesher's state belongs with that of the tissue whose mesh it changes: save both at the same time, and load the
+ * tissue first. A remesher refuses a state that was saved with another mesh than its tissue now has.
+ *
+ * size: bytes that save writes for the object as it is; splits make it grow. save: size must be at least that, what is
+ * behind stays; nothing that a step could notice changes, nothing is allocated. load: size may be larger than what was
+ * saved. Buffers need no alignment. Cost of each: proportional to the object.
+ *
+ * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
+ * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
+ * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes); SB_ERROR_STATE (another object's, or a remesher's
+ * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator gives,
+ * or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load allocates
+ * where the object has less room than the state needs, else nothing. */
+NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
+NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
+NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
+
+NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh);
+NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error);
+NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error);
+
+NDL_API size_t ndl_rod_state_size(const ndl_rod *rod);
+NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error);
+NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error);
+
+
+#endif /* NDL_STATE_H */
+
 #endif /* NEEDLE_H */
 
 #if defined(NDL_IMPLEMENTATION) && !defined(NDL_IMPLEMENTATION_DONE)
@@ -1356,6 +1418,21 @@ NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
 NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
 /* All densities those of the regions again, once all is in its place. */
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
+
+/* ==== src/needle/state.h, internal ==== */
+/* ---- internal: undo ----
+ * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
+ * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
+NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t);
+/* 0: the tissue waits for memory after a change of its mesh, and there is none: SB_ERROR_MEMORY for the caller. */
+NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer);
+NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer);
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer);
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod);
+NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
+NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
 
 /* ==== src/needle/real3.h ==== */
 /* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along
@@ -1505,6 +1582,107 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b);
 
 #endif /* NDL_BAND_H */
 
+/* ==== src/needle/image.h ==== */
+/* image: bytes of a saved state. Floor 1, internal.
+ *
+ * One function per object names its parts in order, whatever for: measuring, writing and reading are the same walk. */
+#ifndef NDL_IMAGE_H
+#define NDL_IMAGE_H
+
+
+#include <string.h>
+
+enum { NDLI_IMAGE_VERSION = 1, NDLI_IMAGE_ORDER = 0x01020304 };
+
+/* Neither in nor out: measures. */
+typedef struct ndli_image {
+    unsigned char *out;
+    const unsigned char *in;
+    size_t used;
+    int overflow;
+} ndli_image;
+
+/* Parts begin at multiples of eight bytes. Returns where the part begins. */
+SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, size_t size)
+{
+    size_t at = image->used, bytes = count * size, room;
+    if (size && count > ((size_t)-1 - 16 - at) / size) {
+        image->overflow = 1;
+        return at;
+    }
+    room = (bytes + 7) / 8 * 8;
+    if (image->in && bytes)
+        memcpy(array, image->in + at, bytes);
+    if (image->out) {
+        if (bytes)
+            memcpy(image->out + at, array, bytes);
+        memset(image->out + at + bytes, 0, room - bytes);
+    }
+    image->used = at + room;
+    return at;
+}
+
+/* Number i of an array of ints in bytes of any alignment. */
+SB_INLINE int ndli_image_int(const unsigned char *array, size_t i)
+{
+    int value;
+    memcpy(&value, array + i * sizeof(int), sizeof value);
+    return value;
+}
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The checks that all loads begin with: kind, version, precision, size, checksum. Bytes behind the image do no harm.
+ * magic: 8 bytes. */
+NDLI_API sb_result ndli_image_check(const void *buffer, size_t size, const char *magic, const char *what,
+                                    sb_error *error);
+/* Hash of bytes whose number is a multiple of eight, or which are ints. */
+NDLI_API uint64_t ndli_image_hash(uint64_t hash, const void *bytes, size_t size);
+/* 1 when none of the numbers is NaN or infinite. */
+NDLI_API int ndli_image_is_finite(const unsigned char *reals, size_t count);
+#endif
+
+#endif /* NDL_IMAGE_H */
+
+/* ==== src/needle/image.c ==== */
+/* image: what loads check before anything else. */
+
+NDLI_API sb_result ndli_image_check(const void *buffer, size_t size, const char *magic, const char *what,
+                                    sb_error *error)
+{
+    const unsigned char *image = (const unsigned char *)buffer;
+    uint64_t told;
+    if (!buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "buffer is NULL");
+    if (size >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL) {
+        told = sbi_get_bytes(image + 16, 8);
+        if (told >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL && told < (uint64_t)size)
+            size = (size_t)told;
+    }
+    return sbi_image_check(image, size, magic, NDLI_IMAGE_VERSION, what, error);
+}
+
+NDLI_API uint64_t ndli_image_hash(uint64_t hash, const void *bytes, size_t size)
+{
+    const unsigned char *at = (const unsigned char *)bytes;
+    for (; size >= 8; at += 8, size -= 8) {
+        uint64_t word;
+        memcpy(&word, at, 8);
+        hash = sbi_hash_word(hash, word);
+    }
+    return size ? sbi_hash_word(hash, sbi_get_bytes(at, (int)size)) : hash;
+}
+
+NDLI_API int ndli_image_is_finite(const unsigned char *reals, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++) {
+        sb_real value;
+        memcpy(&value, reals + i * sizeof value, sizeof value);
+        good &= sb_is_finite(value);
+    }
+    return good;
+}
+
 /* ==== src/needle/band.c ==== */
 /* band: see band.h. */
 
@@ -1570,6 +1748,7 @@ typedef struct ndli_rod_shape {
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
     double *chi;      /* [nodes] 1 + t.t' */
     double *twist;    /* [nodes] (rad) */
+    double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
 /* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
@@ -1613,6 +1792,9 @@ struct ndl_rod {
     ndli_v3 base_director;
     ndli_v3 *force;          /* [nodes] dead loads (N) */
     double *torque;         /* [edges] (N m) */
+    int grips;               /* edges with a grip */
+    double *grip, *grip_limit; /* [edges] the surroundings' grip: N m/rad; N m */
+    double *anchor;         /* [edges] (rad) theta at which that spring is not wound */
     ndli_v3 *reaction;       /* [nodes] */
     double *reaction_torque; /* [edges] */
 
@@ -1644,7 +1826,7 @@ struct ndl_rod {
 };
 
 /* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
-enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 2 };
+enum { NDLI_ROD_WIDTH = 10, NDLI_ROD_SAVED_NODES = 6, NDLI_ROD_SAVED_REALS = 3 };
 
 /* What of the second derivatives is wanted. */
 enum {
@@ -1670,8 +1852,10 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
+    double grip;                 /* J: of the surroundings' springs, with what slips since the state */
     double viscous;              /* J: what damping adds within a step */
     double noise;                /* J: what rounding of positions leaves unknown of their sum */
+    double turn_noise;           /* J: what rounding of angles does, where there is a grip; it is in noise, too */
 } ndli_rod_sums;
 /* Elastic energies of rod->shape. */
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
@@ -1693,9 +1877,12 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
 
 /* ---- rod ---- */
 
-/* After x changed: tangents, frames (carried from where the edges were) and quasi-static theta follow. Returns -1,
- * or the node that ndli_rod_set_shape names; nothing has changed then, x aside. */
+/* After x or theta changed: tangents, frames (carried from where the edges were) and quasi-static theta follow, and
+ * the surroundings' grip slips where it must. Returns -1, or the node that ndli_rod_set_shape names; nothing has
+ * changed then, x and theta aside. */
 NDLI_API int ndli_rod_moved(ndl_rod *rod);
+/* The same, but nothing slips for good yet: the motion goes on. */
+NDLI_API int ndli_rod_follow(ndl_rod *rod);
 /* After rest_length or held changed: masses, and cells. Rest curvature stays integrated at each node. */
 NDLI_API void ndli_rod_rest_changed(ndl_rod *rod);
 /* rest_bend of the inner node i from its curvature (1/m) and cell. */
@@ -1711,6 +1898,31 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
+
+/* ---- rod_grip ---- */
+
+/* Torque (N m) with which the grip of edge j, wound by `lag`, is against more of it. */
+NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag);
+/* Of rod->shape. */
+NDLI_API void ndli_rod_add_grip_energy(const ndl_rod *rod, ndli_rod_sums *sums);
+NDLI_API void ndli_rod_add_grip_derivatives(const ndl_rod *rod, double *turn_gradient, ndli_rod_matrix *matrix);
+/* Anchors follow where springs are wound beyond their limit. */
+NDLI_API void ndli_rod_slip(ndl_rod *rod);
+/* ndl_rod_set_grip with valid arguments. */
+NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double limit);
+/* Turns the frame of edge 0, which must be held against turning, by `angle` (rad) about its tangent, for those who move
+ * nodes themselves; ndli_rod_moved, which must follow, turns the rest. */
+NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle);
+/* Edge and edge + 1 are now the halves of what was edge. */
+NDLI_API void ndli_rod_split_grip(ndl_rod *rod, int edge);
+/* Edge `from` goes into edge `to`, whose theta is that of both; their lags were these. */
+NDLI_API void ndli_rod_merge_grip(ndl_rod *rod, int from, int to, const double lags[2]);
+typedef struct ndli_rod_spread {
+    double *grip, *limit, *lag; /* [edges] */
+} ndli_rod_spread;
+/* Grip and lag of `count` - 1 new edges between the stations `at`, when the old nodes are at old_at (m). */
+NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, const double *at, int count,
+                                   ndli_rod_spread *spread);
 
 /* ---- rod_reshape ---- */
 
@@ -1774,6 +1986,7 @@ static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const 
     across = ndli_cross(shape->tangent[j], d);
     sbi_dense_sin_cos(theta[j], &s, &c);
     shape->director[j] = d;
+    shape->lag[j] = theta[j] - rod->anchor[j];
     shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
     shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
     return 1;
@@ -1849,7 +2062,7 @@ static void ndli_rod_add_bend_energy(const ndl_rod *rod, int i, ndli_rod_sums *s
 
 NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 {
-    ndli_rod_sums sums = {0, 0, 0, 0, 0};
+    ndli_rod_sums sums = {0, 0, 0, 0, 0, 0, 0};
     double reach = ndli_rod_reach(rod);
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double strain = rod->shape.length[j] / rod->rest_length[j] - 1, unknown = 2.3e-16 * reach / rod->rest_length[j];
@@ -1866,7 +2079,9 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         ndli_rod_add_bend_energy(rod, i, &sums);
         sums.twist += 0.5 * rod->torsion / rod->cell[i] * rod->shape.twist[i] * rod->shape.twist[i];
     }
-    sums.noise += 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.viscous);
+    if (rod->grips > 0)
+        ndli_rod_add_grip_energy(rod, &sums);
+    sums.noise += sums.turn_noise + 4.5e-15 * (sums.stretch + sums.bend + sums.twist + sums.grip + sums.viscous);
     return sums;
 }
 
@@ -2129,6 +2344,8 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
     }
+    if (rod->grips > 0)
+        ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
 }
 
 /* ---- damping within a step ---- */
@@ -2383,7 +2600,8 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length};
+                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
+                        &rod->grip_limit, &rod->anchor, &rod->shape.lag};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -2573,7 +2791,7 @@ static void ndli_rod_copy_state(ndl_rod *rod, int save)
     size_t n = (size_t)rod->node_count;
     vectors[0] = rod->x, vectors[1] = rod->v, vectors[2] = rod->a;
     vectors[3] = rod->director, vectors[4] = rod->tangent, vectors[5] = rod->reaction;
-    reals[0] = rod->theta, reals[1] = rod->reaction_torque;
+    reals[0] = rod->theta, reals[1] = rod->reaction_torque, reals[2] = rod->anchor;
     for (size_t k = 0; k < NDLI_ROD_SAVED_NODES; k++)
         memcpy(save ? rod->saved_nodes + k * n : vectors[k], save ? vectors[k] : rod->saved_nodes + k * n,
                n * sizeof(ndli_v3));
@@ -2587,6 +2805,14 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod) { ndli_rod_copy_state(rod, 0); }
 
 NDLI_API int ndli_rod_moved(ndl_rod *rod)
 {
+    int bad = ndli_rod_follow(rod);
+    if (bad < 0)
+        ndli_rod_slip(rod);
+    return bad;
+}
+
+NDLI_API int ndli_rod_follow(ndl_rod *rod)
+{
     int bad = ndli_rod_set_shape(rod, rod->x, rod->theta);
     double turned = 0;
     if (bad >= 0)
@@ -2597,6 +2823,7 @@ NDLI_API int ndli_rod_moved(ndl_rod *rod)
         double before = rod->theta[j]; /* theta[j - 1] has turned already */
         turned += rod->shape.twist[j] - (before - (rod->theta[j - 1] - turned));
         rod->theta[j] = before + turned;
+        rod->anchor[j] += turned;
         rod->tangent[j] = rod->shape.tangent[j];
         rod->director[j] = ndli_rod_across(
             ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j], rod->director[j - 1]), rod->tangent[j]);
@@ -2825,12 +3052,13 @@ static void ndli_rod_shift_all(ndl_rod *rod, int node, int edge, int open)
 {
     int n = rod->node_count;
     ndli_v3 *node_vectors[6], *edge_vectors[2];
-    double *edge_reals[5];
+    double *edge_reals[8];
     node_vectors[0] = rod->x, node_vectors[1] = rod->v, node_vectors[2] = rod->a, node_vectors[3] = rod->target;
     node_vectors[4] = rod->target_velocity, node_vectors[5] = rod->force;
     edge_vectors[0] = rod->director, edge_vectors[1] = rod->tangent;
     edge_reals[0] = rod->theta, edge_reals[1] = rod->rest_length, edge_reals[2] = rod->turn;
     edge_reals[3] = rod->torque, edge_reals[4] = rod->reaction_torque;
+    edge_reals[5] = rod->grip, edge_reals[6] = rod->grip_limit, edge_reals[7] = rod->anchor;
     for (int k = 0; k < 6; k++)
         ndli_rod_shift(node_vectors[k], sizeof(ndli_v3), node, n, open);
     ndli_rod_shift(rod->reaction, sizeof(ndli_v3), node, n, open);
@@ -2839,7 +3067,7 @@ static void ndli_rod_shift_all(ndl_rod *rod, int node, int edge, int open)
     ndli_rod_shift(rod->has_velocity, 1, node, n, open);
     for (int k = 0; k < 2; k++)
         ndli_rod_shift(edge_vectors[k], sizeof(ndli_v3), edge, n - 1, open);
-    for (int k = 0; k < 5; k++)
+    for (int k = 0; k < 8; k++)
         ndli_rod_shift(edge_reals[k], sizeof(double), edge, n - 1, open);
     ndli_rod_shift(rod->turn_held, 1, edge, n - 1, open);
     rod->node_count += open ? 1 : -1;
@@ -2915,6 +3143,7 @@ NDL_API sb_result ndl_rod_split_edge(ndl_rod *rod, int edge)
     rod->turn[edge + 1] = rod->turn[edge];
     rod->torque[edge + 1] = rod->torque[edge];
     rod->reaction_torque[edge + 1] = 0;
+    ndli_rod_split_grip(rod, edge);
     rod->rest_length[edge] *= 0.5;
     rod->rest_length[edge + 1] = rod->rest_length[edge];
     ndli_rod_split_turn(rod, edge);
@@ -2950,7 +3179,7 @@ static void ndli_rod_share(ndl_rod *rod, int i, double after)
 
 NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
 {
-    double after, length, turn;
+    double after, length, turn, lags[2];
     if (!rod)
         return SB_ERROR_ARGUMENT;
     if (!ndli_rod_has_node(rod, node))
@@ -2963,6 +3192,8 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
     /* a rod that a merged edge would fold keeps its node */
     if (!(1 + ndli_dot(rod->tangent[node - 1], rod->tangent[node]) > 1))
         return SB_ERROR_UNSUPPORTED;
+    for (int k = 0; k < 2; k++)
+        lags[k] = rod->theta[node - 1 + k] - rod->anchor[node - 1 + k];
     ndli_rod_share(rod, node, after);
     rod->theta[node - 1] += rod->turn_held[node - 1] ? 0 : turn;
     rod->rest_length[node] = length;
@@ -2970,6 +3201,7 @@ NDL_API sb_result ndl_rod_merge_node(ndl_rod *rod, int node)
     rod->turn[node] += rod->turn[node - 1];
     rod->torque[node] += rod->torque[node - 1];
     rod->theta[node] = rod->theta[node - 1];
+    ndli_rod_merge_grip(rod, node - 1, node, lags);
     rod->tangent[node] = rod->tangent[node - 1];
     rod->director[node] = rod->director[node - 1];
     ndli_rod_shift_all(rod, node, node - 1, 0);
@@ -2997,6 +3229,7 @@ NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length)
     for (int k = 0; k < 2; k++)
         ndli_rod_set_rest_density(rod, 1 + k, densities[k]);
     ndli_rod_relax(rod);
+    ndli_rod_slip(rod);
     ndli_rod_touched(rod);
     return SB_OK;
 }
@@ -3059,6 +3292,7 @@ NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
     energy.bend = (sb_real)sums.bend;
     energy.twist = (sb_real)sums.twist;
     energy.kinetic = (sb_real)kinetic;
+    energy.grip = (sb_real)sums.grip;
     return energy;
 }
 
@@ -3110,8 +3344,8 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
     double potential;
     ndli_rod_set_shape(rod, rod->x, theta);
     sums = ndli_rod_shape_energy(rod);
-    potential = sums.bend + sums.twist + sums.viscous; /* stretching does not change, and would drown it */
-    *noise = 4.5e-15 * potential;
+    potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
+    *noise = 4.5e-15 * potential + sums.turn_noise;
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         potential -= rod->torque[j] * theta[j];
         *noise += 4.5e-15 * fabs(rod->torque[j] * theta[j]);
@@ -3127,10 +3361,11 @@ static int ndli_rod_any_turn_held(const ndl_rod *rod)
     return 0;
 }
 
-/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held nowhere: its first edge stays. */
+/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+ * edge stays. */
 static int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held)
 {
-    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain);
+    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain && rod->grips == 0);
 }
 
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
@@ -3153,11 +3388,23 @@ static int ndli_rod_turn_step(ndl_rod *rod, int flags)
     return 1;
 }
 
+/* Whether Newton is at an end although its last step was not below what matters: where springs slip angles may be
+ * large and their rounding, too. The whole step (largest change, change before) promised no more than noise. */
+static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double before, double noise)
+{
+    double promised = 0;
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        promised += 0.5 * fabs(rod->step_theta[j] * (rod->torque[j] - rod->turn_gradient[j]));
+    return rod->grips > 0 && promised <= noise && largest > 0.25 * before;
+}
+
 NDLI_API void ndli_rod_relax(ndl_rod *rod)
 {
     size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
-    for (int iteration = 0; iteration < 50; iteration++) {
+    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise), before = 0;
+    /* at worst one more spring begins to slip in each */
+    int most = 50 + 2 * rod->grips;
+    for (int iteration = 0; iteration < most; iteration++) {
         double size = 1, largest = 0, next = potential;
         if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
             break;
@@ -3174,8 +3421,9 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
             break;
         memcpy(rod->theta, rod->try_theta, bytes);
         potential = next;
-        if (largest < 1e-13)
+        if (largest < 1e-13 || ndli_rod_turns_settled(rod, largest, before, noise))
             break;
+        before = size * largest;
     }
     ndli_rod_set_shape(rod, rod->x, rod->theta);
 }
@@ -3190,7 +3438,7 @@ static ndli_rod_progress ndli_rod_potential(ndl_rod *rod, const ndli_rod_problem
     ndli_rod_sums sums = ndli_rod_shape_energy(rod);
     ndli_rod_progress progress = {0, 0, 0, 0, 0};
     double sizes = 0;
-    progress.potential = sums.stretch + sums.bend + sums.twist + sums.viscous;
+    progress.potential = sums.stretch + sums.bend + sums.twist + sums.grip + sums.viscous;
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 gap = ndli_sub(rod->try_x[i], rod->predicted[i]);
         double work = ndli_dot(ndli_rod_load(rod, i), ndli_sub(rod->try_x[i], rod->x[i])), inertia = 0;
@@ -3230,6 +3478,7 @@ static void ndli_rod_balance(ndl_rod *rod, const ndli_rod_problem *problem, int 
     for (int j = 0; j < ndli_rod_edges(rod); j++) {
         double per_length = 1 / rod->rest_length[j];
         progress->scale = fmax(progress->scale, fabs(rod->turn_gradient[j]) * per_length);
+        progress->scale = fmax(progress->scale, fabs(ndli_rod_grip_moment(rod, j, rod->shape.lag[j])) * per_length);
         rod->turn_gradient[j] -= rod->torque[j];
         if (!ndli_rod_turn_known(rod, j, any_held))
             progress->residual = fmax(progress->residual, fabs(rod->turn_gradient[j]) * per_length);
@@ -3589,7 +3838,7 @@ static double ndli_rod_total_energy(ndl_rod *rod, double *lively)
     double energy;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     sums = ndli_rod_shape_energy(rod);
-    energy = sums.stretch + sums.bend + sums.twist;
+    energy = sums.stretch + sums.bend + sums.twist + sums.grip;
     for (int i = 0; i < rod->node_count; i++)
         energy += 0.5 * rod->mass[i] * ndli_dot(rod->v[i], rod->v[i]);
     *lively = energy;
@@ -3751,7 +4000,7 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
         return result;
     memcpy(rod->x, rod->try_x, (size_t)rod->node_count * sizeof *rod->x);
     memcpy(rod->theta, rod->try_theta, (size_t)ndli_rod_edges(rod) * sizeof *rod->theta);
-    return ndli_rod_moved(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
+    return ndli_rod_follow(rod) < 0 ? SB_OK : SB_ERROR_DIVERGED;
 }
 
 static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_options *options, ndl_rod_info *info)
@@ -3805,11 +4054,167 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
     ndli_rod_clear_turns(rod);
+    ndli_rod_slip(rod);
     ndli_rod_read_reactions(rod);
     rod->ledger_open = 0;
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
     return SB_OK;
+}
+
+/* ==== src/needle/rod_grip.c ==== */
+/* rod_grip: what surrounds a rod holds it against turning: on every edge a torsion spring that slips at its limit
+ * (elastic, then perfectly plastic), one end on the rod, the other in the surroundings.
+ *
+ * A spring is wound by lag = theta - anchor, and its potential is convex: 1/2 k lag^2 up to the lag limit/k, straight
+ * beyond. Minimising it together with twist and bending from the anchors of the last state is one implicit step of the
+ * plastic flow; the anchors then follow what has slipped. Where the frame that theta is told from turns by itself
+ * (folded reference twist, other nodes), theta and anchor change alike. */
+
+NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag)
+{
+    double moment = rod->grip[j] * lag, limit = rod->grip_limit[j];
+    return moment > limit ? limit : moment < -limit ? -limit : moment;
+}
+
+NDLI_API void ndli_rod_add_grip_energy(const ndl_rod *rod, ndli_rod_sums *sums)
+{
+    double turned = 0, moments = 0;
+    for (int i = 1; i < rod->node_count - 1; i++)
+        moments += 2 * rod->torsion / rod->cell[i] * fabs(rod->shape.twist[i]);
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double lag = rod->shape.lag[j], moment = fabs(ndli_rod_grip_moment(rod, j, lag));
+        turned = fmax(turned, fabs(lag) + fabs(rod->anchor[j]));
+        if (!(rod->grip[j] > 0))
+            continue;
+        moments += moment;
+        sums->grip += moment * (fabs(lag) - 0.5 * moment / rod->grip[j]);
+    }
+    sums->turn_noise = 2.3e-16 * turned * moments;
+}
+
+NDLI_API void ndli_rod_add_grip_derivatives(const ndl_rod *rod, double *turn_gradient, ndli_rod_matrix *matrix)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        double lag = rod->shape.lag[j];
+        turn_gradient[j] += ndli_rod_grip_moment(rod, j, lag);
+        if (matrix && rod->grip[j] * fabs(lag) < rod->grip_limit[j])
+            matrix->turn[j] += rod->grip[j];
+    }
+}
+
+NDLI_API void ndli_rod_slip(ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod) && rod->grips > 0; j++) {
+        double lag = rod->theta[j] - rod->anchor[j];
+        if (!(rod->grip[j] > 0))
+            rod->anchor[j] = rod->theta[j];
+        else if (rod->grip[j] * fabs(lag) > rod->grip_limit[j])
+            rod->anchor[j] = rod->theta[j] - ndli_rod_grip_moment(rod, j, lag) / rod->grip[j];
+        rod->shape.lag[j] = rod->theta[j] - rod->anchor[j];
+    }
+}
+
+NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double limit)
+{
+    double lag = rod->theta[edge] - rod->anchor[edge];
+    rod->grips += (stiffness > 0) - (rod->grip[edge] > 0);
+    if (!(stiffness > 0))
+        lag = 0;
+    else if (stiffness > rod->grip[edge]) /* what comes to it is not wound */
+        lag *= rod->grip[edge] / stiffness;
+    rod->grip[edge] = stiffness;
+    rod->grip_limit[edge] = stiffness > 0 ? limit : 0;
+    if (stiffness * fabs(lag) > limit)
+        lag = ndli_rod_grip_moment(rod, edge, lag) / stiffness;
+    rod->anchor[edge] = rod->theta[edge] - lag;
+    rod->ledger_open = 0;
+}
+
+NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle) { rod->theta[0] += angle; }
+
+NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit)
+{
+    if (!rod)
+        return SB_ERROR_ARGUMENT;
+    if (edge < 0 || edge >= ndli_rod_edges(rod))
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(stiffness) || !sb_is_finite(limit))
+        return SB_ERROR_NOT_FINITE;
+    if (stiffness < 0 || limit < 0)
+        return SB_ERROR_ARGUMENT;
+    ndli_rod_set_grip(rod, edge, (double)stiffness, (double)limit);
+    return SB_OK;
+}
+
+NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge)
+{
+    return (sb_real)-ndli_rod_grip_moment(rod, edge, rod->theta[edge] - rod->anchor[edge]);
+}
+
+/* ---- carried along where edges change ---- */
+
+NDLI_API void ndli_rod_split_grip(ndl_rod *rod, int edge)
+{
+    rod->anchor[edge + 1] = rod->anchor[edge];
+    rod->grip[edge] *= 0.5;
+    rod->grip_limit[edge] *= 0.5;
+    rod->grip[edge + 1] = rod->grip[edge];
+    rod->grip_limit[edge + 1] = rod->grip_limit[edge];
+    rod->grips += rod->grip[edge] > 0;
+}
+
+/* The angle of `to` is that of the merged edge already; `lags` are from before. */
+NDLI_API void ndli_rod_merge_grip(ndl_rod *rod, int from, int to, const double lags[2])
+{
+    double sum = rod->grip[from] + rod->grip[to], lag = 0;
+    if (sum > 0)
+        lag = (rod->grip[from] * lags[0] + rod->grip[to] * lags[1]) / sum;
+    rod->grips -= rod->grip[from] > 0 && rod->grip[to] > 0;
+    rod->grip[to] = sum;
+    rod->grip_limit[to] += rod->grip_limit[from];
+    rod->anchor[to] = rod->theta[to] - lag;
+}
+
+/* Slope of the lag along gripped edges (rad/m), the lesser of those to both sides: where they differ in sign, or where
+ * the grip ends, the lag is flat. Averages of a lag so sloped keep its torque, and do not wash it out. */
+static double ndli_rod_lag_slope(const ndl_rod *rod, const double *at, int j)
+{
+    double slopes[2];
+    for (int side = 0; side < 2; side++) {
+        int a = j - 1 + side, b = j + side;
+        if (a < 0 || b >= ndli_rod_edges(rod) || !(rod->grip[a] > 0) || !(rod->grip[b] > 0))
+            return 0;
+        slopes[side] = (rod->theta[b] - rod->anchor[b] - rod->theta[a] + rod->anchor[a]) /
+                       (0.5 * (at[b + 1] + at[b] - at[a + 1] - at[a]));
+    }
+    if (!(slopes[0] * slopes[1] > 0))
+        return 0;
+    return fabs(slopes[0]) < fabs(slopes[1]) ? slopes[0] : slopes[1];
+}
+
+NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, const double *at, int count,
+                                   ndli_rod_spread *spread)
+{
+    int first = 0;
+    for (int k = 0; k < count - 1; k++) {
+        double grip = 0, limit = 0, torque = 0;
+        for (int j = first; j < ndli_rod_edges(rod) && old_at[j] < at[k + 1]; j++) {
+            double from = fmax(at[k], old_at[j]), to = fmin(at[k + 1], old_at[j + 1]);
+            double share = (to - from) / (old_at[j + 1] - old_at[j]), off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
+            if (!(share > 0)) {
+                first = j; /* passed */
+                continue;
+            }
+            grip += share * rod->grip[j];
+            limit += share * rod->grip_limit[j];
+            torque += share * rod->grip[j] *
+                      (rod->theta[j] - rod->anchor[j] + off * ndli_rod_lag_slope(rod, old_at, j));
+        }
+        spread->grip[k] = grip;
+        spread->limit[k] = limit;
+        spread->lag[k] = grip > 0 ? torque / grip : 0;
+    }
 }
 
 /* ==== src/needle/rod_reshape.c ==== */
@@ -3898,15 +4303,16 @@ typedef struct ndli_rod_reshape {
     double *rest_length;   /* [count - 1] (m) */
     double *theta;         /* [count - 1] (rad) */
     double *curvature[2];  /* [count] (1/m) at rest; inner nodes */
+    ndli_rod_spread grip;  /* [count - 1] */
     ndli_rod_curve curve;  /* what is interpolated; stations' room for the old nodes */
 } ndli_rod_reshape;
 
-/* Hands out the scratch: 10 of the 44 reals a node of rod->band, and node arrays but try_x. */
+/* Hands out the scratch: 13 of the 44 reals a node of rod->band, and node arrays but try_x. */
 static ndli_rod_reshape ndli_rod_begin_reshape(ndl_rod *rod, const ndli_v3 *positions, int count)
 {
     ndli_rod_reshape reshape;
-    double *reals[10];
-    for (int k = 0; k < 10; k++)
+    double *reals[13];
+    for (int k = 0; k < 13; k++)
         reals[k] = rod->band + (size_t)k * (size_t)rod->capacity;
     reshape.count = count;
     reshape.x = positions;
@@ -3925,6 +4331,9 @@ static ndli_rod_reshape ndli_rod_begin_reshape(ndl_rod *rod, const ndli_v3 *posi
     reshape.curve.value = reals[8];
     reshape.curve.slope = reals[9];
     reshape.curve.count = 0;
+    reshape.grip.grip = reals[10];
+    reshape.grip.limit = reals[11];
+    reshape.grip.lag = reals[12];
     return reshape;
 }
 
@@ -4140,6 +4549,13 @@ static void ndli_rod_take_reshape(ndl_rod *rod, const ndli_rod_reshape *reshape)
     memcpy(rod->tangent, reshape->tangent, edges * sizeof *rod->tangent);
     memcpy(rod->director, reshape->director, edges * sizeof *rod->director);
     memcpy(rod->theta, reshape->theta, edges * sizeof *rod->theta);
+    memcpy(rod->grip, reshape->grip.grip, edges * sizeof *rod->grip);
+    memcpy(rod->grip_limit, reshape->grip.limit, edges * sizeof *rod->grip_limit);
+    rod->grips = 0;
+    for (size_t j = 0; j < edges; j++) {
+        rod->anchor[j] = rod->theta[j] - reshape->grip.lag[j];
+        rod->grips += rod->grip[j] > 0;
+    }
     memcpy(rod->rest_length, reshape->rest_length, edges * sizeof *rod->rest_length);
     ndli_rod_drop_supports(rod);
     ndli_rod_rest_changed(rod);
@@ -4166,9 +4582,11 @@ NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int
         return bad;
     ndli_rod_interpolate_motion(rod, &reshape);
     ndli_rod_interpolate_frames(rod, &reshape);
+    ndli_rod_spread_grip(rod, reshape.old_at, reshape.at, count, &reshape.grip);
     ndli_rod_take_reshape(rod, &reshape);
     rod->ledger_open = 0;
     ndli_rod_relax(rod);
+    ndli_rod_slip(rod);
     return -1;
 }
 
@@ -4841,6 +5259,7 @@ static void ndli_tissue_keep_mass(ndl_tissue_mesh *t)
 
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
 {
+    ndl_mesh_change nothing;
     if (tissue->density_count == 1)
         return;
     for (int t = 0; t < tissue->tet_end; t++)
@@ -4849,6 +5268,9 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
     for (int n = 0; n < tissue->node_end; n++)
         if (tissue->node_flags[n])
             ndli_tissue_weigh(tissue, n);
+    memset(&nothing, 0, sizeof nothing);
+    if (tissue->listener)
+        tissue->listener(tissue->listener_user, &nothing);
 }
 
 /* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,
@@ -5061,6 +5483,8 @@ NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
  * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
  * union of what any candidate changes, without that union. */
 
+
+#include <limits.h>
 #include <string.h>
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
@@ -6834,6 +7258,258 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
 }
 
+/* ---- state ---- */
+
+static const char ndli_remesh_magic[9] = "NDLREME\x1a";
+
+typedef struct ndli_remesh_head {
+    double smooth_below, release_above, entry_slip;
+    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
+    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
+} ndli_remesh_head;
+
+static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+{
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
+    return ndli_image_hash(hash, mesh->owner, nodes * sizeof(int));
+}
+
+static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->smooth_below = (double)r->def.smooth_below;
+    h->release_above = (double)r->def.release_above;
+    h->entry_slip = (double)r->def.entry_slip;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_needles = r->def.max_needles;
+    h->interfaces = (int)r->def.interfaces;
+    h->max_smoothed = r->def.max_smoothed;
+    h->release_cursor = r->release_cursor;
+}
+
+/* A split's simplex in four places, those that it does not use 0. */
+static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+{
+    ndli_split whole;
+    memset(&whole, 0, sizeof whole);
+    if (image->out) {
+        whole = *split;
+        for (int i = whole.size; i < 4; i++)
+            whole.simplex[i] = 0;
+    }
+    ndli_image_part(image, &whole, 1, sizeof whole);
+    if (image->in)
+        *split = whole;
+}
+
+/* counts: [3] nodes, splits, pool */
+static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+{
+    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
+    for (int i = 0; i < counts[1]; i++)
+        ndli_remesh_walk_split(needle->stack + i, image);
+    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
+}
+
+/* Measures or writes. */
+static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
+{
+    ndli_remesh_head head;
+    ndli_remesh_fill_head(r, &head);
+    head.mesh = mesh;
+    ndli_image_part(image, &head, 1, sizeof head);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int counts[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
+        ndli_image_part(image, counts, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, counts, image);
+    }
+}
+
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_remesh_write(r, 0, &image);
+    return image.used;
+}
+
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_remesh_write(r, 0, &image);
+}
+
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
+{
+    ndli_remesh_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    r->release_cursor = head.release_cursor;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int counts[4];
+        ndli_image_part(&image, counts, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, counts, &image);
+        r->needles[i].count = counts[0];
+        r->needles[i].depth = counts[1];
+        r->needles[i].pool_count = counts[2];
+    }
+}
+
+/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
+static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
+{
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 0 ||
+        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
+        return 0;
+    for (int i = 0; i < s->size; i++)
+        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
+            return 0;
+    return 1;
+}
+
+static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
+{
+    for (int i = 0; i < count; i++) {
+        int slot = ndli_image_int(slots, (size_t)i);
+        if (slot < 0 || slot >= end)
+            return 0;
+    }
+    return 1;
+}
+
+/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
+ * out */
+static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
+{
+    ndli_needle none;
+    ndli_image image;
+    size_t stack, pool;
+    memset(&none, 0, sizeof none);
+    memset(&image, 0, sizeof image);
+    image.used = 4 * sizeof(int);
+    if (left < image.used)
+        return 0;
+    memcpy(counts, in, 4 * sizeof(int));
+    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
+        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
+        return 0;
+    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
+    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+    ndli_remesh_walk_needle(&none, counts, &image);
+    if (image.overflow || image.used > left ||
+        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
+        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
+        return 0;
+    for (int i = 0; i < counts[1]; i++) {
+        ndli_split split;
+        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
+        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
+            return 0;
+    }
+    return image.used;
+}
+
+static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+{
+    ndli_remesh_head own;
+    ndli_remesh_fill_head(r, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
+    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
+        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
+        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
+    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
+    if (head->release_cursor < 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
+    return SB_OK;
+}
+
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
+static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
+    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    return good;
+}
+
+/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
+static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
+{
+    ndli_remesh_head head;
+    size_t at = sizeof head;
+    sb_result result = SB_OK;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
+    memcpy(&head, in, sizeof head);
+    if (!room)
+        result = ndli_remesh_check_head(r, &head, error);
+    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
+        int counts[4];
+        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
+        at += used;
+        if (!used)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
+        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
+    return result;
+}
+
+NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
+{
+    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_remesh_state_size(remesh);
+    ndli_image image;
+    if (!remesh || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
+    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    sb_result result;
+    if (!remesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    result = ndli_remesh_pass(remesh, in, size, 0, error);
+    if (result == SB_OK)
+        result = ndli_remesh_pass(remesh, in, size, 1, error);
+    if (result == SB_OK)
+        ndli_remesh_rewind(remesh, in);
+    return result;
+}
+
 /* ==== src/needle/tissue_state.h ==== */
 /* tissue_state: what is inside a tissue. Floor 4, internal: tissue_matrix.c keeps the stiffness up to date with mesh
  * and rotations, tissue_precond.c preconditions, tissue_step.c steps; a room above couples rods to it.
@@ -6972,6 +7648,7 @@ struct ndl_tissue {
     double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
 
     ndli_solid_scheme scheme;
+    uint64_t make;          /* hash of what cannot change: the first mesh, densities, how steps are done */
     int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
 };
 
@@ -6988,6 +7665,16 @@ SB_INLINE int ndli_solid_is_node(const ndl_tissue *t, int node)
 NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
 /* The mesh's listener. */
 NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
+/* Memory for the mesh's capacities and a pool of so many places, so many edges; nothing else changes. 0: none. */
+NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges);
+/* Takes a tet out of the rings of its edges, and edges without tets away. */
+NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet);
+/* Puts a tet into the rings of its edges; 0: no memory. */
+NDLI_API int ndli_solid_join(ndl_tissue *t, int tet);
+/* A slot out of use: no stiffness, no rotation. */
+NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet);
+/* rotated = R g of the tets of the batch that are marked as turned, by old_quats: a function of these and of g. */
+NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch);
 /* Rest data of a tet from mesh and materials. */
 NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
 /* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
@@ -7169,6 +7856,8 @@ static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
         memcpy(t->target_velocity, old.target_velocity, n * sizeof(sb_vec3));
         memcpy(t->reaction, old.reaction, n * sizeof(sb_vec3));
         memcpy(t->arm, old.arm, n * sizeof(sb_vec3));
+        memcpy(t->seen_x, old.seen_x, n * sizeof(sb_vec3));
+        memcpy(t->internal, old.internal, n * sizeof(sb_vec3));
         memcpy(t->row_start, old.row_start, n * sizeof(int));
         memcpy(t->row_count, old.row_count, n * sizeof(int));
         memcpy(t->row_class, old.row_class, n * sizeof(int));
@@ -7187,7 +7876,6 @@ static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
     sbi_free(&t->allocator, old.node_block);
     t->node_block = block;
     t->node_room = room;
-    t->seen_end = 0;
     return 1;
 }
 
@@ -7217,7 +7905,6 @@ static int ndli_solid_grow_tets(ndl_tissue *t, int room)
     sbi_free(&t->allocator, old.tet_block);
     t->tet_block = block;
     t->tet_room = room;
-    t->seen_end = 0;
     return 1;
 }
 
@@ -7258,6 +7945,14 @@ static int ndli_solid_grow_slots(ndl_tissue *t, int room)
     return 1;
 }
 
+NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges)
+{
+    return (t->mesh.node_capacity <= t->node_room || ndli_solid_grow_nodes(t, t->mesh.node_capacity)) &&
+           (t->mesh.tet_capacity <= t->tet_room || ndli_solid_grow_tets(t, t->mesh.tet_capacity)) &&
+           (slots <= t->slot_room || ndli_solid_grow_slots(t, ndli_solid_more(slots))) &&
+           (edges <= t->edge_room || ndli_solid_grow_edges(t, ndli_solid_more(edges)));
+}
+
 NDLI_API void ndli_solid_free(ndl_tissue *t)
 {
     sbi_free(&t->allocator, t->node_block);
@@ -7292,8 +7987,7 @@ NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet)
     t->stale_tet[tet] = 1;
 }
 
-/* A slot out of use: no stiffness, no rotation. */
-static void ndli_solid_blank(ndl_tissue *t, int tet)
+NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet)
 {
     size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
     for (size_t k = 0; k < 9; k++)
@@ -7460,8 +8154,7 @@ static void ndli_solid_drop_edge(ndl_tissue *t, int edge)
     t->edge_dirty[edge] = 0;
 }
 
-/* Takes a tet out of the rings of its edges, and edges without tets away. */
-static void ndli_solid_leave(ndl_tissue *t, int tet)
+NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet)
 {
     for (int p = 0; p < 6; p++) {
         int at = 6 * tet + p, edge = t->tet_edges[at], *link;
@@ -7477,8 +8170,7 @@ static void ndli_solid_leave(ndl_tissue *t, int tet)
     }
 }
 
-/* Puts a tet into the rings of its edges; 0: no memory. */
-static int ndli_solid_join(ndl_tissue *t, int tet)
+NDLI_API int ndli_solid_join(ndl_tissue *t, int tet)
 {
     const int *n = t->mesh.tets + 4 * (size_t)tet;
     for (int p = 0; p < 6; p++) {
@@ -7513,9 +8205,9 @@ static int ndli_solid_is_joined(const ndl_tissue *t, int tet)
 
 /* ---- all anew ---- */
 
-/* Rows laid out one after the other with room for two more blocks each, so that a new mesh lies in memory in the order
- * it is read. Columns come later. Uses scratch. */
-static int ndli_solid_lay_rows(ndl_tissue *t)
+/* Rows laid out one after the other with room for `spare` more blocks each, so that a new mesh lies in memory in the
+ * order it is read; without, only in the memory that there is. Columns come later. Uses scratch. */
+static int ndli_solid_lay_rows(ndl_tissue *t, int spare)
 {
     const ndl_tissue_mesh *mesh = &t->mesh;
     int64_t slots = 0, edges = 0;
@@ -7528,7 +8220,7 @@ static int ndli_solid_lay_rows(ndl_tissue *t)
                 count += t->scratch[j] != i + 1;
                 t->scratch[j] = i + 1;
             }
-        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + 2) : -1;
+        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + spare) : -1;
         t->row_start[i] = (int)slots;
         t->row_count[i] = 0;
         t->node_dirty[i] = 1;
@@ -7542,9 +8234,9 @@ static int ndli_solid_lay_rows(ndl_tissue *t)
         return 0;
     t->slot_end = 0; /* nothing worth copying */
     t->edge_end = 0;
-    if (slots > t->slot_room && !ndli_solid_grow_slots(t, ndli_solid_more((int)slots)))
+    if (slots > t->slot_room && (!spare || !ndli_solid_grow_slots(t, ndli_solid_more((int)slots))))
         return 0;
-    if (edges / 2 > t->edge_room && !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2))))
+    if (edges / 2 > t->edge_room && (!spare || !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2)))))
         return 0;
     t->slot_end = (int)slots;
     return 1;
@@ -7555,15 +8247,21 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     const ndl_tissue_mesh *mesh = &t->mesh;
     t->broken = 1;
     t->changed = 1;
-    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity))
+    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity) &&
+        mesh->node_end > t->node_room)
         return 0;
-    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity))
+    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity) && mesh->tet_end > t->tet_room)
         return 0;
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t))
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
         return 0;
+    for (int i = mesh->node_end; i < t->node_room; i++) {
+        t->role[i] = NDLI_ROW_ABSENT;
+        t->row_count[i] = 0;
+        t->row_class[i] = -1;
+    }
     for (int i = 0; i < mesh->node_end; i++) {
         if (!mesh->node_flags[i])
             t->role[i] = NDLI_ROW_ABSENT;
@@ -7623,6 +8321,8 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 {
     ndl_tissue *t = (ndl_tissue *)user;
     t->changed = 1;
+    if (change->node_count == 0) /* the densities: all masses are others */
+        t->inverse_valid = 0;
     if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
         (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
         t->broken = 1;
@@ -7714,30 +8414,51 @@ static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LA
     return square * (4 - square) > t->lazy_angle * t->lazy_angle;
 }
 
-/* Where a tet has turned or is new: its rotated gradients, and what they were rotated by. */
-static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES], const sb_real (*h)[NDLI_LANES],
-                            const sb_real (*moduli)[NDLI_LANES])
+NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
 {
-    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
+    const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
+    const sb_real(*q)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    sb_real r[9][NDLI_LANES], h[9][NDLI_LANES];
     int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES);
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_mat3 m = sb_quat_to_mat3(sb_quat_make(q[0][l], q[1][l], q[2][l], q[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = m.m[k / 3][k % 3];
+    }
+    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
     for (int l = 0; l < count; l++) {
-        int tet = batch * NDLI_LANES + l;
-        sb_real *out = t->rotated + 16 * (size_t)tet;
-        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
-                                         (t->stale_tet[tet] ||
-                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
-        if (!t->turned[tet])
+        sb_real *out = t->rotated + 16 * (size_t)(batch * NDLI_LANES + l);
+        if (!t->turned[batch * NDLI_LANES + l])
             continue;
-        t->stale_tet[tet] = 0;
         for (int i = 0; i < 3; i++)
             out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
         for (int k = 0; k < 9; k++)
             out[3 + k] = h[k][l];
         out[12] = moduli[0][l];
         out[13] = moduli[1][l];
+    }
+}
+
+/* Where a tet has turned or is new: the rotation of its stiffness, and its rotated gradients. */
+static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES])
+{
+    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
+    for (int l = 0; l < count; l++) {
+        int tet = batch * NDLI_LANES + l;
+        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
+                                         (t->stale_tet[tet] ||
+                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        if (!t->turned[tet])
+            continue;
+        any = 1;
+        t->stale_tet[tet] = 0;
         for (int k = 0; k < 4; k++)
             old[k][l] = q[k][l];
     }
+    if (any)
+        ndli_solid_rotate(t, batch);
 }
 
 static void ndli_solid_batch(ndl_tissue *t, int batch)
@@ -7745,7 +8466,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
     const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
     sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
-    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES], h[9][NDLI_LANES];
+    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
     ndli_solid_gather(&t->mesh, batch, d);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -7753,8 +8474,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
                 f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] + d[3 + i][l] * g[3 + j][l] +
                                   d[6 + i][l] * g[6 + j][l];
     sb_polar_batch(f, quats, r);
-    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
-    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats, (const sb_real(*)[NDLI_LANES])h, moduli);
+    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats);
     t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
     for (int l = 0; l < NDLI_LANES; l++) {
@@ -8240,18 +8960,15 @@ static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const doubl
         }
 }
 
+/* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
 static void ndli_coarse_assemble(ndl_tissue *t)
 {
     ndli_solid_coarse *coarse = &t->coarse;
     int reach = 0;
     double w[6][6];
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] >= 0) {
-            int gap = t->aggregate[n[0]] - t->aggregate[n[1]];
-            reach = sbi_max_int(reach, gap < 0 ? -gap : gap);
-        }
-    }
+    for (int i = 0; i < t->mesh.node_end; i++)
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
+            reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
     coarse->width = 6 * reach + 5;
     memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
     for (int i = 0; i < t->mesh.node_end; i++) {
@@ -8264,14 +8981,13 @@ static void ndli_coarse_assemble(ndl_tissue *t)
             block[c] += t->scheme.mass * t->mesh.mass[i];
         ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
         ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
-    }
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] < 0 || t->role[n[0]] != NDLI_ROW_FREE || t->role[n[1]] != NDLI_ROW_FREE)
-            continue;
-        ndli_coarse_project(t->blocks[t->edge_slots[2 * (size_t)e]], t->scheme.stiffness, t->arm[n[0]], t->arm[n[1]],
-                            w);
-        ndli_coarse_add(coarse, t->aggregate[n[0]], t->aggregate[n[1]], (const double(*)[6])w, 1);
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
+            int j = t->columns[k];
+            if (j < i || t->role[j] != NDLI_ROW_FREE)
+                continue;
+            ndli_coarse_project(t->blocks[k], t->scheme.stiffness, t->arm[i], t->arm[j], w);
+            ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[j], (const double(*)[6])w, 1);
+        }
     }
 }
 
@@ -8909,6 +9625,7 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
 /* ==== src/needle/tissue.c ==== */
 /* tissue: creation, supports, loads and readings. */
 
+
 #include <string.h>
 
 enum { NDLI_TISSUE_COOKIE = 0x7155 };
@@ -9022,6 +9739,21 @@ static sb_result ndli_solid_make_mesh(ndl_tissue *t, const ndl_tissue_def *def, 
     return result;
 }
 
+/* A saved state belongs to tissues with the same of all this. */
+static void ndli_solid_set_make(ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash = ndli_image_hash(nodes, mesh->X, nodes * sizeof(sb_vec3));
+    hash = ndli_image_hash(hash, mesh->tets, tets * 4 * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->regions, tets * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->densities, (size_t)mesh->density_count * sizeof(sb_real));
+    hash = sbi_hash_word(hash, sbi_real_bits(t->lazy_angle));
+    hash = sbi_hash_word(hash, sbi_real_bits(t->tolerance));
+    hash = sbi_hash_word(hash, (uint64_t)t->max_iterations);
+    t->make = sbi_hash_word(hash, (uint64_t)t->integrator);
+}
+
 NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error)
 {
     ndl_tissue *t;
@@ -9044,6 +9776,7 @@ NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tiss
         ndl_tissue_destroy(t);
         return result;
     }
+    ndli_solid_set_make(t);
     for (int i = 0; i < def->fixed_count; i++)
         ndl_tissue_fix(t, def->fixed_nodes[i]);
     t->mesh.listener = ndli_solid_changed;
@@ -9249,6 +9982,773 @@ NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
     for (int c = 0; c < 9; c++)
         k.m[c / 3][c % 3] = block[c];
     return k;
+}
+
+/* ==== src/needle/state.c ==== */
+/* state: a tissue's state holds what cannot be computed again: mesh, motion, supports, rotations with their lag, the
+ * coarse matrix of some steps ago, the ledger. Rows, edges and stiffness are functions of these. A load therefore takes
+ * out of the matrix the tets that the state has otherwise, and puts the state's in: its cost follows what differs. */
+
+
+#include <limits.h>
+
+static const char ndli_tissue_magic[9] = "NDLTISS\x1a";
+static const char ndli_rod_magic[9] = "NDLROD\x1a\x1a";
+
+/* ---- what a tissue's image holds ---- */
+
+typedef struct ndli_tissue_head {
+    uint64_t make;
+    double damping_mass, damping_stiffness, gravity[3], made_mass, made_stiffness;
+    double elastic, ledger, work, work_unit, left_at;
+    int order, material_count;
+    int node_end, tet_end, node_count, tet_count, free_node, free_tet, displaced_count;
+    int changed, seen, acceleration_known, ledger_open;
+    int coarse_usable, coarse_age, coarse_fresh, coarse_wasted, coarse_width, coarse_count, unused;
+} ndli_tissue_head;
+
+/* Where parts begin that are compared or checked before they are read. */
+typedef struct ndli_tissue_places {
+    size_t lame, X, x, v, a, mass, owner, star, displaced, displaced_at, flags;
+    size_t tets, neighbours, next, prev, regions, density;
+    size_t force, internal, arm, aggregate, role, quats, old_quats, stale, centre;
+    size_t end;
+} ndli_tissue_places;
+
+static int ndli_state_has_seen(const ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    return t->seen_end == mesh->node_end &&
+           memcmp(t->seen_x, mesh->x, (size_t)mesh->node_end * sizeof(sb_vec3)) == 0;
+}
+
+static void ndli_state_fill_head(const ndl_tissue *t, ndli_tissue_head *h)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    memset(h, 0, sizeof *h);
+    h->make = t->make;
+    h->damping_mass = (double)t->damping_mass, h->damping_stiffness = (double)t->damping_stiffness;
+    h->gravity[0] = (double)t->gravity.x, h->gravity[1] = (double)t->gravity.y, h->gravity[2] = (double)t->gravity.z;
+    h->made_mass = (double)t->coarse.made_mass, h->made_stiffness = (double)t->coarse.made_stiffness;
+    h->elastic = t->elastic, h->ledger = t->ledger, h->work = t->work, h->work_unit = t->work_unit;
+    h->left_at = t->left_at;
+    h->order = NDLI_IMAGE_ORDER;
+    h->material_count = t->material_count;
+    h->node_end = mesh->node_end, h->tet_end = mesh->tet_end;
+    h->node_count = mesh->node_count, h->tet_count = mesh->tet_count;
+    h->free_node = mesh->free_node, h->free_tet = mesh->free_tet;
+    h->displaced_count = mesh->displaced_count;
+    h->changed = t->changed;
+    h->seen = ndli_state_has_seen(t);
+    h->acceleration_known = t->acceleration_known;
+    h->ledger_open = t->ledger_open;
+    h->coarse_usable = t->coarse.usable, h->coarse_age = t->coarse.age, h->coarse_fresh = t->coarse.fresh_iterations;
+    h->coarse_wasted = t->coarse.wasted, h->coarse_width = t->coarse.width, h->coarse_count = t->coarse.count;
+}
+
+static void ndli_state_take_head(ndl_tissue *t, const ndli_tissue_head *h)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    t->damping_mass = (sb_real)h->damping_mass, t->damping_stiffness = (sb_real)h->damping_stiffness;
+    t->gravity = sb_v3((sb_real)h->gravity[0], (sb_real)h->gravity[1], (sb_real)h->gravity[2]);
+    t->coarse.made_mass = (sb_real)h->made_mass, t->coarse.made_stiffness = (sb_real)h->made_stiffness;
+    t->elastic = h->elastic, t->ledger = h->ledger, t->work = h->work, t->work_unit = h->work_unit;
+    t->left_at = h->left_at;
+    mesh->node_end = h->node_end, mesh->tet_end = h->tet_end;
+    mesh->node_count = h->node_count, mesh->tet_count = h->tet_count;
+    mesh->free_node = h->free_node, mesh->free_tet = h->free_tet;
+    mesh->displaced_count = h->displaced_count;
+    t->acceleration_known = h->acceleration_known;
+    t->ledger_open = h->ledger_open;
+    t->coarse.usable = h->coarse_usable, t->coarse.age = h->coarse_age, t->coarse.fresh_iterations = h->coarse_fresh;
+    t->coarse.wasted = h->coarse_wasted, t->coarse.width = h->coarse_width;
+}
+
+static size_t ndli_state_lanes(int tets)
+{
+    return ((size_t)tets + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
+}
+
+/* The mesh, which rows and edges follow. */
+static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end;
+    p->lame = ndli_image_part(image, t->lame, (size_t)h->material_count, 2 * sizeof(sb_real));
+    p->X = ndli_image_part(image, mesh->X, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
+    p->x = ndli_image_part(image, mesh->x, nodes, sizeof(sb_vec3));
+    p->v = ndli_image_part(image, mesh->v, nodes, sizeof(sb_vec3));
+    p->a = ndli_image_part(image, mesh->a, nodes, sizeof(sb_vec3));
+    p->mass = ndli_image_part(image, mesh->mass, nodes, sizeof(sb_real));
+    p->owner = ndli_image_part(image, mesh->owner, nodes, sizeof(int));
+    p->star = ndli_image_part(image, mesh->node_star, nodes, sizeof(int));
+    p->displaced = ndli_image_part(image, mesh->displaced, (size_t)h->displaced_count, sizeof(int));
+    p->displaced_at = ndli_image_part(image, mesh->displaced_at, nodes, sizeof(int));
+    p->flags = ndli_image_part(image, mesh->node_flags, nodes, 1);
+    p->tets = ndli_image_part(image, mesh->tets, tets, 4 * sizeof(int));
+    p->neighbours = ndli_image_part(image, mesh->neighbours, tets, 4 * sizeof(int));
+    p->next = ndli_image_part(image, mesh->corner_next, tets, 4 * sizeof(int));
+    p->prev = ndli_image_part(image, mesh->corner_prev, tets, 4 * sizeof(int));
+    p->regions = ndli_image_part(image, mesh->regions, tets, sizeof(int));
+    p->density = ndli_image_part(image, mesh->tet_density, tets, sizeof(sb_real));
+    ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
+    ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
+}
+
+static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
+{
+    size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end, lanes = ndli_state_lanes(h->tet_end);
+    size_t aggregates = (size_t)h->coarse_count;
+    p->force = ndli_image_part(image, t->force, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
+    p->internal = ndli_image_part(image, t->internal, h->seen ? nodes : 0, sizeof(sb_vec3));
+    p->arm = ndli_image_part(image, t->arm, nodes, sizeof(sb_vec3));
+    p->aggregate = ndli_image_part(image, t->aggregate, nodes, sizeof(int));
+    p->role = ndli_image_part(image, t->role, nodes, 1);
+    ndli_image_part(image, t->has_velocity, nodes, 1);
+    p->quats = ndli_image_part(image, t->quats, lanes, 4 * sizeof(sb_real));
+    p->old_quats = ndli_image_part(image, t->old_quats, lanes, 4 * sizeof(sb_real));
+    p->stale = ndli_image_part(image, t->stale_tet, tets, 1);
+    p->centre = ndli_image_part(image, t->coarse.centre, aggregates, sizeof(sb_vec3));
+    ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
+    ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
+                    ((size_t)h->coarse_width + 1) * sizeof(double));
+    p->end = image->used;
+}
+
+/* Bytes of an image from its head on, and where they lie. */
+static size_t ndli_state_measure(ndl_tissue *t, ndli_tissue_head *h, ndli_tissue_places *places, int *overflow)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_image_part(&image, h, 1, sizeof *h);
+    ndli_state_walk_mesh(t, h, &image, places);
+    ndli_state_walk_solid(t, h, &image, places);
+    *overflow = image.overflow;
+    return image.used;
+}
+
+static void ndli_state_write(ndl_tissue *t, unsigned char *out)
+{
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = out;
+    ndli_state_fill_head(t, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_state_walk_mesh(t, &head, &image, &places);
+    ndli_state_walk_solid(t, &head, &image, &places);
+}
+
+/* ---- taking a state ---- */
+
+/* Marks of tets (turned) whose rotated gradients are to be made anew: rest data differ, or only the rotation. */
+enum { NDLI_STATE_TURNED = 1, NDLI_STATE_NEW = 2 };
+
+/* Marks what the state has otherwise; takes tets with other nodes out of the matrix. Returns 1 when there are such. */
+static int ndli_state_compare(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
+                              const unsigned char *in, int tets)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    int nodes = sbi_min_int(mesh->node_end, h->node_end), differs = 0;
+    int materials_differ = memcmp(t->lame, in + p->lame, (size_t)t->material_count * 2 * sizeof(sb_real)) != 0;
+    for (int i = 0; i < nodes; i++)
+        mesh->node_mark[i] = memcmp(mesh->X + i, in + p->X + (size_t)i * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
+    for (int e = 0; e < tets; e++) {
+        const int *n = mesh->tets + 4 * (size_t)e;
+        int was = e < mesh->tet_end && n[0] >= 0, n_then[4] = {-1, -1, -1, -1}, same, is_new;
+        if (e < h->tet_end)
+            memcpy(n_then, in + p->tets + (size_t)e * sizeof n_then, sizeof n_then);
+        same = was ? memcmp(n, n_then, sizeof n_then) == 0 : n_then[0] < 0;
+        if (same && was)
+            is_new = materials_differ | t->stale_tet[e] | mesh->node_mark[n[0]] | mesh->node_mark[n[1]] |
+                     mesh->node_mark[n[2]] | mesh->node_mark[n[3]];
+        else
+            is_new = n_then[0] >= 0;
+        t->turned[e] = (unsigned char)(is_new ? NDLI_STATE_NEW : 0);
+        if (same)
+            continue;
+        differs = 1;
+        if (was && !t->broken)
+            ndli_solid_leave(t, e);
+        mesh->tet_mark[e] = 1;
+    }
+    for (int i = 0; i < nodes; i++)
+        mesh->node_mark[i] = 0;
+    return differs;
+}
+
+static void ndli_state_forget_tet(ndl_tissue *t, int tet)
+{
+    size_t at = (size_t)(tet / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(tet % SB_POLAR_LANES);
+    ndli_solid_blank(t, tet);
+    for (size_t k = 0; k < 4; k++)
+        t->old_quats[at + k * SB_POLAR_LANES] = k == 0 ? (sb_real)1 : (sb_real)0;
+}
+
+/* Rest data and rows after the mesh is the state's. */
+static void ndli_state_join(ndl_tissue *t, int tets, int differs)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    int whole = t->broken;
+    for (int e = 0; e < tets; e++) {
+        int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
+        if (is && t->turned[e] == NDLI_STATE_NEW)
+            ndli_solid_measure(t, e);
+        else if (e >= mesh->tet_end)
+            ndli_state_forget_tet(t, e);
+        else if (mesh->tet_mark[e] && !is)
+            ndli_solid_blank(t, e);
+        if (mesh->tet_mark[e] && is && !whole)
+            whole = !ndli_solid_join(t, e);
+        mesh->tet_mark[e] = 0;
+    }
+    if (differs && whole) {
+        int made = ndli_solid_rebuild(t);
+        SB_ASSERT(made);
+        (void)made;
+        for (int e = 0; e < mesh->tet_end; e++)
+            t->turned[e] = mesh->tets[4 * (size_t)e] >= 0;
+    }
+}
+
+/* Slots that the state does not know are as they were before anything was in them, so that later states are equal in
+ * all bytes, too. */
+static void ndli_state_forget_nodes(ndl_tissue *t, int from, int to)
+{
+    for (int i = from; i < to; i++) {
+        t->mesh.node_flags[i] = 0;
+        t->role[i] = NDLI_ROW_ABSENT;
+        t->has_velocity[i] = 0;
+        t->mesh.mass[i] = 0;
+        t->mesh.owner[i] = t->mesh.node_star[i] = t->mesh.displaced_at[i] = -1;
+        t->force[i] = t->reaction[i] = t->target[i] = t->target_velocity[i] = sb_v3(0, 0, 0);
+    }
+}
+
+/* Rotated gradients and stiffness where turned, by the state's old rotations. */
+static void ndli_state_turn(ndl_tissue *t)
+{
+    int batches = (int)(ndli_state_lanes(t->mesh.tet_end) / SB_POLAR_LANES);
+    for (int batch = 0; batch < batches; batch++) {
+        int first = batch * SB_POLAR_LANES, last = sbi_min_int(t->mesh.tet_end, first + SB_POLAR_LANES), any = 0;
+        for (int e = first; e < last; e++)
+            any |= t->turned[e] = t->turned[e] != 0 && !t->stale_tet[e];
+        if (any)
+            ndli_solid_rotate(t, batch);
+    }
+    ndli_solid_stiffness(t);
+}
+
+/* Adds to `turned` the tets whose stiffness has another rotation in the state. */
+static void ndli_state_compare_rotations(ndl_tissue *t, const ndli_tissue_head *h, const unsigned char *old_quats)
+{
+    size_t batch_bytes = 4 * SB_POLAR_LANES * sizeof(sb_real);
+    int tets = sbi_min_int(t->mesh.tet_end, h->tet_end);
+    SB_ASSERT(h->tet_end <= t->tet_room);
+    for (int first = 0; first < tets; first += SB_POLAR_LANES) {
+        const sb_real *now = t->old_quats + 4 * (size_t)first;
+        const unsigned char *then = old_quats + 4 * (size_t)first * sizeof(sb_real);
+        int last = sbi_min_int(tets, first + SB_POLAR_LANES);
+        if (memcmp(now, then, batch_bytes) == 0)
+            continue;
+        for (int e = first; e < last; e++)
+            for (int k = 0; k < 4; k++) {
+                size_t at = (size_t)(k * SB_POLAR_LANES + e - first);
+                if (memcmp(now + at, then + at * sizeof(sb_real), sizeof(sb_real)) != 0)
+                    t->turned[e] |= NDLI_STATE_TURNED;
+            }
+    }
+}
+
+/* The tissue becomes what the image tells. There is memory. */
+static void ndli_state_take(ndl_tissue *t, const unsigned char *in)
+{
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    ndli_image image;
+    int overflow, differs, tets, nodes = t->mesh.node_end, whole = t->broken;
+    memcpy(&head, in, sizeof head);
+    ndli_state_measure(t, &head, &places, &overflow);
+    memset(&image, 0, sizeof image);
+    image.in = in;
+    tets = sbi_min_int(t->tet_room, sbi_max_int(t->mesh.tet_end, head.tet_end)); /* broken: the mesh may have more */
+    differs = ndli_state_compare(t, &head, &places, in, tets) | whole;
+    ndli_state_compare_rotations(t, &head, in + places.old_quats);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_state_walk_mesh(t, &head, &image, &places);
+    ndli_state_forget_nodes(t, head.node_end, sbi_min_int(nodes, t->node_room));
+    ndli_state_take_head(t, &head);
+    ndli_state_join(t, tets, differs);
+    ndli_state_walk_solid(t, &head, &image, &places);
+    ndli_state_turn(t);
+    t->inverse_valid = t->coarse.listed = 0;
+    t->changed = head.changed;
+    t->seen_end = 0;
+    if (head.seen) {
+        memcpy(t->seen_x, t->mesh.x, (size_t)head.node_end * sizeof(sb_vec3));
+        t->seen_end = head.node_end;
+    }
+}
+
+/* ---- checking a tissue's image ---- */
+
+typedef struct ndli_state_reader {
+    const unsigned char *in;
+    const ndli_tissue_head *head;
+    const ndli_tissue_places *places;
+} ndli_state_reader;
+
+static int ndli_state_lives(const ndli_state_reader *r, int node)
+{
+    return node >= 0 && node < r->head->node_end && r->in[r->places->flags + (size_t)node] != 0;
+}
+
+static int ndli_state_tet_lives(const ndli_state_reader *r, int tet)
+{
+    return tet >= 0 && tet < r->head->tet_end && ndli_image_int(r->in + r->places->tets, 4 * (size_t)tet) >= 0;
+}
+
+/* Whether the corner is one of its node's ring. */
+static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
+{
+    const ndli_tissue_places *p = r->places;
+    size_t at = (size_t)corner;
+    int node = ndli_image_int(r->in + p->tets, at), next = ndli_image_int(r->in + p->next, at);
+    int prev = ndli_image_int(r->in + p->prev, at), corners = 4 * r->head->tet_end;
+    if (!ndli_state_lives(r, node) || next < -1 || next >= corners || prev < -1 || prev >= corners)
+        return 0;
+    if (next >= 0 && (ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
+                      ndli_image_int(r->in + p->tets, (size_t)next) != node))
+        return 0;
+    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner
+                     : ndli_image_int(r->in + p->star, (size_t)node) == corner;
+}
+
+static int ndli_state_tet_holds(const ndl_tissue *t, const ndli_state_reader *r, int tet)
+{
+    int region = ndli_image_int(r->in + r->places->regions, (size_t)tet);
+    if (t->material_count > 1 && (region < 0 || region >= t->material_count))
+        return 0;
+    for (int c = 0; c < 4; c++) {
+        int corner = 4 * tet + c, other = ndli_image_int(r->in + r->places->neighbours, (size_t)corner);
+        if (!ndli_state_corner_holds(r, corner) || (other != -1 && !ndli_state_tet_lives(r, other)))
+            return 0;
+        for (int d = 0; d < c; d++)
+            if (ndli_image_int(r->in + r->places->tets, (size_t)corner) ==
+                ndli_image_int(r->in + r->places->tets, (size_t)(4 * tet + d)))
+                return 0;
+    }
+    return 1;
+}
+
+/* Corners in the ring of a node that the checks of corners have passed; -1: what is told of the node is wrong. */
+static int ndli_state_node_holds(const ndl_tissue *t, const ndli_state_reader *r, int node)
+{
+    const ndli_tissue_places *p = r->places;
+    size_t at = (size_t)node;
+    int role = r->in[p->role + at], lives = ndli_state_lives(r, node), count = 0;
+    int aggregate = ndli_image_int(r->in + p->aggregate, at), place = ndli_image_int(r->in + p->displaced_at, at);
+    if (role > NDLI_ROW_COUPLED || (role == NDLI_ROW_ABSENT) != !lives || aggregate < 0 ||
+        aggregate >= t->coarse.count || place < -1 || place >= r->head->displaced_count ||
+        (place >= 0 && ndli_image_int(r->in + p->displaced, (size_t)place) != node))
+        return -1;
+    if (!lives)
+        return 0;
+    for (int k = ndli_image_int(r->in + p->star, at); k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
+        if (k < 0 || k >= 4 * r->head->tet_end || ndli_image_int(r->in + p->tets, (size_t)k) != node)
+            return -1;
+        count++;
+    }
+    return count > 0 ? count : -1;
+}
+
+/* Whether a list of free slots has so many, none of them in use. */
+static int ndli_state_list_holds(const ndli_state_reader *r, int first, int count, int of_tets)
+{
+    int end = of_tets ? r->head->tet_end : r->head->node_end;
+    for (; count > 0 && first >= 0 && first < end; count--) {
+        if (of_tets ? ndli_state_tet_lives(r, first) : ndli_state_lives(r, first))
+            return 0;
+        first = of_tets ? ndli_image_int(r->in + r->places->neighbours, 4 * (size_t)first)
+                        : ndli_image_int(r->in + r->places->star, (size_t)first);
+    }
+    return count == 0 && first == -1;
+}
+
+static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state_reader *r, sb_error *error)
+{
+    const ndli_tissue_head *h = r->head;
+    int tets = 0, nodes = 0;
+    int64_t corners = 0;
+    for (int e = 0; e < h->tet_end; e++)
+        if (ndli_state_tet_lives(r, e)) {
+            if (!ndli_state_tet_holds(t, r, e))
+                return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
+            tets++;
+        }
+    for (int i = 0; i < h->node_end; i++) {
+        int count = ndli_state_node_holds(t, r, i);
+        if (count < 0)
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved tissue is damaged at node %d", i);
+        nodes += count > 0;
+        corners += count;
+    }
+    for (int i = 0; i < h->displaced_count; i++) {
+        int node = ndli_image_int(r->in + r->places->displaced, (size_t)i);
+        if (!ndli_state_lives(r, node) || ndli_image_int(r->in + r->places->displaced_at, (size_t)node) != i)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: node %d is not displaced", node);
+    }
+    if (tets != h->tet_count || nodes != h->node_count || corners != 4 * (int64_t)tets ||
+        !ndli_state_list_holds(r, h->free_tet, h->tet_end - h->tet_count, 1) ||
+        !ndli_state_list_holds(r, h->free_node, h->node_end - h->node_count, 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: slots in use and free ones disagree");
+    return SB_OK;
+}
+
+static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
+{
+    const ndli_tissue_places *p = r->places;
+    const ndli_tissue_head *h = r->head;
+    size_t nodes = 3 * (size_t)h->node_end;
+    int good = ndli_image_is_finite(r->in + p->X, nodes) && ndli_image_is_finite(r->in + p->x, nodes) &&
+               ndli_image_is_finite(r->in + p->v, nodes) && ndli_image_is_finite(r->in + p->a, nodes) &&
+               ndli_image_is_finite(r->in + p->mass, nodes / 3) && ndli_image_is_finite(r->in + p->force, 2 * nodes) &&
+               ndli_image_is_finite(r->in + p->density, (size_t)h->tet_end) &&
+               ndli_image_is_finite(r->in + p->lame, 2 * (size_t)h->material_count) &&
+               ndli_image_is_finite(r->in + p->quats, 8 * ndli_state_lanes(h->tet_end));
+    for (int i = 0; i < 12; i++) {
+        double value;
+        memcpy(&value, r->in + sizeof(uint64_t) + (size_t)i * sizeof value, sizeof value);
+        good = good && value - value == 0;
+    }
+    return good ? SB_OK : sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
+}
+
+static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
+
+static sb_result ndli_state_check_head(const ndl_tissue *t, const ndli_tissue_head *h, sb_error *error)
+{
+    int limit = INT_MAX / 12 - SB_POLAR_LANES, width = 6 * t->coarse.count - 1;
+    if (h->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved tissue is of a machine with another order of bytes");
+    if (h->make != t->make || h->material_count != t->material_count || h->coarse_count != t->coarse.count)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved tissue was made from another mesh or another def");
+    if (h->node_count < 1 || h->tet_count < 1 || h->node_end < h->node_count || h->tet_end < h->tet_count ||
+        h->node_end > limit || h->tet_end > limit || h->displaced_count < 0 || h->displaced_count > h->node_count ||
+        h->free_node < -1 || h->free_tet < -1 || !ndli_state_is_flag(h->changed) || !ndli_state_is_flag(h->seen) ||
+        !ndli_state_is_flag(h->acceleration_known) || !ndli_state_is_flag(h->ledger_open) ||
+        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_width < 0 || h->coarse_width > width ||
+        !(h->damping_mass >= 0) || !(h->damping_stiffness >= 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has counts or flags out of their range");
+    return SB_OK;
+}
+
+static sb_result ndli_state_check_tissue(ndl_tissue *t, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    ndli_state_reader reader;
+    int overflow;
+    size_t told;
+    sb_result result = ndli_image_check(buffer, size, ndli_tissue_magic, "tissue", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    if (told < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue ends in its head");
+    memcpy(&head, in, sizeof head);
+    result = ndli_state_check_head(t, &head, error);
+    if (result != SB_OK)
+        return result;
+    if (ndli_state_measure(t, &head, &places, &overflow) != told || overflow)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has another size than its counts tell");
+    reader.in = in;
+    reader.head = &head;
+    reader.places = &places;
+    result = ndli_state_check_numbers(&reader, error);
+    return result == SB_OK ? ndli_state_check_topology(t, &reader, error) : result;
+}
+
+/* ---- memory for a state ---- */
+
+/* Edges of the image's mesh, and places for its rows without any to spare; 0: too many to count. */
+static int ndli_state_count_rows(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
+                                 const unsigned char *in, int *slots, int *edges)
+{
+    int64_t places = 0, ends = 0;
+    for (int i = 0; i < h->node_end; i++) {
+        int count = 0, alive = in[p->flags + (size_t)i] != 0;
+        t->scratch[i] = i + 1;
+        for (int k = alive ? ndli_image_int(in + p->star, (size_t)i) : -1; k >= 0;
+             k = ndli_image_int(in + p->next, (size_t)k))
+            for (int c = 0; c < 4; c++) {
+                int j = ndli_image_int(in + p->tets, 4 * (size_t)(k / 4) + (size_t)c);
+                count += t->scratch[j] != i + 1;
+                t->scratch[j] = i + 1;
+            }
+        places += (count + NDLI_SOLID_PIECE - 1) / NDLI_SOLID_PIECE * NDLI_SOLID_PIECE;
+        ends += count;
+    }
+    memset(t->scratch, 0, (size_t)h->node_end * sizeof(int));
+    if (places > INT_MAX / 8)
+        return 0;
+    *slots = (int)places;
+    *edges = (int)(ends / 2);
+    return 1;
+}
+
+static sb_result ndli_state_reserve(ndl_tissue *t, const unsigned char *in, sb_error *error)
+{
+    ndl_tissue_mesh *mesh = &t->mesh;
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    int overflow, slots = 0, edges = 0;
+    memcpy(&head, in, sizeof head);
+    ndli_state_measure(t, &head, &places, &overflow);
+    if ((head.node_end > mesh->node_capacity || head.tet_end > mesh->tet_capacity) &&
+        !ndli_tissue_reserve(mesh, sbi_max_int(0, head.node_end - mesh->node_count),
+                             sbi_max_int(0, head.tet_end - mesh->tet_count)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tissue of %d nodes", head.node_end);
+    if (!ndli_solid_reserve(t, 0, 0) || !ndli_state_count_rows(t, &head, &places, in, &slots, &edges) ||
+        !ndli_solid_reserve(t, slots, edges))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of a tissue of %d nodes", head.node_end);
+    return SB_OK;
+}
+
+/* ---- tissue: calls ---- */
+
+static size_t ndli_state_size_of(const ndl_tissue *tissue)
+{
+    ndl_tissue view = *tissue; /* its arrays may then be named by a walk that also reads */
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    int overflow;
+    ndli_state_fill_head(tissue, &head);
+    return ndli_state_measure(&view, &head, &places, &overflow);
+}
+
+NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue)
+{
+    return tissue ? ndli_state_size_of(tissue) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error)
+{
+    ndl_tissue view;
+    size_t needed;
+    if (!tissue || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", tissue ? "buffer" : "tissue");
+    if (tissue->broken)
+        return sbi_fail(error, SB_ERROR_MEMORY, "a change of the mesh found no memory: no state before a step has");
+    needed = ndl_tissue_state_size(tissue);
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this tissue takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    view = *tissue;
+    ndli_state_write(&view, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_tissue_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error)
+{
+    sb_result result;
+    if (!tissue)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    result = ndli_state_check_tissue(tissue, buffer, size, error);
+    if (result == SB_OK)
+        result = ndli_state_reserve(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD, error);
+    if (result == SB_OK)
+        ndli_state_take(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
+    return result;
+}
+
+NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t) { return ndli_state_size_of(t); }
+
+NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer)
+{
+    if (t->broken && !ndli_solid_rebuild(t))
+        return 0;
+    ndli_state_write(t, (unsigned char *)buffer);
+    return 1;
+}
+
+NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer)
+{
+    ndli_state_take(t, (const unsigned char *)buffer);
+}
+
+/* ---- rods ---- */
+
+typedef struct ndli_rod_head {
+    double stretch, bending[2], torsion, line_density, tolerance; /* the make */
+    double gravity[3], damping_stretch, damping_bending, base_director[3], ledger;
+    int order, max_newton, node_count, plain, base_director_set, ledger_open, grips;
+    int none; /* fills the head up to whole doubles */
+} ndli_rod_head;
+
+static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->stretch = rod->stretch, h->bending[0] = rod->bending[0], h->bending[1] = rod->bending[1];
+    h->torsion = rod->torsion, h->line_density = rod->line_density, h->tolerance = rod->tolerance;
+    h->gravity[0] = rod->gravity.x, h->gravity[1] = rod->gravity.y, h->gravity[2] = rod->gravity.z;
+    h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
+    h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
+    h->base_director[2] = rod->base_director.z;
+    h->ledger = rod->ledger;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_newton = rod->max_newton;
+    h->node_count = rod->node_count;
+    h->plain = rod->plain;
+    h->base_director_set = rod->base_director_set;
+    h->ledger_open = rod->ledger_open;
+    h->grips = rod->grips;
+}
+
+static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
+{
+    rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
+    rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
+    rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
+    rod->ledger = h->ledger;
+    rod->node_count = h->node_count;
+    rod->plain = h->plain;
+    rod->base_director_set = h->base_director_set;
+    rod->ledger_open = h->ledger_open;
+    rod->grips = h->grips;
+}
+
+/* Arrays of edges have a place per node, too: whole ones are copied. Returns where the bytes that are no numbers
+ * begin. */
+static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
+{
+    ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
+                          rod->target, rod->target_velocity, rod->force, rod->reaction};
+    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque,
+                       rod->grip,  rod->grip_limit,  rod->anchor};
+    size_t n = (size_t)node_count, flags;
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
+        ndli_image_part(image, reals[i], n, sizeof(double));
+    ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
+    flags = image->used;
+    ndli_image_part(image, rod->held, n, 1);
+    ndli_image_part(image, rod->has_velocity, n, 1);
+    ndli_image_part(image, rod->turn_held, n, 1);
+    return flags;
+}
+
+static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.used = sizeof(ndli_rod_head);
+    *flags = ndli_rod_walk(rod, node_count, &image);
+    return image.used;
+}
+
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod)
+{
+    ndl_rod view = *rod;
+    size_t flags;
+    return ndli_rod_measure(&view, rod->node_count, &flags);
+}
+
+NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
+{
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_take_head(rod, &head);
+    ndli_rod_walk(rod, head.node_count, &image);
+    ndli_rod_publish(rod);
+}
+
+static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    ndli_rod_head own, head;
+    size_t told, flags;
+    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    if (told < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
+    memcpy(&head, in, sizeof head);
+    ndli_rod_fill_head(rod, &own);
+    if (head.order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
+    if (memcmp(&own, &head, 6 * sizeof(double)) != 0 || own.max_newton != head.max_newton)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
+    if (head.node_count > rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head.node_count,
+                        rod->capacity);
+    if (head.node_count < 2 || head.grips < 0 || head.grips >= head.node_count ||
+        ndli_rod_measure(rod, head.node_count, &flags) != told ||
+        !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
+        !ndli_state_is_flag(head.ledger_open))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
+    for (size_t at = 0; at < flags; at += sizeof(double)) {
+        double value;
+        memcpy(&value, in + at, sizeof value);
+        if ((at < 15 * sizeof(double) || at >= sizeof head) && value - value != 0)
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
+    }
+    return SB_OK;
+}
+
+NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
+{
+    return rod ? ndli_rod_snapshot_size(rod) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_rod_state_size(rod);
+    if (!rod || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", rod ? "buffer" : "rod");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this rod takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    ndli_rod_snapshot(rod, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_rod_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    sb_result result;
+    if (!rod)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "rod is NULL");
+    result = ndli_rod_check_image(rod, buffer, size, error);
+    if (result == SB_OK)
+        ndli_rod_rewind(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
+    return result;
 }
 
 /* ==== src/needle/steer_path.h ==== */
@@ -11458,6 +12958,8 @@ struct ndl_needle {
     ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
 
     double fed, advance;  /* m */
+    ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
+                           * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int blocked, limited; /* in the present step */
@@ -11963,19 +13465,69 @@ static sb_mat3 ndli_step_gradient(const ndl_tissue_mesh *mesh, int node)
     return sb_m3_scale(1 / total, sum);
 }
 
-/* Section 6 of the formulas: the tip's material point is put aside, so that the needle bends. */
-static sb_vec3 ndli_step_bevelled(const ndl_needle *needle, sb_vec3 X, sb_vec3 X_old)
+static ndli_v3 ndli_step_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
+
+static ndli_v3 ndli_step_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
+
+/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
+ * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
+static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
+{
+    int last = needle->rod->node_count - 1;
+    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
+    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
+    double curvature = (double)needle->bevel.curvature, size;
+    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
+        sb_real offset = 0;
+        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
+        return ndli_scale((double)offset, m2);
+    }
+    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
+    size = ndli_norm(lag);
+    if (size > 0.5) /* half a radian: no path of sound tets does that */
+        lag = ndli_scale(0.5 / size, lag);
+    *heading = ndli_step_unit(ndli_madd(*heading, curvature * advance, m2));
+    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
+}
+
+/* Where the tip, now above X, cuts to in the material. */
+static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
 {
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, tip = needle->path[last - needle->line.first];
+    sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, tip), inverse;
     double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
-    sb_mat3 gradient = ndli_step_gradient(&needle->tissue->mesh, tip);
-    sb_real offset;
-    sb_vec3 shift;
-    if (ndl_bevel_offset(&needle->bevel, sb_v3_norm(sb_v3_sub(X, X_old)), (sb_real)edge, &offset) != SB_OK ||
-        ndl_bevel_shift(offset, ndl_rod_frame(rod, last - 1).m2, &gradient, &shift) != SB_OK)
+    ndli_v3 heading, aside;
+    if (!(sb_m3_det(f) > 0) || !(edge > 0))
         return X;
-    return sb_v3_add(X, shift);
+    inverse = sb_m3_inverse(f);
+    if (last == needle->line.first)
+        needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, rod->tangent[last - 1]));
+    heading = ndli_step_unit(ndli_step_mapped(&f, needle->heading));
+    aside = ndli_step_aside(needle, needle->advance, edge, &heading);
+    needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, heading));
+    return sb_v3_add(X, ndli_to(ndli_step_mapped(&inverse, aside)));
+}
+
+/* After the tip has gone back: the heading of the circle through the last three nodes of the path. */
+static void ndli_step_turn_heading_back(ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndli_v3 last, before;
+    double l, b;
+    int count;
+    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    if (count < 2)
+        return;
+    last = ndli_from(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[count - 2]]));
+    l = ndli_norm(last);
+    needle->heading = ndli_scale(1 / l, last);
+    if (count < 3)
+        return;
+    before = ndli_from(sb_v3_sub(mesh->X[path[count - 2]], mesh->X[path[count - 3]]));
+    b = ndli_norm(before);
+    needle->heading = ndli_step_unit(
+        ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
 /* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
@@ -12006,10 +13558,9 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
 static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
-    sb_vec3 X_old = mesh->X[needle->path[last - needle->line.first]], X;
+    sb_vec3 X;
     sb_error own;
     sb_result result;
     needle->advance = needle->line.slip[last];
@@ -12018,10 +13569,10 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (!forward) {
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
+        ndli_step_turn_heading_back(needle);
         return ndli_step_judge(needle, result, &own, error);
     }
-    if (last > needle->line.first)
-        X = ndli_step_bevelled(needle, X, X_old);
+    X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         needle->blocked = 1;
@@ -12328,6 +13879,7 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
     def.tissue = &tissue->mesh;
     def.max_needles = NDL_MAX_NEEDLES;
+    def.entry_slip = 0; /* a node of the skin that is not where the needle is would pull at it */
     def.allocator = tissue->allocator;
     result = ndl_remesh_create(&def, &site->remesh, error);
     if (result != SB_OK) {

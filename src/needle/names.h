@@ -23,6 +23,7 @@
 #define ndl_rod_set_torque ndl_rod_set_torque_f32
 #define ndl_rod_set_gravity ndl_rod_set_gravity_f32
 #define ndl_rod_set_damping ndl_rod_set_damping_f32
+#define ndl_rod_set_grip ndl_rod_set_grip_f32
 #define ndl_rod_step ndl_rod_step_f32
 #define ndl_default_rod_static_options ndl_default_rod_static_options_f32
 #define ndl_rod_solve_static ndl_rod_solve_static_f32
@@ -45,6 +46,7 @@
 #define ndl_rod_forces ndl_rod_forces_f32
 #define ndl_rod_reactions ndl_rod_reactions_f32
 #define ndl_rod_reaction_torque ndl_rod_reaction_torque_f32
+#define ndl_rod_grip_torque ndl_rod_grip_torque_f32
 #define ndl_rod_base_wrench ndl_rod_base_wrench_f32
 #define ndl_tissue_mesh_create ndl_tissue_mesh_create_f32
 #define ndl_tissue_mesh_free ndl_tissue_mesh_free_f32
@@ -120,6 +122,15 @@
 #define ndl_needle_advance ndl_needle_advance_f32
 #define ndl_needle_cutting ndl_needle_cutting_f32
 #define ndl_needle_tip_material ndl_needle_tip_material_f32
+#define ndl_tissue_state_size ndl_tissue_state_size_f32
+#define ndl_tissue_save ndl_tissue_save_f32
+#define ndl_tissue_load ndl_tissue_load_f32
+#define ndl_remesh_state_size ndl_remesh_state_size_f32
+#define ndl_remesh_save ndl_remesh_save_f32
+#define ndl_remesh_load ndl_remesh_load_f32
+#define ndl_rod_state_size ndl_rod_state_size_f32
+#define ndl_rod_save ndl_rod_save_f32
+#define ndl_rod_load ndl_rod_load_f32
 #endif
 #endif
 

@@ -7,6 +7,10 @@
  * union of what any candidate changes, without that union. */
 #include "remesh.h"
 
+#include "image.h"
+#include "state.h"
+
+#include <limits.h>
 #include <string.h>
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
@@ -1778,4 +1782,256 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
 {
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
+}
+
+/* ---- state ---- */
+
+static const char ndli_remesh_magic[9] = "NDLREME\x1a";
+
+typedef struct ndli_remesh_head {
+    double smooth_below, release_above, entry_slip;
+    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
+    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
+} ndli_remesh_head;
+
+static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+{
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
+    return ndli_image_hash(hash, mesh->owner, nodes * sizeof(int));
+}
+
+static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->smooth_below = (double)r->def.smooth_below;
+    h->release_above = (double)r->def.release_above;
+    h->entry_slip = (double)r->def.entry_slip;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_needles = r->def.max_needles;
+    h->interfaces = (int)r->def.interfaces;
+    h->max_smoothed = r->def.max_smoothed;
+    h->release_cursor = r->release_cursor;
+}
+
+/* A split's simplex in four places, those that it does not use 0. */
+static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+{
+    ndli_split whole;
+    memset(&whole, 0, sizeof whole);
+    if (image->out) {
+        whole = *split;
+        for (int i = whole.size; i < 4; i++)
+            whole.simplex[i] = 0;
+    }
+    ndli_image_part(image, &whole, 1, sizeof whole);
+    if (image->in)
+        *split = whole;
+}
+
+/* counts: [3] nodes, splits, pool */
+static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+{
+    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
+    for (int i = 0; i < counts[1]; i++)
+        ndli_remesh_walk_split(needle->stack + i, image);
+    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
+}
+
+/* Measures or writes. */
+static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
+{
+    ndli_remesh_head head;
+    ndli_remesh_fill_head(r, &head);
+    head.mesh = mesh;
+    ndli_image_part(image, &head, 1, sizeof head);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int counts[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
+        ndli_image_part(image, counts, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, counts, image);
+    }
+}
+
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_remesh_write(r, 0, &image);
+    return image.used;
+}
+
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_remesh_write(r, 0, &image);
+}
+
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
+{
+    ndli_remesh_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    r->release_cursor = head.release_cursor;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int counts[4];
+        ndli_image_part(&image, counts, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, counts, &image);
+        r->needles[i].count = counts[0];
+        r->needles[i].depth = counts[1];
+        r->needles[i].pool_count = counts[2];
+    }
+}
+
+/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
+static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
+{
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 0 ||
+        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
+        return 0;
+    for (int i = 0; i < s->size; i++)
+        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
+            return 0;
+    return 1;
+}
+
+static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
+{
+    for (int i = 0; i < count; i++) {
+        int slot = ndli_image_int(slots, (size_t)i);
+        if (slot < 0 || slot >= end)
+            return 0;
+    }
+    return 1;
+}
+
+/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
+ * out */
+static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
+{
+    ndli_needle none;
+    ndli_image image;
+    size_t stack, pool;
+    memset(&none, 0, sizeof none);
+    memset(&image, 0, sizeof image);
+    image.used = 4 * sizeof(int);
+    if (left < image.used)
+        return 0;
+    memcpy(counts, in, 4 * sizeof(int));
+    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
+        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
+        return 0;
+    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
+    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+    ndli_remesh_walk_needle(&none, counts, &image);
+    if (image.overflow || image.used > left ||
+        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
+        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
+        return 0;
+    for (int i = 0; i < counts[1]; i++) {
+        ndli_split split;
+        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
+        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
+            return 0;
+    }
+    return image.used;
+}
+
+static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+{
+    ndli_remesh_head own;
+    ndli_remesh_fill_head(r, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
+    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
+        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
+        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
+    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
+    if (head->release_cursor < 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
+    return SB_OK;
+}
+
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
+static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
+    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    return good;
+}
+
+/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
+static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
+{
+    ndli_remesh_head head;
+    size_t at = sizeof head;
+    sb_result result = SB_OK;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
+    memcpy(&head, in, sizeof head);
+    if (!room)
+        result = ndli_remesh_check_head(r, &head, error);
+    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
+        int counts[4];
+        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
+        at += used;
+        if (!used)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
+        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
+    return result;
+}
+
+NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
+{
+    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_remesh_state_size(remesh);
+    ndli_image image;
+    if (!remesh || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
+    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *in;
+    sb_result result;
+    if (!remesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
+    if (result != SB_OK)
+        return result;
+    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    result = ndli_remesh_pass(remesh, in, size, 0, error);
+    if (result == SB_OK)
+        result = ndli_remesh_pass(remesh, in, size, 1, error);
+    if (result == SB_OK)
+        ndli_remesh_rewind(remesh, in);
+    return result;
 }

@@ -1,6 +1,8 @@
 /* tissue: creation, supports, loads and readings. */
 #include "tissue_state.h"
 
+#include "image.h"
+
 #include <string.h>
 
 enum { NDLI_TISSUE_COOKIE = 0x7155 };
@@ -114,6 +116,21 @@ static sb_result ndli_solid_make_mesh(ndl_tissue *t, const ndl_tissue_def *def, 
     return result;
 }
 
+/* A saved state belongs to tissues with the same of all this. */
+static void ndli_solid_set_make(ndl_tissue *t)
+{
+    const ndl_tissue_mesh *mesh = &t->mesh;
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash = ndli_image_hash(nodes, mesh->X, nodes * sizeof(sb_vec3));
+    hash = ndli_image_hash(hash, mesh->tets, tets * 4 * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->regions, tets * sizeof(int));
+    hash = ndli_image_hash(hash, mesh->densities, (size_t)mesh->density_count * sizeof(sb_real));
+    hash = sbi_hash_word(hash, sbi_real_bits(t->lazy_angle));
+    hash = sbi_hash_word(hash, sbi_real_bits(t->tolerance));
+    hash = sbi_hash_word(hash, (uint64_t)t->max_iterations);
+    t->make = sbi_hash_word(hash, (uint64_t)t->integrator);
+}
+
 NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error)
 {
     ndl_tissue *t;
@@ -136,6 +153,7 @@ NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tiss
         ndl_tissue_destroy(t);
         return result;
     }
+    ndli_solid_set_make(t);
     for (int i = 0; i < def->fixed_count; i++)
         ndl_tissue_fix(t, def->fixed_nodes[i]);
     t->mesh.listener = ndli_solid_changed;

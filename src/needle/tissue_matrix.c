@@ -106,6 +106,8 @@ static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
         memcpy(t->target_velocity, old.target_velocity, n * sizeof(sb_vec3));
         memcpy(t->reaction, old.reaction, n * sizeof(sb_vec3));
         memcpy(t->arm, old.arm, n * sizeof(sb_vec3));
+        memcpy(t->seen_x, old.seen_x, n * sizeof(sb_vec3));
+        memcpy(t->internal, old.internal, n * sizeof(sb_vec3));
         memcpy(t->row_start, old.row_start, n * sizeof(int));
         memcpy(t->row_count, old.row_count, n * sizeof(int));
         memcpy(t->row_class, old.row_class, n * sizeof(int));
@@ -124,7 +126,6 @@ static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
     sbi_free(&t->allocator, old.node_block);
     t->node_block = block;
     t->node_room = room;
-    t->seen_end = 0;
     return 1;
 }
 
@@ -154,7 +155,6 @@ static int ndli_solid_grow_tets(ndl_tissue *t, int room)
     sbi_free(&t->allocator, old.tet_block);
     t->tet_block = block;
     t->tet_room = room;
-    t->seen_end = 0;
     return 1;
 }
 
@@ -195,6 +195,14 @@ static int ndli_solid_grow_slots(ndl_tissue *t, int room)
     return 1;
 }
 
+NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges)
+{
+    return (t->mesh.node_capacity <= t->node_room || ndli_solid_grow_nodes(t, t->mesh.node_capacity)) &&
+           (t->mesh.tet_capacity <= t->tet_room || ndli_solid_grow_tets(t, t->mesh.tet_capacity)) &&
+           (slots <= t->slot_room || ndli_solid_grow_slots(t, ndli_solid_more(slots))) &&
+           (edges <= t->edge_room || ndli_solid_grow_edges(t, ndli_solid_more(edges)));
+}
+
 NDLI_API void ndli_solid_free(ndl_tissue *t)
 {
     sbi_free(&t->allocator, t->node_block);
@@ -229,8 +237,7 @@ NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet)
     t->stale_tet[tet] = 1;
 }
 
-/* A slot out of use: no stiffness, no rotation. */
-static void ndli_solid_blank(ndl_tissue *t, int tet)
+NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet)
 {
     size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
     for (size_t k = 0; k < 9; k++)
@@ -397,8 +404,7 @@ static void ndli_solid_drop_edge(ndl_tissue *t, int edge)
     t->edge_dirty[edge] = 0;
 }
 
-/* Takes a tet out of the rings of its edges, and edges without tets away. */
-static void ndli_solid_leave(ndl_tissue *t, int tet)
+NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet)
 {
     for (int p = 0; p < 6; p++) {
         int at = 6 * tet + p, edge = t->tet_edges[at], *link;
@@ -414,8 +420,7 @@ static void ndli_solid_leave(ndl_tissue *t, int tet)
     }
 }
 
-/* Puts a tet into the rings of its edges; 0: no memory. */
-static int ndli_solid_join(ndl_tissue *t, int tet)
+NDLI_API int ndli_solid_join(ndl_tissue *t, int tet)
 {
     const int *n = t->mesh.tets + 4 * (size_t)tet;
     for (int p = 0; p < 6; p++) {
@@ -450,9 +455,9 @@ static int ndli_solid_is_joined(const ndl_tissue *t, int tet)
 
 /* ---- all anew ---- */
 
-/* Rows laid out one after the other with room for two more blocks each, so that a new mesh lies in memory in the order
- * it is read. Columns come later. Uses scratch. */
-static int ndli_solid_lay_rows(ndl_tissue *t)
+/* Rows laid out one after the other with room for `spare` more blocks each, so that a new mesh lies in memory in the
+ * order it is read; without, only in the memory that there is. Columns come later. Uses scratch. */
+static int ndli_solid_lay_rows(ndl_tissue *t, int spare)
 {
     const ndl_tissue_mesh *mesh = &t->mesh;
     int64_t slots = 0, edges = 0;
@@ -465,7 +470,7 @@ static int ndli_solid_lay_rows(ndl_tissue *t)
                 count += t->scratch[j] != i + 1;
                 t->scratch[j] = i + 1;
             }
-        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + 2) : -1;
+        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + spare) : -1;
         t->row_start[i] = (int)slots;
         t->row_count[i] = 0;
         t->node_dirty[i] = 1;
@@ -479,9 +484,9 @@ static int ndli_solid_lay_rows(ndl_tissue *t)
         return 0;
     t->slot_end = 0; /* nothing worth copying */
     t->edge_end = 0;
-    if (slots > t->slot_room && !ndli_solid_grow_slots(t, ndli_solid_more((int)slots)))
+    if (slots > t->slot_room && (!spare || !ndli_solid_grow_slots(t, ndli_solid_more((int)slots))))
         return 0;
-    if (edges / 2 > t->edge_room && !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2))))
+    if (edges / 2 > t->edge_room && (!spare || !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2)))))
         return 0;
     t->slot_end = (int)slots;
     return 1;
@@ -492,15 +497,21 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     const ndl_tissue_mesh *mesh = &t->mesh;
     t->broken = 1;
     t->changed = 1;
-    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity))
+    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity) &&
+        mesh->node_end > t->node_room)
         return 0;
-    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity))
+    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity) && mesh->tet_end > t->tet_room)
         return 0;
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t))
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
         return 0;
+    for (int i = mesh->node_end; i < t->node_room; i++) {
+        t->role[i] = NDLI_ROW_ABSENT;
+        t->row_count[i] = 0;
+        t->row_class[i] = -1;
+    }
     for (int i = 0; i < mesh->node_end; i++) {
         if (!mesh->node_flags[i])
             t->role[i] = NDLI_ROW_ABSENT;
@@ -560,6 +571,8 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 {
     ndl_tissue *t = (ndl_tissue *)user;
     t->changed = 1;
+    if (change->node_count == 0) /* the densities: all masses are others */
+        t->inverse_valid = 0;
     if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
         (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
         t->broken = 1;
@@ -651,30 +664,51 @@ static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LA
     return square * (4 - square) > t->lazy_angle * t->lazy_angle;
 }
 
-/* Where a tet has turned or is new: its rotated gradients, and what they were rotated by. */
-static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES], const sb_real (*h)[NDLI_LANES],
-                            const sb_real (*moduli)[NDLI_LANES])
+NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
 {
-    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
+    const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
+    const sb_real(*q)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    sb_real r[9][NDLI_LANES], h[9][NDLI_LANES];
     int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES);
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_mat3 m = sb_quat_to_mat3(sb_quat_make(q[0][l], q[1][l], q[2][l], q[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = m.m[k / 3][k % 3];
+    }
+    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
     for (int l = 0; l < count; l++) {
-        int tet = batch * NDLI_LANES + l;
-        sb_real *out = t->rotated + 16 * (size_t)tet;
-        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
-                                         (t->stale_tet[tet] ||
-                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
-        if (!t->turned[tet])
+        sb_real *out = t->rotated + 16 * (size_t)(batch * NDLI_LANES + l);
+        if (!t->turned[batch * NDLI_LANES + l])
             continue;
-        t->stale_tet[tet] = 0;
         for (int i = 0; i < 3; i++)
             out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
         for (int k = 0; k < 9; k++)
             out[3 + k] = h[k][l];
         out[12] = moduli[0][l];
         out[13] = moduli[1][l];
+    }
+}
+
+/* Where a tet has turned or is new: the rotation of its stiffness, and its rotated gradients. */
+static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES])
+{
+    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
+    int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
+    for (int l = 0; l < count; l++) {
+        int tet = batch * NDLI_LANES + l;
+        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
+                                         (t->stale_tet[tet] ||
+                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        if (!t->turned[tet])
+            continue;
+        any = 1;
+        t->stale_tet[tet] = 0;
         for (int k = 0; k < 4; k++)
             old[k][l] = q[k][l];
     }
+    if (any)
+        ndli_solid_rotate(t, batch);
 }
 
 static void ndli_solid_batch(ndl_tissue *t, int batch)
@@ -682,7 +716,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
     const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
     sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
-    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES], h[9][NDLI_LANES];
+    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
     ndli_solid_gather(&t->mesh, batch, d);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -690,8 +724,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
                 f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] + d[3 + i][l] * g[3 + j][l] +
                                   d[6 + i][l] * g[6 + j][l];
     sb_polar_batch(f, quats, r);
-    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
-    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats, (const sb_real(*)[NDLI_LANES])h, moduli);
+    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats);
     t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
     ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
     for (int l = 0; l < NDLI_LANES; l++) {

@@ -648,6 +648,7 @@ static void ndli_tissue_keep_mass(ndl_tissue_mesh *t)
 
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
 {
+    ndl_mesh_change nothing;
     if (tissue->density_count == 1)
         return;
     for (int t = 0; t < tissue->tet_end; t++)
@@ -656,6 +657,9 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
     for (int n = 0; n < tissue->node_end; n++)
         if (tissue->node_flags[n])
             ndli_tissue_weigh(tissue, n);
+    memset(&nothing, 0, sizeof nothing);
+    if (tissue->listener)
+        tissue->listener(tissue->listener_user, &nothing);
 }
 
 /* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,

@@ -36,7 +36,8 @@ typedef struct ndl_mesh_change {
     int node_count;
 } ndl_mesh_change;
 
-/* Must not call back into the mesh. Runs after the change, with everything in place. */
+/* Must not call back into the mesh. Runs after the change, with everything in place. A change of nothing at all says
+ * that masses have changed. */
 typedef void (*ndl_mesh_listener)(void *user, const ndl_mesh_change *change);
 
 /* The mesh. Arrays are for reading: x, v, a, fixed flags and the listener are the caller's to set, all else changes

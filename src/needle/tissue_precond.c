@@ -268,18 +268,15 @@ static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const doubl
         }
 }
 
+/* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
 static void ndli_coarse_assemble(ndl_tissue *t)
 {
     ndli_solid_coarse *coarse = &t->coarse;
     int reach = 0;
     double w[6][6];
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] >= 0) {
-            int gap = t->aggregate[n[0]] - t->aggregate[n[1]];
-            reach = sbi_max_int(reach, gap < 0 ? -gap : gap);
-        }
-    }
+    for (int i = 0; i < t->mesh.node_end; i++)
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
+            reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
     coarse->width = 6 * reach + 5;
     memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
     for (int i = 0; i < t->mesh.node_end; i++) {
@@ -292,14 +289,13 @@ static void ndli_coarse_assemble(ndl_tissue *t)
             block[c] += t->scheme.mass * t->mesh.mass[i];
         ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
         ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
-    }
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] < 0 || t->role[n[0]] != NDLI_ROW_FREE || t->role[n[1]] != NDLI_ROW_FREE)
-            continue;
-        ndli_coarse_project(t->blocks[t->edge_slots[2 * (size_t)e]], t->scheme.stiffness, t->arm[n[0]], t->arm[n[1]],
-                            w);
-        ndli_coarse_add(coarse, t->aggregate[n[0]], t->aggregate[n[1]], (const double(*)[6])w, 1);
+        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
+            int j = t->columns[k];
+            if (j < i || t->role[j] != NDLI_ROW_FREE)
+                continue;
+            ndli_coarse_project(t->blocks[k], t->scheme.stiffness, t->arm[i], t->arm[j], w);
+            ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[j], (const double(*)[6])w, 1);
+        }
     }
 }
 

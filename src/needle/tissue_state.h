@@ -136,6 +136,7 @@ struct ndl_tissue {
     double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
 
     ndli_solid_scheme scheme;
+    uint64_t make;          /* hash of what cannot change: the first mesh, densities, how steps are done */
     int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
 };
 
@@ -152,6 +153,16 @@ SB_INLINE int ndli_solid_is_node(const ndl_tissue *t, int node)
 NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
 /* The mesh's listener. */
 NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
+/* Memory for the mesh's capacities and a pool of so many places, so many edges; nothing else changes. 0: none. */
+NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges);
+/* Takes a tet out of the rings of its edges, and edges without tets away. */
+NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet);
+/* Puts a tet into the rings of its edges; 0: no memory. */
+NDLI_API int ndli_solid_join(ndl_tissue *t, int tet);
+/* A slot out of use: no stiffness, no rotation. */
+NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet);
+/* rotated = R g of the tets of the batch that are marked as turned, by old_quats: a function of these and of g. */
+NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch);
 /* Rest data of a tet from mesh and materials. */
 NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
 /* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
