@@ -12927,7 +12927,8 @@ NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines
 
 /* ==== src/needle/needle_state.h ==== */
 /* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
- * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_step.c steps. */
+ * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_undo.c takes a
+ * step back, needle_step.c makes it. */
 #ifndef NDL_NEEDLE_STATE_H
 #define NDL_NEEDLE_STATE_H
 
@@ -12981,6 +12982,8 @@ struct ndli_site {
     int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
     int coupled_count;
     int coupled_room;
+    unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
+    size_t undo_room;
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -12999,6 +13002,13 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
  * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+
+/* ---- needle_undo ---- */
+
+/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has grown; 0: there is none. */
+NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
+/* Brings it back. */
+NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
 #endif
 
 #endif /* NDL_NEEDLE_STATE_H */
@@ -13327,6 +13337,97 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
         line->state[i] = NDL_FREE;
     line->first = count > 0 ? first : rod->node_count;
     return -1;
+}
+
+/* ==== src/needle/needle_undo.c ==== */
+/* needle_undo: the state of a tissue, its remesher and its needles at the start of a step, in one block. */
+
+#include <string.h>
+
+/* Parts begin where doubles may. */
+static size_t ndli_undo_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
+
+/* What a needle has beside its rod: its fields, and the arrays that go from step to step. */
+static size_t ndli_undo_needle_size(const ndl_needle *needle)
+{
+    size_t n = (size_t)needle->rod->node_count;
+    return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
+           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n);
+}
+
+static size_t ndli_undo_size(const ndl_tissue *tissue)
+{
+    const struct ndli_site *site = tissue->site;
+    size_t sum = ndli_undo_aligned(ndli_solid_snapshot_size(tissue)) +
+                 ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i])
+            sum += ndli_undo_needle_size(site->needles[i]) +
+                   ndli_undo_aligned(ndli_rod_snapshot_size(site->needles[i]->rod));
+    return sum;
+}
+
+/* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
+static void ndli_undo_copy(unsigned char **at, void *part, size_t bytes, int back)
+{
+    if (bytes)
+        memcpy(back ? part : (void *)*at, back ? (const void *)*at : part, bytes);
+    *at += ndli_undo_aligned(bytes);
+}
+
+static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned char **at, int back)
+{
+    size_t n = (size_t)node_count;
+    ndli_undo_copy(at, needle, sizeof *needle, back);
+    ndli_undo_copy(at, needle->line.contact, n * sizeof(ndli_v3), back);
+    ndli_undo_copy(at, needle->path, n * sizeof(int), back);
+    ndli_undo_copy(at, needle->line.state, n, back);
+}
+
+NDLI_API int ndli_needle_keep(ndl_tissue *tissue)
+{
+    struct ndli_site *site = tissue->site;
+    size_t needed = ndli_undo_size(tissue);
+    unsigned char *at;
+    if (needed > site->undo_room) {
+        size_t room = needed + needed / 8; /* a needle on its way in grows a little with each step */
+        unsigned char *grown = (unsigned char *)sbi_alloc(&tissue->allocator, room, 1);
+        if (!grown)
+            return 0;
+        sbi_free(&tissue->allocator, site->undo);
+        site->undo = grown;
+        site->undo_room = room;
+    }
+    at = site->undo + ndli_undo_aligned(ndli_solid_snapshot_size(tissue));
+    if (!ndli_solid_snapshot(tissue, site->undo))
+        return 0;
+    ndli_remesh_snapshot(site->remesh, at);
+    at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            size_t rod = ndli_undo_aligned(ndli_rod_snapshot_size(site->needles[i]->rod));
+            ndli_rod_snapshot(site->needles[i]->rod, at);
+            at += rod;
+            ndli_undo_copy_needle(site->needles[i], site->needles[i]->rod->node_count, &at, 0);
+        }
+    return 1;
+}
+
+NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
+{
+    struct ndli_site *site = tissue->site;
+    unsigned char *at = site->undo;
+    ndli_solid_restore(tissue, at);
+    at += ndli_undo_aligned(ndli_solid_snapshot_size(tissue)); /* of the restored state, as when it was kept */
+    ndli_remesh_rewind(site->remesh, at);
+    at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_rod *rod = site->needles[i]->rod;
+            ndli_rod_rewind(rod, at);
+            at += ndli_undo_aligned(ndli_rod_snapshot_size(rod));
+            ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 1);
+        }
 }
 
 /* ==== src/needle/needle_step.c ==== */
@@ -13822,12 +13923,16 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     s.info->worst_quality = 1;
     s.info->substeps = substeps;
     begin = ndli_step_now(tissue);
+    if (!ndli_needle_keep(tissue))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     for (int k = 0; k < count; k++) {
         s.lines[k] = &needles[k]->line;
         needles[k]->blocked = needles[k]->limited = 0;
     }
     for (int i = 0; i < substeps && result == SB_OK; i++)
         result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
+    if (result != SB_OK)
+        ndli_needle_undo(tissue);
     for (int k = 0; k < count; k++) {
         needles[k]->base_given = 0;
         ndli_rod_publish(needles[k]->rod);
@@ -13863,6 +13968,7 @@ static void ndli_site_free(ndl_tissue *tissue)
     struct ndli_site *site = tissue->site;
     ndl_remesh_destroy(site->remesh);
     sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site->undo);
     sbi_free(&tissue->allocator, site);
     tissue->site = NULL;
 }

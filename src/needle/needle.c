@@ -24,6 +24,7 @@ static void ndli_site_free(ndl_tissue *tissue)
     struct ndli_site *site = tissue->site;
     ndl_remesh_destroy(site->remesh);
     sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site->undo);
     sbi_free(&tissue->allocator, site);
     tissue->site = NULL;
 }

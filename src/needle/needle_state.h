@@ -1,10 +1,12 @@
 /* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
- * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_step.c steps. */
+ * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_undo.c takes a
+ * step back, needle_step.c makes it. */
 #ifndef NDL_NEEDLE_STATE_H
 #define NDL_NEEDLE_STATE_H
 
 #include "couple_line.h"
 #include "needle.h"
+#include "state.h"
 
 typedef struct ndli_capsule {
     ndl_membrane def;
@@ -55,6 +57,8 @@ struct ndli_site {
     int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
     int coupled_count;
     int coupled_room;
+    unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
+    size_t undo_room;
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -73,6 +77,13 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
  * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+
+/* ---- needle_undo ---- */
+
+/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has grown; 0: there is none. */
+NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
+/* Brings it back. */
+NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
 #endif
 
 #endif /* NDL_NEEDLE_STATE_H */

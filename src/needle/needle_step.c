@@ -492,12 +492,16 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     s.info->worst_quality = 1;
     s.info->substeps = substeps;
     begin = ndli_step_now(tissue);
+    if (!ndli_needle_keep(tissue))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     for (int k = 0; k < count; k++) {
         s.lines[k] = &needles[k]->line;
         needles[k]->blocked = needles[k]->limited = 0;
     }
     for (int i = 0; i < substeps && result == SB_OK; i++)
         result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
+    if (result != SB_OK)
+        ndli_needle_undo(tissue);
     for (int k = 0; k < count; k++) {
         needles[k]->base_given = 0;
         ndli_rod_publish(needles[k]->rod);
