@@ -68,7 +68,8 @@ typedef struct ndl_needle_def {
     int membrane_count;
     ndl_cutting cutting;    /* default NULL: by the tables */
     void *cutting_user;
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. The largest of
+                             * all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;

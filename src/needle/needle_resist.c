@@ -151,7 +151,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = rod->node_count - 1;
-    double before[5], here[5];
+    double before[5] = {0, 0, 0, 0, 0}, here[5];
     line->cutting = 0;
     for (int i = line->first; i <= last; i++) {
         int tip = needle->path[i - line->first];

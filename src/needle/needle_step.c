@@ -292,6 +292,14 @@ static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *cou
     info->residual = sb_max(info->residual, couple->residual);
 }
 
+static int ndli_step_max_trials(const ndli_stepping *s)
+{
+    int most = 1;
+    for (int k = 0; k < s->count; k++)
+        most = sbi_max_int(most, s->needles[k]->max_trials);
+    return most;
+}
+
 /* The tissue's accelerations and the rods' motion; nothing has moved yet. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
@@ -304,7 +312,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, ndli_step_max_trials(s), &couple, s->error);
     s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
     if (result == SB_OK) {
         ndli_step_note_solve(s->info, &couple);
