@@ -394,8 +394,9 @@ NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real ben
 /* What surrounds an edge holds it against turning about its tangent: a torsion spring of this stiffness (N m/rad, >= 0;
  * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
  * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
- * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per length
- * give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares follow. */
+ * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per
+ * length give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares
+ * follow. */
 NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
 
 /* ---- motion ---- */
@@ -1383,6 +1384,7 @@ typedef struct ndli_rod_shape {
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
     double *chi;      /* [nodes] 1 + t.t' */
     double *twist;    /* [nodes] (rad) */
+    double *reference; /* [nodes] (rad) of it, what the directors make */
     double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
@@ -1485,6 +1487,8 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 /* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
  * has no length, has turned back on its neighbour, or turned over since the state: no energy there. */
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
+/* The same at other angles, tangents and directors of rod->shape as they are; frames (m1, m2): not only twists. */
+NDLI_API void ndli_rod_set_angles(const ndl_rod *rod, const double *theta, int frames);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
     double grip;                 /* J: of the surroundings' springs, with what slips since the state */
@@ -1498,6 +1502,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
+/* turn_gradient, matrix->turn and matrix->turn_before of these alone. */
+NDLI_API void ndli_rod_turn_derivatives(const ndl_rod *rod, int flags, double *turn_gradient, ndli_rod_matrix *matrix);
 /* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential,
  * which does not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain
  * rates w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with
@@ -1606,24 +1612,30 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
 
 /* ---- shape ---- */
 
+static void ndli_rod_set_frame(const ndl_rod *rod, int j, const double *theta)
+{
+    const ndli_rod_shape *shape = &rod->shape;
+    ndli_v3 d = shape->director[j], across = ndli_cross(shape->tangent[j], d);
+    double s, c;
+    sbi_dense_sin_cos(theta[j], &s, &c);
+    shape->lag[j] = theta[j] - rod->anchor[j];
+    shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
+    shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
+}
+
 static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const double *theta)
 {
     const ndli_rod_shape *shape = &rod->shape;
-    ndli_v3 e = ndli_sub(x[j + 1], x[j]), d, across;
-    double length = ndli_norm(e), s, c;
+    ndli_v3 e = ndli_sub(x[j + 1], x[j]);
+    double length = ndli_norm(e);
     if (!(length > 1e-3 * rod->rest_length[j]) || !ndli_is_finite(length))
         return 0;
     shape->length[j] = length;
     shape->tangent[j] = ndli_scale(1 / length, e);
     if (!(1 + ndli_dot(rod->tangent[j], shape->tangent[j]) > ndli_rod_least_chi))
         return 0;
-    d = ndli_rod_transport(rod->tangent[j], shape->tangent[j], rod->director[j]);
-    across = ndli_cross(shape->tangent[j], d);
-    sbi_dense_sin_cos(theta[j], &s, &c);
-    shape->director[j] = d;
-    shape->lag[j] = theta[j] - rod->anchor[j];
-    shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
-    shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
+    shape->director[j] = ndli_rod_transport(rod->tangent[j], shape->tangent[j], rod->director[j]);
+    ndli_rod_set_frame(rod, j, theta);
     return 1;
 }
 
@@ -1631,15 +1643,15 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
 {
     const ndli_rod_shape *shape = &rod->shape;
     ndli_v3 a = shape->tangent[i - 1], b = shape->tangent[i], carried;
-    double chi = 1 + ndli_dot(a, b), reference;
+    double chi = 1 + ndli_dot(a, b);
     if (!(chi > ndli_rod_least_chi))
         return 0;
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
-                                ndli_dot(carried, shape->director[i]));
-    shape->twist[i] = theta[i] - theta[i - 1] + reference;
+    shape->reference[i] = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
+                                          ndli_dot(carried, shape->director[i]));
+    shape->twist[i] = theta[i] - theta[i - 1] + shape->reference[i];
     return 1;
 }
 
@@ -1652,6 +1664,18 @@ NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const doub
         if (!ndli_rod_set_bend(rod, i, theta))
             return i;
     return -1;
+}
+
+NDLI_API void ndli_rod_set_angles(const ndl_rod *rod, const double *theta, int frames)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        if (frames)
+            ndli_rod_set_frame(rod, j, theta);
+        else
+            rod->shape.lag[j] = theta[j] - rod->anchor[j];
+    }
+    for (int i = 1; i < rod->node_count - 1; i++)
+        rod->shape.twist[i] = theta[i] - theta[i - 1] + rod->shape.reference[i];
 }
 
 /* ---- energy ---- */
@@ -1822,6 +1846,20 @@ static void ndli_rod_plain_bend(const ndl_rod *rod, int i, int flags, const ndli
         ndli_rod_add_curvature_hessian(bend, p, local);
 }
 
+/* Curvature w of node i in the frame of edge i - 1 + f, moment s against it and its stiffness, damping included. */
+static void ndli_rod_frame_moment(const ndl_rod *rod, int i, int f, double w[2], double s[2], double stiff[2])
+{
+    ndli_rod_material_curvature(rod, i, i - 1 + f, w);
+    for (int k = 0; k < 2; k++) {
+        stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
+        s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
+        if (rod->viscous_bend > 0) {
+            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
+            stiff[k] *= 1 + rod->viscous_bend;
+        }
+    }
+}
+
 /* Bending seen from the frame of edge i - 1 + f. Exact second derivatives have two more terms: of the frame's turning
  * with its edge, (kb p^T + p kb^T)/(2 l^2), and of the curvature in the angle. */
 static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, const ndli_rod_bend *bend, int wanted,
@@ -1831,15 +1869,7 @@ static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, con
     ndli_v3 m1 = rod->shape.m1[j], m2 = rod->shape.m2[j], p, mixed;
     double w[2], s[2], stiff[2];
     ndli_m3 q = ndli_m_zero();
-    ndli_rod_material_curvature(rod, i, j, w);
-    for (int k = 0; k < 2; k++) {
-        stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
-        s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
-        if (rod->viscous_bend > 0) {
-            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
-            stiff[k] *= 1 + rod->viscous_bend;
-        }
-    }
+    ndli_rod_frame_moment(rod, i, f, w, s, stiff);
     p = ndli_madd(ndli_scale(s[0], m2), -s[1], m1);
     for (int e = 0; e < 2; e++)
         local->edge[e] = ndli_add(local->edge[e], ndli_m_tapply(&bend->d[e], p));
@@ -1978,6 +2008,32 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
                 ndli_rod_frame_bend(rod, i, f, flags, &bend, matrix != NULL, &local);
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
+    }
+    if (rod->grips > 0)
+        ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
+}
+
+NDLI_API void ndli_rod_turn_derivatives(const ndl_rod *rod, int flags, double *turn_gradient, ndli_rod_matrix *matrix)
+{
+    size_t bytes = (size_t)rod->node_count * sizeof(double);
+    memset(turn_gradient, 0, bytes);
+    memset(matrix->turn, 0, bytes);
+    memset(matrix->turn_before, 0, bytes);
+    for (int i = 1; i < rod->node_count - 1; i++) {
+        double k = rod->torsion / rod->cell[i], moment = k * rod->shape.twist[i];
+        for (int f = 0; f < 2; f++) {
+            double gradient = 0, turns = 0, w[2], s[2], stiff[2];
+            if (!rod->plain) {
+                ndli_rod_frame_moment(rod, i, f, w, s, stiff);
+                gradient = s[0] * w[1] - s[1] * w[0];
+                turns = stiff[0] * w[1] * w[1] + stiff[1] * w[0] * w[0];
+                if (flags & NDLI_ROD_EXACT)
+                    turns -= s[0] * w[0] + s[1] * w[1];
+            }
+            turn_gradient[i - 1 + f] += gradient + (f ? moment : -moment);
+            matrix->turn[i - 1 + f] += turns + k;
+        }
+        matrix->turn_before[i] -= k;
     }
     if (rod->grips > 0)
         ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
@@ -2234,6 +2290,7 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
                            &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
+                        &rod->shape.reference,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
                         &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
                         &rod->grip_limit, &rod->anchor, &rod->shape.lag};
@@ -2977,7 +3034,7 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
 {
     ndli_rod_sums sums;
     double potential;
-    ndli_rod_set_shape(rod, rod->x, theta);
+    ndli_rod_set_angles(rod, theta, !rod->plain); /* the bending of a plain rod does not see its frames */
     sums = ndli_rod_shape_energy(rod);
     potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
     *noise = 4.5e-15 * potential + sums.turn_noise;
@@ -3010,7 +3067,7 @@ static double ndli_rod_turn_floor(const ndl_rod *rod, int j) { return 1e-9 * rod
 static int ndli_rod_turn_step(ndl_rod *rod, int flags)
 {
     int n = ndli_rod_edges(rod), any_held = ndli_rod_any_turn_held(rod);
-    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, &rod->matrix);
+    ndli_rod_turn_derivatives(rod, flags, rod->turn_gradient, &rod->matrix);
     for (int j = 0; j < n; j++) {
         int known = ndli_rod_turn_known(rod, j, any_held), before = j > 0 && !ndli_rod_turn_known(rod, j - 1, any_held);
         rod->band[2 * j] = !known && before ? rod->matrix.turn_before[j] : 0;
@@ -3036,9 +3093,11 @@ static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double bef
 NDLI_API void ndli_rod_relax(ndl_rod *rod)
 {
     size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise), before = 0;
+    double noise, potential, before = 0;
     /* at worst one more spring begins to slip in each */
     int most = 50 + 2 * rod->grips;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
     for (int iteration = 0; iteration < most; iteration++) {
         double size = 1, largest = 0, next = potential;
         if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
@@ -3060,7 +3119,7 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
             break;
         before = size * largest;
     }
-    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    ndli_rod_set_angles(rod, rod->theta, 1);
 }
 
 /* ---- potential of a step or solve, and its derivatives, in the shape that is tried ---- */
@@ -3836,7 +3895,8 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
         double grip = 0, limit = 0, torque = 0;
         for (int j = first; j < ndli_rod_edges(rod) && old_at[j] < at[k + 1]; j++) {
             double from = fmax(at[k], old_at[j]), to = fmin(at[k + 1], old_at[j + 1]);
-            double share = (to - from) / (old_at[j + 1] - old_at[j]), off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
+            double share = (to - from) / (old_at[j + 1] - old_at[j]);
+            double off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
             if (!(share > 0)) {
                 first = j; /* passed */
                 continue;
