@@ -1531,7 +1531,7 @@ NDLI_API void ndli_rod_bend_to(ndl_rod *rod, int i, double curvature1, double cu
 NDLI_API int ndli_rod_static_options_valid(const ndl_rod_static_options *options);
 /* Copies the state to what readings return. */
 NDLI_API void ndli_rod_publish(ndl_rod *rod);
-/* Copies of the state for undo, one deep: positions, motion, frames. */
+/* Copies of the state for undo, one deep: positions, motion, frames, what grips are wound by; not nodes and rests. */
 NDLI_API void ndli_rod_save(ndl_rod *rod);
 NDLI_API void ndli_rod_restore(ndl_rod *rod);
 

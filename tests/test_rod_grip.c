@@ -118,7 +118,6 @@ static void test_hysteresis(void)
     double virgin[121], work = 0, slipped = 0, torques[5 * 120 + 1], first_stored;
     ndl_rod *rod = gripped(edges, m / yield, m);
     ndl_frame frames[MOST];
-    double loss = 0;
     torques[0] = virgin[0] = 0;
     first_stored = stored(rod);
     for (int step = 1; step <= 5 * quarter; step++) {
@@ -138,11 +137,9 @@ static void test_hysteresis(void)
             CHECK(fabs(after) <= m * h * (1 + scene_tolerance(1e-12, 100)));
         }
         work += 0.5 * (torques[step] + torques[step - 1]) * angle;
-        if (step == 2 * quarter + 60)
-            loss = slipped; /* some of it on the way */
     }
     CHECK_NEAR((work - slipped - (stored(rod) - first_stored)) / work, 0, 2e-3); /* trapezia of the work */
-    CHECK(loss > 0.2 * work);
+    CHECK(slipped > 0.5 * work);
     CHECK_NEAR(torques[5 * quarter] / torques[quarter], 1, 1e-3);      /* the loop closes */
     CHECK_NEAR(torques[3 * quarter] / torques[quarter], -1, 1e-3);     /* and is symmetric */
     for (int step = 1; step <= quarter / 2; step++) /* Masing: turned back it is the first branch at twice the scale */
