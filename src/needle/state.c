@@ -163,27 +163,30 @@ static void ndli_state_write(ndl_tissue *t, unsigned char *out)
 
 /* ---- taking a state ---- */
 
-/* Marks what the state has otherwise: nodes elsewhere in the material (node_mark), tets whose rotated gradients are
- * to be made anew (turned); takes tets with other nodes out of the matrix. Returns 1 when there are such. */
+/* Marks of tets (turned) whose rotated gradients are to be made anew: rest data differ, or only the rotation. */
+enum { NDLI_STATE_TURNED = 1, NDLI_STATE_NEW = 2 };
+
+/* Marks what the state has otherwise; takes tets with other nodes out of the matrix. Returns 1 when there are such. */
 static int ndli_state_compare(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
-                              const unsigned char *in, int tets, int *materials_differ)
+                              const unsigned char *in, int tets)
 {
     ndl_tissue_mesh *mesh = &t->mesh;
     int nodes = sbi_min_int(mesh->node_end, h->node_end), differs = 0;
-    *materials_differ = memcmp(t->lame, in + p->lame, (size_t)t->material_count * 2 * sizeof(sb_real)) != 0;
+    int materials_differ = memcmp(t->lame, in + p->lame, (size_t)t->material_count * 2 * sizeof(sb_real)) != 0;
     for (int i = 0; i < nodes; i++)
         mesh->node_mark[i] = memcmp(mesh->X + i, in + p->X + (size_t)i * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
     for (int e = 0; e < tets; e++) {
         const int *n = mesh->tets + 4 * (size_t)e;
-        int was = e < mesh->tet_end && n[0] >= 0, n_then[4] = {-1, -1, -1, -1}, same;
+        int was = e < mesh->tet_end && n[0] >= 0, n_then[4] = {-1, -1, -1, -1}, same, is_new;
         if (e < h->tet_end)
             memcpy(n_then, in + p->tets + (size_t)e * sizeof n_then, sizeof n_then);
         same = was ? memcmp(n, n_then, sizeof n_then) == 0 : n_then[0] < 0;
         if (same && was)
-            t->turned[e] = (unsigned char)(*materials_differ | t->stale_tet[e] | mesh->node_mark[n[0]] |
-                                           mesh->node_mark[n[1]] | mesh->node_mark[n[2]] | mesh->node_mark[n[3]]);
+            is_new = materials_differ | t->stale_tet[e] | mesh->node_mark[n[0]] | mesh->node_mark[n[1]] |
+                     mesh->node_mark[n[2]] | mesh->node_mark[n[3]];
         else
-            t->turned[e] = (unsigned char)(n_then[0] >= 0);
+            is_new = n_then[0] >= 0;
+        t->turned[e] = (unsigned char)(is_new ? NDLI_STATE_NEW : 0);
         if (same)
             continue;
         differs = 1;
@@ -196,15 +199,25 @@ static int ndli_state_compare(ndl_tissue *t, const ndli_tissue_head *h, const nd
     return differs;
 }
 
+static void ndli_state_forget_tet(ndl_tissue *t, int tet)
+{
+    size_t at = (size_t)(tet / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(tet % SB_POLAR_LANES);
+    ndli_solid_blank(t, tet);
+    for (size_t k = 0; k < 4; k++)
+        t->old_quats[at + k * SB_POLAR_LANES] = k == 0 ? (sb_real)1 : (sb_real)0;
+}
+
 /* Rest data and rows after the mesh is the state's. */
-static void ndli_state_join(ndl_tissue *t, int tets, int differs, int materials_differ)
+static void ndli_state_join(ndl_tissue *t, int tets, int differs)
 {
     ndl_tissue_mesh *mesh = &t->mesh;
     int whole = t->broken;
     for (int e = 0; e < tets; e++) {
         int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
-        if (is && (t->turned[e] || materials_differ))
+        if (is && (t->turned[e] & NDLI_STATE_NEW))
             ndli_solid_measure(t, e);
+        else if (e >= mesh->tet_end)
+            ndli_state_forget_tet(t, e);
         else if (mesh->tet_mark[e] && !is)
             ndli_solid_blank(t, e);
         if (mesh->tet_mark[e] && is && !whole)
@@ -220,7 +233,8 @@ static void ndli_state_join(ndl_tissue *t, int tets, int differs, int materials_
     }
 }
 
-/* Slots that the state does not know are as they were before anything was in them. */
+/* Slots that the state does not know are as they were before anything was in them, so that later states are equal in
+ * all bytes, too. */
 static void ndli_state_forget_nodes(ndl_tissue *t, int from, int to)
 {
     for (int i = from; i < to; i++) {
@@ -229,7 +243,7 @@ static void ndli_state_forget_nodes(ndl_tissue *t, int from, int to)
         t->has_velocity[i] = 0;
         t->mesh.mass[i] = 0;
         t->mesh.owner[i] = t->mesh.node_star[i] = t->mesh.displaced_at[i] = -1;
-        t->force[i] = t->reaction[i] = sb_v3(0, 0, 0);
+        t->force[i] = t->reaction[i] = t->target[i] = t->target_velocity[i] = sb_v3(0, 0, 0);
     }
 }
 
@@ -240,7 +254,7 @@ static void ndli_state_turn(ndl_tissue *t)
     for (int batch = 0; batch < batches; batch++) {
         int first = batch * SB_POLAR_LANES, last = sbi_min_int(t->mesh.tet_end, first + SB_POLAR_LANES), any = 0;
         for (int e = first; e < last; e++)
-            any |= t->turned[e] = (unsigned char)(t->turned[e] && !t->stale_tet[e]);
+            any |= t->turned[e] = t->turned[e] != 0 && !t->stale_tet[e];
         if (any)
             ndli_solid_rotate(t, batch);
     }
@@ -263,7 +277,7 @@ static void ndli_state_compare_rotations(ndl_tissue *t, const ndli_tissue_head *
             for (int k = 0; k < 4; k++) {
                 size_t at = (size_t)(k * SB_POLAR_LANES + e - first);
                 if (memcmp(now + at, then + at * sizeof(sb_real), sizeof(sb_real)) != 0)
-                    t->turned[e] = 1;
+                    t->turned[e] |= NDLI_STATE_TURNED;
             }
     }
 }
@@ -274,19 +288,19 @@ static void ndli_state_take(ndl_tissue *t, const unsigned char *in)
     ndli_tissue_head head;
     ndli_tissue_places places;
     ndli_image image;
-    int overflow, differs, materials_differ, tets, nodes = t->mesh.node_end, whole = t->broken;
+    int overflow, differs, tets, nodes = t->mesh.node_end, whole = t->broken;
     memcpy(&head, in, sizeof head);
     ndli_state_measure(t, &head, &places, &overflow);
     memset(&image, 0, sizeof image);
     image.in = in;
     tets = sbi_min_int(t->tet_room, sbi_max_int(t->mesh.tet_end, head.tet_end)); /* broken: the mesh may have more */
-    differs = ndli_state_compare(t, &head, &places, in, tets, &materials_differ) | whole;
+    differs = ndli_state_compare(t, &head, &places, in, tets) | whole;
     ndli_state_compare_rotations(t, &head, in + places.old_quats);
     ndli_image_part(&image, &head, 1, sizeof head);
     ndli_state_walk_mesh(t, &head, &image, &places);
     ndli_state_forget_nodes(t, head.node_end, sbi_min_int(nodes, t->node_room));
     ndli_state_take_head(t, &head);
-    ndli_state_join(t, tets, differs, materials_differ);
+    ndli_state_join(t, tets, differs);
     ndli_state_walk_solid(t, &head, &image, &places);
     ndli_state_turn(t);
     t->inverse_valid = t->coarse.listed = 0;

@@ -456,7 +456,7 @@ static int ndli_solid_is_joined(const ndl_tissue *t, int tet)
 /* ---- all anew ---- */
 
 /* Rows laid out one after the other with room for `spare` more blocks each, so that a new mesh lies in memory in the
- * order it is read. Columns come later. Uses scratch. */
+ * order it is read; without, only in the memory that there is. Columns come later. Uses scratch. */
 static int ndli_solid_lay_rows(ndl_tissue *t, int spare)
 {
     const ndl_tissue_mesh *mesh = &t->mesh;
@@ -484,9 +484,9 @@ static int ndli_solid_lay_rows(ndl_tissue *t, int spare)
         return 0;
     t->slot_end = 0; /* nothing worth copying */
     t->edge_end = 0;
-    if (slots > t->slot_room && !ndli_solid_grow_slots(t, ndli_solid_more((int)slots)))
+    if (slots > t->slot_room && (!spare || !ndli_solid_grow_slots(t, ndli_solid_more((int)slots))))
         return 0;
-    if (edges / 2 > t->edge_room && !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2))))
+    if (edges / 2 > t->edge_room && (!spare || !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2)))))
         return 0;
     t->slot_end = (int)slots;
     return 1;
