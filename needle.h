@@ -1143,9 +1143,9 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
  * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes); SB_ERROR_STATE (another object's, or a remesher's
- * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator gives,
- * or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load allocates
- * where the object has less room than the state needs, else nothing. */
+ * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
+ * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
+ * allocates where the object has less room than the state needs, else nothing. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
@@ -7366,7 +7366,7 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once fits again */
         return 0;
     for (int i = mesh->node_end; i < t->node_room; i++) {
         t->role[i] = NDLI_ROW_ABSENT;
@@ -7453,8 +7453,9 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 /* ---- rotations and forces: a batch of tets at a time ---- */
 
 /* Displacements of nodes 1..3 relative to node 0: of them, not of positions, so that rest is exact wherever it is. */
-static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*d)[NDLI_LANES])
+static void ndli_solid_gather(const ndl_tissue *t, int batch, sb_real (*d)[NDLI_LANES])
 {
+    const ndl_tissue_mesh *mesh = &t->mesh;
     for (int l = 0; l < NDLI_LANES; l++) {
         int tet = batch * NDLI_LANES + l;
         const int *n = mesh->tets + 4 * (size_t)tet;
@@ -7464,9 +7465,9 @@ static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*
                 d[k][l] = 0;
             continue;
         }
-        u0 = sb_v3_sub(mesh->x[n[0]], mesh->X[n[0]]);
+        u0 = t->way[n[0]];
         for (int a = 0; a < 3; a++) {
-            sb_vec3 u = sb_v3_sub(sb_v3_sub(mesh->x[n[a + 1]], mesh->X[n[a + 1]]), u0);
+            sb_vec3 u = sb_v3_sub(t->way[n[a + 1]], u0);
             d[3 * a][l] = u.x;
             d[3 * a + 1][l] = u.y;
             d[3 * a + 2][l] = u.z;
@@ -7509,20 +7510,18 @@ SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const 
     return 0.5 * sum;
 }
 
-/* 1 when the tet's rotation is further than the lazy angle from that of its stiffness: with e = q - (+-)q_old,
- * |R - R_old| = |e| sqrt(4 - |e|^2). */
-static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
-                                 int l)
+/* far = |R - R_old|^2 of each lane: with e = q - (+-)q_old, |R - R_old| = |e| sqrt(4 - |e|^2). */
+SBI_FORCE_INLINE void ndli_solid_measure_turns(const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
+                                               sb_real *far)
 {
-    sb_real dot = 0, square = 0, sign;
-    for (int k = 0; k < 4; k++)
-        dot += q[k][l] * old[k][l];
-    sign = dot < 0 ? (sb_real)-1 : (sb_real)1;
-    for (int k = 0; k < 4; k++) {
-        sb_real e = q[k][l] - sign * old[k][l];
-        square += e * e;
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_real dot = q[0][l] * old[0][l] + q[1][l] * old[1][l] + q[2][l] * old[2][l] + q[3][l] * old[3][l];
+        sb_real sign = dot < 0 ? (sb_real)-1 : (sb_real)1, square;
+        sb_real e0 = q[0][l] - sign * old[0][l], e1 = q[1][l] - sign * old[1][l];
+        sb_real e2 = q[2][l] - sign * old[2][l], e3 = q[3][l] - sign * old[3][l];
+        square = e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3;
+        far[l] = square * (4 - square);
     }
-    return square * (4 - square) > t->lazy_angle * t->lazy_angle;
 }
 
 NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
@@ -7556,11 +7555,11 @@ static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LA
 {
     sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
     int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
+    sb_real far[NDLI_LANES], limit = t->lazy_angle * t->lazy_angle;
+    ndli_solid_measure_turns(q, (const sb_real(*)[NDLI_LANES])old, far);
     for (int l = 0; l < count; l++) {
         int tet = batch * NDLI_LANES + l;
-        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
-                                         (t->stale_tet[tet] ||
-                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        t->turned[tet] = (t->stale_tet[tet] | (far[l] > limit)) && t->mesh.tets[4 * (size_t)tet] >= 0;
         if (!t->turned[tet])
             continue;
         any = 1;
@@ -7578,7 +7577,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
     sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
     sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
-    ndli_solid_gather(&t->mesh, batch, d);
+    ndli_solid_gather(t, batch, d);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             for (int l = 0; l < NDLI_LANES; l++)
@@ -7622,6 +7621,8 @@ static void ndli_solid_sum_task(void *user, int chunk)
 NDLI_API void ndli_solid_forces(ndl_tissue *t)
 {
     int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
+    for (int i = 0; i < t->mesh.node_end; i++) /* displacements, until the right-hand side needs the place */
+        t->way[i] = sb_v3_sub(t->mesh.x[i], t->mesh.X[i]);
     sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
     sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
     t->elastic = 0;
@@ -8037,38 +8038,79 @@ static void ndli_coarse_measure(ndl_tissue *t)
     }
 }
 
-/* w = M_i^T B M_j with M = (I, -[arm]): what the block B of the nodes i, j adds to their aggregates' block. */
-static void ndli_coarse_project(const sb_real *block, sb_real factor, sb_vec3 arm_i, sb_vec3 arm_j, double w[6][6])
+/* s += B M_j with M = (I, -[arm]). */
+SBI_FORCE_INLINE void ndli_coarse_gather(const sb_real *block, sb_real factor, sb_vec3 arm_j, double s[3][6])
 {
     for (int r = 0; r < 3; r++) {
         sb_vec3 row = sb_v3(factor * block[3 * r], factor * block[3 * r + 1], factor * block[3 * r + 2]);
         sb_vec3 turn = sb_v3_cross(arm_j, row);
-        w[r][0] = (double)row.x, w[r][1] = (double)row.y, w[r][2] = (double)row.z;
-        w[r][3] = (double)turn.x, w[r][4] = (double)turn.y, w[r][5] = (double)turn.z;
-    }
-    for (int c = 0; c < 6; c++) {
-        w[3][c] = (double)arm_i.y * w[2][c] - (double)arm_i.z * w[1][c];
-        w[4][c] = (double)arm_i.z * w[0][c] - (double)arm_i.x * w[2][c];
-        w[5][c] = (double)arm_i.x * w[1][c] - (double)arm_i.y * w[0][c];
+        s[r][0] += (double)row.x, s[r][1] += (double)row.y, s[r][2] += (double)row.z;
+        s[r][3] += (double)turn.x, s[r][4] += (double)turn.y, s[r][5] += (double)turn.z;
     }
 }
 
-/* Adds w to block (I, J) of the lower half, and w^T to (J, I): of that what lies in the lower half. */
+/* w = M_i^T s: what blocks B of node i add to a block of aggregates, s being the sum of their B M_j. */
+SBI_FORCE_INLINE void ndli_coarse_project(const double s[3][6], sb_vec3 arm_i, double w[6][6])
+{
+    double x = (double)arm_i.x, y = (double)arm_i.y, z = (double)arm_i.z;
+    for (int c = 0; c < 6; c++) {
+        w[0][c] = s[0][c];
+        w[1][c] = s[1][c];
+        w[2][c] = s[2][c];
+        w[3][c] = y * s[2][c] - z * s[1][c];
+        w[4][c] = z * s[0][c] - x * s[2][c];
+        w[5][c] = x * s[1][c] - y * s[0][c];
+    }
+}
+
+/* Adds w to block (I, J) of the lower half, or w^T to (J, I); on the diagonal w, or w + w^T, in the lower half. */
 static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const double w[6][6], int twice)
 {
     size_t stride = (size_t)coarse->width + 1;
-    for (int r = 0; r < 6; r++)
-        for (int c = 0; c < 6; c++) {
-            int row = 6 * I + r, column = 6 * J + c;
-            if (I > J) {
-                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] += w[r][c];
-            } else if (I < J) {
-                coarse->factor[(size_t)column * stride + (size_t)(row - column + coarse->width)] += w[r][c];
-            } else if (c <= r) {
-                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] +=
-                    twice ? w[r][c] + w[c][r] : w[r][c];
-            }
+    double *corner = coarse->factor + (size_t)(6 * sbi_max_int(I, J)) * stride +
+                     (size_t)(coarse->width - 6 * (I > J ? I - J : J - I));
+    for (int r = 0; r < 6; r++) {
+        double *to = corner + (size_t)r * (stride - 1); /* row r of the block */
+        if (I > J)
+            for (int c = 0; c < 6; c++)
+                to[c] += w[r][c];
+        else if (I < J)
+            for (int c = 0; c < 6; c++)
+                to[c] += w[c][r];
+        else
+            for (int c = 0; c <= r; c++)
+                to[c] += twice ? w[r][c] + w[c][r] : w[r][c];
+    }
+}
+
+/* Blocks (i, i) and (i, j), i < j; those of one aggregate together. */
+static void ndli_coarse_add_row(ndl_tissue *t, int i)
+{
+    int I = t->aggregate[i], end = t->row_start[i] + t->row_count[i];
+    double own[3][6] = {{0}}, s[3][6] = {{0}}, w[6][6];
+    sb_real block[9];
+    for (int c = 0; c < 9; c++)
+        block[c] = t->scheme.stiffness * t->diagonal[i][c];
+    for (int c = 0; c < 9; c += 4)
+        block[c] += t->scheme.mass * t->mesh.mass[i];
+    ndli_coarse_gather(block, 1, t->arm[i], s);
+    ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
+    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 0);
+    for (int k = t->row_start[i]; k < end; k++) {
+        int j = t->columns[k], J = t->aggregate[j];
+        if (j < i || t->role[j] != NDLI_ROW_FREE)
+            continue;
+        if (J == I) {
+            ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], own);
+            continue;
         }
+        memset(s, 0, sizeof s);
+        ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], s);
+        ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
+        ndli_coarse_add(&t->coarse, I, J, (const double(*)[6])w, 0);
+    }
+    ndli_coarse_project((const double(*)[6])own, t->arm[i], w);
+    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 1);
 }
 
 /* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
@@ -8076,30 +8118,27 @@ static void ndli_coarse_assemble(ndl_tissue *t)
 {
     ndli_solid_coarse *coarse = &t->coarse;
     int reach = 0;
-    double w[6][6];
     for (int i = 0; i < t->mesh.node_end; i++)
         for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
             reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
     coarse->width = 6 * reach + 5;
     memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_real block[9];
-        if (t->role[i] != NDLI_ROW_FREE)
-            continue;
-        for (int c = 0; c < 9; c++)
-            block[c] = t->scheme.stiffness * t->diagonal[i][c];
-        for (int c = 0; c < 9; c += 4)
-            block[c] += t->scheme.mass * t->mesh.mass[i];
-        ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
-        ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
-        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
-            int j = t->columns[k];
-            if (j < i || t->role[j] != NDLI_ROW_FREE)
-                continue;
-            ndli_coarse_project(t->blocks[k], t->scheme.stiffness, t->arm[i], t->arm[j], w);
-            ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[j], (const double(*)[6])w, 1);
-        }
-    }
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] == NDLI_ROW_FREE)
+            ndli_coarse_add_row(t, i);
+}
+
+/* Sum of a_k b_k, in eight parts: compilers make vectors of them, and all the same bits. */
+SBI_FORCE_INLINE double ndli_coarse_dot(const double *a, const double *b, int count)
+{
+    double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    int k = 0;
+    for (; k + 8 <= count; k += 8)
+        for (int c = 0; c < 8; c++)
+            s[c] += a[k + c] * b[k + c];
+    for (int c = 0; k < count; k++, c++)
+        s[c] += a[k] * b[k];
+    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
 }
 
 /* A = L D L^T by rows of the band, 1/D on the diagonal; 0: not positive definite. A mode that nothing resists (all its
@@ -8122,16 +8161,7 @@ static int ndli_coarse_factor(ndli_solid_coarse *coarse)
         for (int j = first; j < i; j++) {
             const double *other = coarse->factor + (size_t)j * stride + width - j;
             int k = sbi_max_int(first, j - width);
-            double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-            for (; k + 4 <= j; k += 4) {
-                s0 += row[k] * other[k];
-                s1 += row[k + 1] * other[k + 1];
-                s2 += row[k + 2] * other[k + 2];
-                s3 += row[k + 3] * other[k + 3];
-            }
-            for (; k < j; k++)
-                s0 += row[k] * other[k];
-            row[j] -= (s0 + s1) + (s2 + s3);
+            row[j] -= ndli_coarse_dot(row + k, other + k, j - k);
         }
         for (int j = first; j < i; j++) {
             double scaled = row[j] * coarse->factor[(size_t)j * stride + (size_t)width];
@@ -8151,24 +8181,19 @@ static void ndli_coarse_solve(const ndli_solid_coarse *coarse, double *b)
     size_t stride = (size_t)width + 1;
     for (int i = 0; i < n; i++) {
         const double *row = coarse->factor + (size_t)i * stride + width - i;
-        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-        int j = sbi_max_int(0, i - width);
-        for (; j + 4 <= i; j += 4) {
-            s0 += row[j] * b[j];
-            s1 += row[j + 1] * b[j + 1];
-            s2 += row[j + 2] * b[j + 2];
-            s3 += row[j + 3] * b[j + 3];
-        }
-        for (; j < i; j++)
-            s0 += row[j] * b[j];
-        b[i] -= (s0 + s1) + (s2 + s3);
+        int first = sbi_max_int(0, i - width);
+        b[i] -= ndli_coarse_dot(row + first, b + first, i - first);
     }
     for (int i = 0; i < n; i++)
         b[i] *= coarse->factor[(size_t)i * stride + (size_t)width];
     for (int i = n - 1; i > 0; i--) {
         const double *SB_RESTRICT row = coarse->factor + (size_t)i * stride + width - i;
         double known = b[i];
-        for (int j = sbi_max_int(0, i - width); j < i; j++)
+        int j = sbi_max_int(0, i - width);
+        for (; j + 8 <= i; j += 8)
+            for (int c = 0; c < 8; c++)
+                b[j + c] -= row[j + c] * known;
+        for (; j < i; j++)
             b[j] -= row[j] * known;
     }
 }
@@ -9701,7 +9726,8 @@ static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
 {
     ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
                           rod->target, rod->target_velocity, rod->force, rod->reaction};
-    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque};
+    double *reals[] = {rod->theta, rod->rest_length, rod->mass,           rod->cell,
+                       rod->turn,  rod->torque,      rod->reaction_torque};
     size_t n = (size_t)node_count, flags;
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));

@@ -646,7 +646,8 @@ static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
 {
     ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
                           rod->target, rod->target_velocity, rod->force, rod->reaction};
-    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque};
+    double *reals[] = {rod->theta, rod->rest_length, rod->mass,           rod->cell,
+                       rod->turn,  rod->torque,      rod->reaction_torque};
     size_t n = (size_t)node_count, flags;
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));
