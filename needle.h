@@ -1404,9 +1404,9 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
  * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes); SB_ERROR_STATE (another object's, or a remesher's
- * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator gives,
- * or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load allocates
- * where the object has less room than the state needs, else nothing. */
+ * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
+ * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
+ * allocates where the object has less room than the state needs, else nothing. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
@@ -8353,7 +8353,7 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once fits again */
         return 0;
     for (int i = mesh->node_end; i < t->node_room; i++) {
         t->role[i] = NDLI_ROW_ABSENT;
@@ -13966,7 +13966,7 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
 
 /* ---- a step ---- */
 
-enum { NDLI_MOST_SUBSTEPS = 1000 };
+static const double ndli_step_most_substeps = 1000;
 
 /* How far a command takes a needle in the length of half an edge, and in half a radian. */
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
@@ -14016,7 +14016,7 @@ static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *ne
         stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
         most = stride > most ? stride : most;
     }
-    if (!(most < NDLI_MOST_SUBSTEPS))
+    if (!(most < ndli_step_most_substeps))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
                         (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;

@@ -408,7 +408,7 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
 
 /* ---- a step ---- */
 
-enum { NDLI_MOST_SUBSTEPS = 1000 };
+static const double ndli_step_most_substeps = 1000;
 
 /* How far a command takes a needle in the length of half an edge, and in half a radian. */
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
@@ -458,7 +458,7 @@ static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *ne
         stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
         most = stride > most ? stride : most;
     }
-    if (!(most < NDLI_MOST_SUBSTEPS))
+    if (!(most < ndli_step_most_substeps))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
                         (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;

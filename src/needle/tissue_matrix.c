@@ -505,7 +505,7 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once fits again */
         return 0;
     for (int i = mesh->node_end; i < t->node_room; i++) {
         t->role[i] = NDLI_ROW_ABSENT;
