@@ -18,7 +18,7 @@
  * WHAT IT DOES NOT DO
  *
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
- * side of the tissue stays there.
+ * side of the tissue is stopped there.
  *
  * A FIRST PROGRAM
  *

@@ -200,12 +200,16 @@ static void ndli_step_turn_heading_back(ndl_needle *needle)
         ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
-/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
+enum { NDLI_HOLD_STEPS = 8 };
+
+/* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
+ * it; a collision with another needle is the step's failure. */
 static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
         return SB_OK;
     needle->blocked = 1;
+    needle->hold_steps = NDLI_HOLD_STEPS;
     if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
         return SB_OK;
     if (error)
@@ -245,7 +249,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
-        needle->blocked = 1;
+        result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
     return ndli_step_judge(needle, result, &own, error);
 }
 
@@ -386,6 +390,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
             return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
+        needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
     s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
     return SB_OK;
