@@ -111,6 +111,8 @@ typedef struct ndl_step_info {
     sb_real worst_quality; /* of tets about the tips; 1: none */
     int blocked;           /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                             * follow it (no operation left sound tets, no memory); then it tries again later */
+    int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
+                            * else could be computed */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
     double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */

@@ -413,6 +413,9 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
 
 /* ---- a step ---- */
 
+/* A step too long for linear equations, which fold a rod, is taken again in pieces down to this part. */
+enum { NDLI_FINEST = 64 };
+
 static const double ndli_step_most_substeps = 1000;
 
 /* How far a command takes a needle in the length of half an edge, and in half a radian. */
@@ -483,6 +486,37 @@ static void ndli_step_count_states(const ndli_stepping *s)
     }
 }
 
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. */
+static int ndli_step_tear_out(const ndli_stepping *s)
+{
+    int torn = 0;
+    for (int k = 0; k < s->count; k++) {
+        ndl_needle *needle = s->needles[k];
+        if (needle->line.first == needle->rod->node_count ||
+            !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+            continue;
+        ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
+        if (ndli_needle_renew_nodes(needle) >= 0)
+            return 0;
+        torn++;
+    }
+    return torn;
+}
+
+static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    s->info->substeps = substeps;
+    for (int i = 0; i < substeps && result == SB_OK; i++)
+        result = ndli_step_substep(s, dt / substeps, substeps - i);
+    if (result != SB_OK)
+        ndli_needle_undo(s->tissue);
+    return result;
+}
+
 NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error)
 {
@@ -501,22 +535,23 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     s.commands = commands;
     s.count = count;
     s.error = error;
-    s.info->consistent = 1;
-    s.info->worst_quality = 1;
-    s.info->substeps = substeps;
     begin = ndli_step_now(tissue);
-    if (!ndli_needle_keep(tissue))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     for (int k = 0; k < count; k++) {
         s.lines[k] = &needles[k]->line;
         needles[k]->blocked = needles[k]->limited = 0;
     }
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
-    if (result != SB_OK)
-        ndli_needle_undo(tissue);
+    if (!ndli_needle_keep(tissue))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(&s, (double)dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(&s, (double)dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(&s);
+        result = ndli_step_run(&s, (double)dt, substeps);
+        s.info->torn = result == SB_OK ? torn : 0;
+    }
     for (int k = 0; k < count; k++) {
-        needles[k]->base_given = 0;
+        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
         ndli_rod_publish(needles[k]->rod);
     }
     ndli_step_count_states(&s);
