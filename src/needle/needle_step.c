@@ -337,16 +337,32 @@ static void ndli_step_read_base(ndl_needle *needle)
     needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
 }
 
+/* Largest strain of an edge. */
+static double ndli_step_strain(const ndl_rod *rod)
+{
+    double most = 0;
+    for (int j = 0; j + 1 < rod->node_count; j++)
+        most = fmax(most, fabs(ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])) / rod->rest_length[j] - 1));
+    return most;
+}
+
+/* Needles break at strains of a few percent; linear equations stretch edges that they turn too far. */
+static const double ndli_step_most_strain = 0.1;
+
 static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
+    double before = ndli_step_strain(rod), after;
     int bad;
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
+    after = ndli_step_strain(rod);
+    if (!(after <= fmax(ndli_step_most_strain, before)))
+        return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d would be stretched by %g %%", needle->index, 100 * after);
     bad = ndli_rod_moved(rod);
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
