@@ -15,6 +15,12 @@
 #define reg_rigid_inverse reg_rigid_inverse_f32
 #define reg_rigid_angle reg_rigid_angle_f32
 #define reg_rigid_fit reg_rigid_fit_f32
+#define reg_kdtree_create reg_kdtree_create_f32
+#define reg_kdtree_destroy reg_kdtree_destroy_f32
+#define reg_kdtree_count reg_kdtree_count_f32
+#define reg_kdtree_nearest reg_kdtree_nearest_f32
+#define reg_kdtree_k_nearest reg_kdtree_k_nearest_f32
+#define reg_kdtree_within reg_kdtree_within_f32
 #endif
 #endif
 
