@@ -193,6 +193,13 @@ REG_API void reg_kdtree_destroy(reg_kdtree *tree)
     }
 }
 
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order)
+{
+    for (int leaf = 0, n = 0; leaf < tree->leaf_count; leaf++)
+        for (int i = 0; i < REGI_KDTREE_LEAF && tree->leaves[leaf].index[i] >= 0; i++)
+            order[n++] = tree->leaves[leaf].index[i];
+}
+
 REG_API int reg_kdtree_count(const reg_kdtree *tree) { return tree ? tree->count : 0; }
 
 /* ---- queries ---------------------------------------------------------------------------------------------------- */

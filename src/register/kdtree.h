@@ -33,4 +33,10 @@ REG_API int reg_kdtree_k_nearest(const reg_kdtree *tree, sb_vec3 point, int k, i
  * be NULL with room 0: only count). In no particular, yet always the same order. 0 as above. */
 REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real radius, int *indices, int room);
 
+#if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The points' indices in the order of the leaves, so that queries in this order find what they need in the cache:
+ * order[count]. */
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order);
+#endif
+
 #endif /* REG_KDTREE_H */
