@@ -3,15 +3,14 @@
  * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b: the
  * model's onto the target, or with TARGET_PART its inverse. */
 #include "icp.h"
-#include <stdio.h>
-#include <stdlib.h>
 
 enum {
     REGI_ICP_COOKIE = 0x72696370,
     REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
     REGI_ICP_NEIGHBOURS = 10,
-    REGI_ICP_FINE = 1000,    /* points of a shape in the search: to be found */
+    REGI_ICP_FINE = 600,     /* points of a shape in the search */
     REGI_ICP_SPIRAL = 400,   /* rotations of the search, beside those that turn principal axes into each other */
+    REGI_ICP_PATIENCE = 10,   /* rounds without a smaller mean distance */
     REGI_ICP_STAGES = 3
 };
 
@@ -22,8 +21,8 @@ REG_API reg_icp_options reg_default_icp_options(void)
     options.metric = REG_ICP_PLANE;
     options.search = 1;
     options.start = reg_rigid_identity();
-    options.outliers = REG_OUTLIERS_DEVIATION;
-    options.outlier_parameter = 2;
+    options.outliers = REG_OUTLIERS_MEDIAN;
+    options.outlier_parameter = 3;
     options.max_distance = SB_REAL_MAX;
     options.sample = 2000;
     options.max_iterations = 100;
@@ -120,28 +119,18 @@ static int regi_icp_set_allocate(const sb_allocator *allocator, regi_icp_set *se
     return set->points && set->normals && set->weights;
 }
 
-/* Indices of `wanted` of the side's points, evenly spread. More than eight times as many are first cut down by taking
- * every so-maniest in the order of the tree, whose neighbours are neighbours. Returns how many; -1 without memory. */
-static int regi_icp_choose(const regi_icp *icp, const regi_icp_side *side, int wanted, int *chosen)
+/* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted], wanted <= count.
+ * 0 without memory. */
+static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int wanted, int *indices)
 {
-    int crowd = (int)sb_min((sb_real)side->count, 8 * (sb_real)wanted), found = -1;
     int *order = (int *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(int));
-    sb_vec3 *points = (sb_vec3 *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_vec3));
-    sb_real *scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_real));
-    if (order && points && scratch) {
-        regi_kdtree_order(side->tree, order);
-        for (int i = 0; i < crowd; i++) {
-            order[i] = crowd < side->count ? order[(int64_t)i * side->count / crowd] : i;
-            points[i] = side->points[order[i]];
-        }
-        found = reg_cloud_spread(points, crowd, wanted, chosen, scratch);
-        for (int i = 0; i < found; i++)
-            chosen[i] = order[chosen[i]];
-    }
+    if (!order)
+        return 0;
+    regi_kdtree_order(side->tree, order);
+    for (int i = 0; i < wanted; i++)
+        indices[i] = order[(int64_t)i * side->count / wanted];
     sbi_free(icp->allocator, order);
-    sbi_free(icp->allocator, points);
-    sbi_free(icp->allocator, scratch);
-    return found;
+    return 1;
 }
 
 /* The side's points chosen[count] (NULL: the first ones) as a set. */
@@ -159,16 +148,42 @@ static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, c
     return SB_OK;
 }
 
+/* The points that look in the last stage: as dense as the shape's own. */
 static sb_result regi_icp_sample(const regi_icp *icp, const regi_icp_side *side, int wanted, regi_icp_set *set)
 {
-    int *chosen, count;
+    int *chosen;
     sb_result result;
     if (wanted >= side->count)
         return regi_icp_take(icp, side, NULL, side->count, set);
     chosen = (int *)sbi_alloc(icp->allocator, (size_t)wanted, sizeof(int));
-    count = chosen ? regi_icp_choose(icp, side, wanted, chosen) : -1;
-    result = count < 0 ? regi_icp_no_memory(icp) : regi_icp_take(icp, side, chosen, count, set);
+    result = chosen && regi_icp_stride(icp, side, wanted, chosen) ? regi_icp_take(icp, side, chosen, wanted, set)
+                                                                  : regi_icp_no_memory(icp);
     sbi_free(icp->allocator, chosen);
+    return result;
+}
+
+/* The points of the search, evenly spread whatever the shape's density, out of four times as many. */
+static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side, regi_icp_set *set)
+{
+    int crowd = sbi_min_int(side->count, 4 * REGI_ICP_FINE), wanted = sbi_min_int(side->count, REGI_ICP_FINE), count;
+    int *indices = (int *)sbi_alloc(icp->allocator, (size_t)crowd + (size_t)wanted, sizeof(int));
+    sb_vec3 *points = (sb_vec3 *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_vec3));
+    sb_real *scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_real));
+    sb_result result;
+    if (indices && points && scratch && regi_icp_stride(icp, side, crowd, indices)) {
+        int *chosen = indices + crowd;
+        for (int i = 0; i < crowd; i++)
+            points[i] = side->points[indices[i]];
+        count = reg_cloud_spread(points, crowd, wanted, chosen, scratch);
+        for (int i = 0; i < count; i++)
+            chosen[i] = indices[chosen[i]];
+        result = regi_icp_take(icp, side, chosen, count, set);
+    } else {
+        result = regi_icp_no_memory(icp);
+    }
+    sbi_free(icp->allocator, indices);
+    sbi_free(icp->allocator, points);
+    sbi_free(icp->allocator, scratch);
     return result;
 }
 
@@ -176,17 +191,16 @@ static sb_result regi_icp_sample(const regi_icp *icp, const regi_icp_side *side,
 static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
 {
     int count = sbi_min_int(side->count, REGI_ICP_FITTED);
-    int *order = (int *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(int));
-    sb_result result = order ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
+    int *chosen = (int *)sbi_alloc(icp->allocator, (size_t)count, sizeof(int));
+    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen) ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
                              : regi_icp_no_memory(icp);
     if (result == SB_OK && side->weights) {
         side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
         result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
     }
     if (result == SB_OK) {
-        regi_kdtree_order(side->tree, order);
         for (int i = 0; i < count; i++) {
-            int at = count < side->count ? order[(int64_t)i * side->count / count] : i;
+            int at = count < side->count ? chosen[i] : i; /* the tree's numbers still hold */
             side->own.points[i] = side->points[at];
             if (side->weights)
                 side->own_weights[i] = side->weights[at];
@@ -201,7 +215,7 @@ static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
             side->tree = side->own_tree;
         }
     }
-    sbi_free(icp->allocator, order);
+    sbi_free(icp->allocator, chosen);
     return result;
 }
 
@@ -292,7 +306,7 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
     if (result == SB_OK)
         result = regi_icp_sample(icp, side, wanted, &side->sample);
     if (result == SB_OK)
-        result = regi_icp_sample(icp, side, REGI_ICP_FINE, &side->spread);
+        result = regi_icp_spread(icp, side, &side->spread);
     if (result == SB_OK)
         result = reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree,
                                    icp->error);
@@ -551,11 +565,13 @@ static int regi_icp_late(regi_icp *icp)
 static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance, reg_rigid *motion,
                             sb_real *score, int *converged)
 {
-    sb_real mean = 0, rms, before;
-    int round = 0;
+    sb_real mean = 0, rms, before, best;
+    int round = 0, idle = 0;
     *converged = 0;
     *score = regi_icp_pair(icp, stage, motion);
-    while (regi_icp_measure(&icp->pairs, &before, &rms) > 0 && round < rounds && !*converged) {
+    if (regi_icp_measure(&icp->pairs, &before, &rms) == 0)
+        return 0;
+    for (best = before; round < rounds && !*converged; before = mean) {
         if (regi_icp_late(icp))
             break;
         if (stage->metric == REG_ICP_PLANE)
@@ -564,9 +580,13 @@ static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int roun
             regi_icp_fit_points(icp, motion);
         regi_icp_clean(motion);
         *score = regi_icp_pair(icp, stage, motion);
-        regi_icp_measure(&icp->pairs, &mean, &rms);
-        *converged = sb_abs(mean - before) <= tolerance * before;
         round++;
+        if (regi_icp_measure(&icp->pairs, &mean, &rms) == 0)
+            break;
+        /* pairs may also change to and fro for ever */
+        idle = mean < best * (1 - tolerance) ? 0 : idle + 1;
+        best = sb_min(best, mean);
+        *converged = sb_abs(mean - before) <= tolerance * before || idle == REGI_ICP_PATIENCE;
     }
     return round;
 }
@@ -664,7 +684,7 @@ static void regi_icp_add(regi_icp_candidate *candidates, int *count, reg_rigid m
 static int regi_icp_candidates(const regi_icp *icp, const reg_rigid *start, regi_icp_candidate *candidates)
 {
     const reg_icp_options *options = icp->options;
-    int count = 0, spirals = REGI_ICP_SPIRAL;
+    int count = 0, spirals = icp->both ? REGI_ICP_SPIRAL / 4 : REGI_ICP_SPIRAL;
     int flips = icp->a.fitted || icp->b.fitted ? 2 : 1;
     sb_vec3 facing = icp->both ? sb_v3(0, 0, 0) : regi_icp_facing(&icp->a.spread);
     reg_rigid motion;
@@ -712,7 +732,6 @@ static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stag
             }
         }
         regi_icp_rank(candidates, count, plan[s].kept);
-        if (getenv("ICPV")) for (int i = 0; i < plan[s].kept && i < 4; i++) { reg_rigid r = candidates[i].motion; printf("  stage %d #%d score %.3f mm angle %.1f\n", s, i, 1e3*(double)candidates[i].score, 57.3*(double)reg_rigid_angle(&r)); }
         count = sbi_min_int(count, plan[s].kept);
     }
     *motion = candidates[0].motion;

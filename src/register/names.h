@@ -21,6 +21,20 @@
 #define reg_kdtree_nearest reg_kdtree_nearest_f32
 #define reg_kdtree_k_nearest reg_kdtree_k_nearest_f32
 #define reg_kdtree_within reg_kdtree_within_f32
+#define reg_cloud_free reg_cloud_free_f32
+#define reg_cloud_from_points reg_cloud_from_points_f32
+#define reg_cloud_from_mesh reg_cloud_from_mesh_f32
+#define reg_cloud_load reg_cloud_load_f32
+#define reg_cloud_load_memory reg_cloud_load_memory_f32
+#define reg_cloud_save_ply reg_cloud_save_ply_f32
+#define reg_cloud_estimate_normals reg_cloud_estimate_normals_f32
+#define reg_cloud_thin reg_cloud_thin_f32
+#define reg_cloud_spread reg_cloud_spread_f32
+#define reg_outlier_limit reg_outlier_limit_f32
+#define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
+#define reg_default_icp_options reg_default_icp_options_f32
+#define reg_icp_stop_string reg_icp_stop_string_f32
+#define reg_icp reg_icp_f32
 #endif
 #endif
 
