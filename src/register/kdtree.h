@@ -37,6 +37,9 @@ REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real rad
 /* The points' indices in the order of the leaves, so that queries in this order find what they need in the cache:
  * order[count]. */
 REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order);
+/* reg_kdtree_nearest for a finite point, with the answer to begin with: index `found` (INT_MAX: none) at the squared
+ * distance *squared. */
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared);
 #endif
 
 #endif /* REG_KDTREE_H */
