@@ -370,8 +370,8 @@ typedef struct reg_icp_options {
     reg_rigid start;          /* model to target; identity. With search it is one candidate among the others */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
-    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; DEVIATION */
-    sb_real outlier_parameter; /* 2 */
+    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
+    sb_real outlier_parameter; /* 3 */
     sb_real max_distance;     /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
     int sample;               /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
     int max_iterations;       /* >= 1, of the last stage; 100 */
@@ -426,6 +426,9 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
 /* The points' indices in the order of the leaves, so that queries in this order find what they need in the cache:
  * order[count]. */
 REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order);
+/* reg_kdtree_nearest for a finite point, with the answer to begin with: index `found` (INT_MAX: none) at the squared
+ * distance *squared. */
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared);
 
 /* ==== src/register/cloud.h, internal ==== */
 REGI_API sb_result regi_cloud_allocate(reg_cloud *cloud, int count, int with_normals, const sb_allocator *allocator,
@@ -801,14 +804,11 @@ static sb_real regi_kdtree_limit(sb_real within)
     return sb_min(within * within, SB_REAL_MAX);
 }
 
-REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared)
 {
-    sb_real best = regi_kdtree_limit(within), d[REGI_KDTREE_LEAF];
+    sb_real best = *squared, d[REGI_KDTREE_LEAF];
     const regi_kdtree_leaf *leaf;
     regi_kdtree_walk walk;
-    int found = INT_MAX;
-    if (!tree || best < 0 || !sb_v3_is_finite(point))
-        return -1;
     regi_kdtree_begin(&walk);
     while ((leaf = regi_kdtree_next(tree, &walk, point, best)) != NULL) {
         regi_kdtree_distances(leaf, point, d);
@@ -818,6 +818,17 @@ REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real wi
                 found = leaf->index[i];
             }
     }
+    *squared = best;
+    return found;
+}
+
+REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+{
+    sb_real best = regi_kdtree_limit(within);
+    int found;
+    if (!tree || best < 0 || !sb_v3_is_finite(point))
+        return -1;
+    found = regi_kdtree_nearest_from(tree, point, INT_MAX, &best);
     if (found == INT_MAX)
         return -1;
     if (squared)
@@ -1838,6 +1849,7 @@ REG_API const char *reg_icp_stop_string(reg_icp_stop stop)
 typedef struct regi_icp_set {
     sb_vec3 *points, *normals;
     sb_real *weights;
+    int *partner; /* the last one found, which is likely to be near again: point, or triangle of the surface */
     int count;
 } regi_icp_set;
 
@@ -1883,6 +1895,7 @@ static void regi_icp_set_free(const sb_allocator *allocator, regi_icp_set *set)
     sbi_free(allocator, set->points);
     sbi_free(allocator, set->normals);
     sbi_free(allocator, set->weights);
+    sbi_free(allocator, set->partner);
 }
 
 static void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *side)
@@ -1906,7 +1919,8 @@ static int regi_icp_set_allocate(const sb_allocator *allocator, regi_icp_set *se
     set->points = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
     set->normals = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
     set->weights = (sb_real *)sbi_alloc(allocator, (size_t)count, sizeof(sb_real));
-    return set->points && set->normals && set->weights;
+    set->partner = (int *)sbi_alloc_zeroed(allocator, (size_t)count, sizeof(int));
+    return set->points && set->normals && set->weights && set->partner;
 }
 
 /* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted], wanted <= count.
@@ -2107,16 +2121,20 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
 
 /* ==== pairs ======================================================================================================== */
 
-/* The point of a side closest to p within `reach`, with its normal and weight; 0 when there is none. */
-static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb_real reach, sb_vec3 *point,
-                            sb_vec3 *normal, sb_real *weight, sb_real *distance)
+/* The point of a side closest to p within `reach`, with its normal and weight; 0 when there is none. *partner: where to
+ * look first, and then what was found. */
+static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb_real reach, int *partner,
+                            sb_vec3 *point, sb_vec3 *normal, sb_real *weight, sb_real *distance)
 {
-    sb_real squared = 0;
+    const sb_vec3 *points = coarse ? side->spread.points : side->points;
+    sb_vec3 guess;
+    sb_real squared;
     int at;
     if (!coarse && side->surface) {
         sb_surface_hit hit;
-        if (!sb_surface_closest(side->surface, p, reach, &hit))
+        if (!sb_surface_closest_from(side->surface, p, reach, *partner, &hit))
             return 0;
+        *partner = hit.triangle;
         *point = hit.point;
         *normal = sb_surface_normal(side->surface, &hit);
         *weight = 1;
@@ -2127,10 +2145,14 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
         *weight = side->weights[at];
         return 1;
     }
-    at = reg_kdtree_nearest(coarse ? side->spread_tree : side->tree, p, reach, &squared);
-    if (at < 0)
+    guess = sb_v3_sub(points[*partner], p);
+    squared = sb_v3_dot(guess, guess);
+    if (!sb_is_finite(squared))
         return 0;
-    *point = coarse ? side->spread.points[at] : side->points[at];
+    at = *partner = regi_kdtree_nearest_from(coarse ? side->spread_tree : side->tree, p, *partner, &squared);
+    if (sb_sqrt(squared) > reach)
+        return 0;
+    *point = points[at];
     *normal = coarse ? side->spread.normals[at] : side->normals[at];
     *weight = coarse ? side->spread.weights[at] : side->weights ? side->weights[at] : 1;
     *distance = sb_sqrt(squared);
@@ -2166,8 +2188,8 @@ static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_
         pairs->weight[n] = 0;
         pairs->distance[n] = (sb_real)INFINITY;
         pairs->from[n] = pairs->to[n] = pairs->normal[n] = sb_v3(0, 0, 0);
-        if (!regi_icp_closest(other, stage->coarse, reg_rigid_apply(motion, set->points[i]), stage->reach, &point,
-                              &normal, &weight, &distance))
+        if (!regi_icp_closest(other, stage->coarse, reg_rigid_apply(motion, set->points[i]), stage->reach,
+                              set->partner + i, &point, &normal, &weight, &distance))
             continue;
         if ((sb_real)stage->flip * sb_v3_dot(normal, sb_m3_apply(motion->rotation, set->normals[i])) < 0)
             continue;

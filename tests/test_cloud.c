@@ -137,6 +137,7 @@ static void test_text(void)
 
 static void test_formats(void)
 {
+    int wrong = 9;
     static const char obj[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n";
     static const char endless[] = "ply\nformat ascii 1.0\nelement vertex 2000000000\nproperty float x\nproperty float y\n"
                                   "property float z\nend_header\n1 2 3\n";
@@ -149,7 +150,7 @@ static void test_formats(void)
     CHECK_RESULT(load_text(&cloud, obj, REG_CLOUD_PLY, &error), SB_ERROR_FORMAT);
     CHECK_RESULT(load_text(&cloud, endless, REG_CLOUD_AUTO, &error), SB_ERROR_FORMAT);
     CHECK_RESULT(load_text(&cloud, "1 2 3", REG_CLOUD_MESH, &error), SB_ERROR_FORMAT);
-    CHECK_RESULT(load_text(&cloud, "1 2 3", (reg_cloud_format)9, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(load_text(&cloud, "1 2 3", (reg_cloud_format)wrong, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(reg_cloud_load(&cloud, "build/no such file.ply", 1, NULL, &error), SB_ERROR_FILE);
     CHECK(strstr(error.file, "no such file") != NULL);
     CHECK_RESULT(reg_cloud_load(&cloud, NULL, 1, NULL, &error), SB_ERROR_ARGUMENT);
@@ -291,6 +292,7 @@ static void test_spread(void)
 
 static void test_rules(void)
 {
+    int wrong = 7;
     sb_real d[11] = {5, 5, 5, 5, 5, 5, 5, 5, 5, 5, 5}, scratch[11], infinite = SB_REAL_MAX * 2, limit;
     CHECK_NEAR(reg_outlier_limit(d, 11, REG_OUTLIERS_DEVIATION, 2, scratch), 5, 0); /* equal ones all stay */
     CHECK_NEAR(reg_outlier_limit(d, 11, REG_OUTLIERS_MEDIAN, 3, scratch), 5, 0);
@@ -311,7 +313,7 @@ static void test_rules(void)
     CHECK_NEAR(reg_outlier_limit(d, 3, REG_OUTLIERS_TRIM, 0, scratch), -1, 0);
     CHECK_NEAR(reg_outlier_limit(d, 3, REG_OUTLIERS_TRIM, 2, scratch), -1, 0);
     CHECK_NEAR(reg_outlier_limit(d, 3, REG_OUTLIERS_MEDIAN, -1, scratch), -1, 0);
-    CHECK_NEAR(reg_outlier_limit(d, 3, (reg_outliers)7, 1, scratch), -1, 0);
+    CHECK_NEAR(reg_outlier_limit(d, 3, (reg_outliers)wrong, 1, scratch), -1, 0);
 }
 
 static void test_remove(void)

@@ -52,8 +52,8 @@ typedef struct reg_icp_options {
     reg_rigid start;          /* model to target; identity. With search it is one candidate among the others */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
-    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; DEVIATION */
-    sb_real outlier_parameter; /* 2 */
+    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
+    sb_real outlier_parameter; /* 3 */
     sb_real max_distance;     /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
     int sample;               /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
     int max_iterations;       /* >= 1, of the last stage; 100 */
