@@ -228,7 +228,7 @@ static sb_result regi_icp_normals(const regi_icp *icp, regi_icp_side *side)
     if (side->normals)
         return SB_OK;
     if (side->surface) {
-        result = reg_cloud_from_points(&side->own, side->points, side->points, side->count, icp->allocator, icp->error);
+        result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
         for (int i = 0; result == SB_OK && i < side->count; i++) {
             sb_surface_hit hit;
             sb_surface_closest(side->surface, side->points[i], SB_REAL_MAX, &hit);
@@ -753,8 +753,23 @@ static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stag
 
 /* ==== the call ===================================================================================================== */
 
+static sb_result regi_icp_check_landmarks(const reg_icp_options *o, sb_error *error)
+{
+    if (o->landmark_count < 0 || (o->landmark_count > 0 && !o->landmarks))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks without an array", o->landmark_count);
+    for (int i = 0; i < o->landmark_count; i++) {
+        const reg_icp_landmark *l = o->landmarks + i;
+        if (!sb_v3_is_finite(l->model) || !sb_v3_is_finite(l->target))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "landmark %d is not finite", i);
+        if (!(l->weight > 0) || !sb_is_finite(l->weight))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the weight of landmark %d is %g", i, (double)l->weight);
+    }
+    return SB_OK;
+}
+
 static sb_result regi_icp_check_options(const reg_icp_options *o, sb_error *error)
 {
+    sb_real one = 1, scratch;
     if (o->cookie != REGI_ICP_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the options do not come from reg_default_icp_options()");
     if ((int)o->overlap < REG_ICP_WHOLE || (int)o->overlap > REG_ICP_MODEL_PART)
@@ -765,25 +780,12 @@ static sb_result regi_icp_check_options(const reg_icp_options *o, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_distance, sample, max_iterations or tolerance is out of range");
     if (o->clock && !(o->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, it must be positive", o->max_seconds);
-    if (o->landmark_count < 0 || (o->landmark_count > 0 && !o->landmarks))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks without an array", o->landmark_count);
-    for (int i = 0; i < o->landmark_count; i++) {
-        const reg_icp_landmark *l = o->landmarks + i;
-        if (!sb_v3_is_finite(l->model) || !sb_v3_is_finite(l->target))
-            return sbi_fail(error, SB_ERROR_NOT_FINITE, "landmark %d is not finite", i);
-        if (!(l->weight > 0) || !sb_is_finite(l->weight))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "the weight of landmark %d is %g", i, (double)l->weight);
-    }
     if (!sb_v3_is_finite(o->start.translation) || !sb_is_finite(sbi_dense_max_abs(&o->start.rotation.m[0][0], 9)))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the start is not finite");
-    /* any parameter out of the rule's range gives -1 here */
-    {
-        sb_real one = 1, scratch;
-        if (reg_outlier_limit(&one, 1, o->outliers, o->outlier_parameter, &scratch) < 0)
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
-                            (int)o->outliers, (double)o->outlier_parameter);
-    }
-    return SB_OK;
+    if (reg_outlier_limit(&one, 1, o->outliers, o->outlier_parameter, &scratch) < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
+                        (int)o->outliers, (double)o->outlier_parameter);
+    return regi_icp_check_landmarks(o, error);
 }
 
 static sb_result regi_icp_make_pairs(regi_icp *icp)

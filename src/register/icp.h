@@ -59,7 +59,7 @@ typedef struct reg_icp_options {
     int max_iterations;       /* >= 1, of the last stage; 100 */
     sb_real tolerance;        /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
     sb_clock clock;           /* NULL: no time limit */
-    double max_seconds;       /* > 0; 10 */
+    double max_seconds;       /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
     sb_allocator allocator;   /* zeros: malloc */
     int cookie;               /* set by reg_default_icp_options */
 } reg_icp_options;
