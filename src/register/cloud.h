@@ -6,7 +6,7 @@
  *     reg_cloud_estimate_normals(&cloud, 12, &camera, NULL, &error);
  *     reg_cloud_free(&cloud);
  *
- * Everything here is deterministic and takes O(count log count), about a second per million points and step. */
+ * Everything here is deterministic and takes O(count log count), one to four seconds per million points and step. */
 #ifndef REG_CLOUD_H
 #define REG_CLOUD_H
 
