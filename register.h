@@ -2628,6 +2628,17 @@ static void regi_icp_tell(regi_icp *icp, const reg_rigid *motion, reg_icp_info *
     info->seconds = icp->options->clock ? icp->options->clock() - icp->begun : 0;
 }
 
+/* Which way fitted normals point is not known (an outlier on top turns them all): the way that lets more pairs be. */
+static int regi_icp_find_flip(regi_icp *icp, const regi_icp_stage *last, const reg_rigid *motion)
+{
+    regi_icp_stage stage = *last;
+    sb_real as_they_are;
+    stage.lost = (sb_real)0.25 * icp->a.size;
+    as_they_are = regi_icp_pair(icp, &stage, motion);
+    stage.flip = -1;
+    return regi_icp_pair(icp, &stage, motion) < as_they_are ? -1 : 1;
+}
+
 static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *info)
 {
     const reg_icp_options *options = icp->options;
@@ -2644,6 +2655,8 @@ static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *in
     stage.flip = 1;
     if (options->search)
         result = regi_icp_search(icp, motion, &stage, &info->candidates);
+    else if (icp->a.fitted || icp->b.fitted)
+        stage.flip = regi_icp_find_flip(icp, &stage, motion);
     if (result != SB_OK)
         return result;
     info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score,
