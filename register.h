@@ -273,7 +273,7 @@ REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size
  * are. SB_ERROR_ARGUMENT, _NOT_FINITE, and _FILE as for the writers of meshes. */
 REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, int ascii, sb_error *error);
 
-/* ---- normals ------------------------------------------------------------------------------------------------------ */
+/* ---- normals ----------------------------------------------------------------------------------------------------- */
 
 /* Gives the cloud normals (in place of any it had): across the plane fitted to each point and its k nearest (k >= 3;
  * 8 to 20 is usual). With a view point they face it. With view NULL neighbours are made to agree, each following the
@@ -283,7 +283,7 @@ REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, i
 REG_API sb_result reg_cloud_estimate_normals(reg_cloud *cloud, int k, const sb_vec3 *view, const sb_jobs *jobs,
                                              sb_error *error);
 
-/* ---- thinning ----------------------------------------------------------------------------------------------------- */
+/* ---- thinning ---------------------------------------------------------------------------------------------------- */
 
 /* One point for each cube [i, i+1) x [j, j+1) x [k, k+1) times `size` (m, > 0) that holds any: the mean of its points,
  * and of their normals made unit length. In the order in which the cubes were met first. SB_ERROR_ARGUMENT,
@@ -295,7 +295,7 @@ REG_API sb_result reg_cloud_thin(const reg_cloud *cloud, sb_real size, reg_cloud
  * coincide. The same for any pose up to rounding. O(wanted count). No allocation. */
 REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *chosen, sb_real *scratch);
 
-/* ---- outliers ----------------------------------------------------------------------------------------------------- */
+/* ---- outliers ---------------------------------------------------------------------------------------------------- */
 
 typedef enum reg_outliers {
     REG_OUTLIERS_NONE = 0,
@@ -555,7 +555,7 @@ struct reg_kdtree {
     int count;
 };
 
-/* ---- building -------------------------------------------------------------------------------------------------- */
+/* ---- building ---------------------------------------------------------------------------------------------------- */
 
 typedef struct regi_kdtree_point {
     sb_real x[3];
@@ -730,7 +730,7 @@ REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order)
 
 REG_API int reg_kdtree_count(const reg_kdtree *tree) { return tree ? tree->count : 0; }
 
-/* ---- queries ---------------------------------------------------------------------------------------------------- */
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
 
 /* Squared distances to the boxes of the two children. */
 static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real bound[2])
@@ -930,7 +930,7 @@ REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real rad
 /* cloud: making, normals, thinning, outliers. Files are in cloud_file.c. */
 
 
-/* ==== making ======================================================================================================= */
+/* ==== making ====================================================================================================== */
 
 REG_API void reg_cloud_free(reg_cloud *cloud)
 {
@@ -1038,7 +1038,7 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
     return result;
 }
 
-/* ==== outliers ===================================================================================================== */
+/* ==== outliers ==================================================================================================== */
 
 /* Puts what belongs at `middle` there, nothing larger before it; the pivot is drawn, so that no order is slow. */
 static sb_real regi_cloud_select(sb_real *v, int count, int middle)
@@ -1129,7 +1129,8 @@ static sb_result regi_cloud_spacing(const reg_cloud *cloud, const reg_kdtree *tr
     if (result == SB_OK) {
         regi_kdtree_order(tree, order);
         for (int i = 0; i < cloud->count; i++) {
-            int at = order[i], found = reg_kdtree_k_nearest(tree, cloud->points[at], k + 1, order + cloud->count, squared);
+            int at = order[i], *nearest = order + cloud->count;
+            int found = reg_kdtree_k_nearest(tree, cloud->points[at], k + 1, nearest, squared);
             sb_real sum = 0;
             for (int j = 1; j < found; j++) /* at 0 is the point itself or one in the same place */
                 sum += sb_sqrt(squared[j]);
@@ -1175,8 +1176,8 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
     if (result == SB_OK) {
         limit = reg_outlier_limit(spacing, cloud->count, rule, parameter, spacing + cloud->count);
         if (limit < 0)
-            result = sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range", (int)rule,
-                              (double)parameter);
+            result = sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
+                              (int)rule, (double)parameter);
     }
     if (result == SB_OK) {
         kept = regi_cloud_keep(cloud, spacing, limit);
@@ -1189,7 +1190,7 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
     return result;
 }
 
-/* ==== thinning ===================================================================================================== */
+/* ==== thinning ==================================================================================================== */
 
 /* Cubes met so far, in a table of open addresses. */
 typedef struct regi_cloud_cubes {
@@ -1315,7 +1316,7 @@ REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *
     return n;
 }
 
-/* ==== normals ====================================================================================================== */
+/* ==== normals ===================================================================================================== */
 
 /* The fits, in blocks of points that are neighbours. */
 enum { REGI_CLOUD_BLOCK = 1024 };
@@ -1536,7 +1537,7 @@ REG_API sb_result reg_cloud_estimate_normals(reg_cloud *cloud, int k, const sb_v
 /* cloud_file: reading and writing clouds, on the readers of meshes. Part of the room cloud. */
 
 
-/* ==== text ========================================================================================================= */
+/* ==== text ======================================================================================================== */
 
 /* The next number or word between blanks, commas and semicolons; 0 at the end of the line. */
 static int regi_xyz_word(sbi_reader *reader, sbi_word *word)
@@ -1631,7 +1632,7 @@ static sb_result regi_xyz_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== loading ====================================================================================================== */
+/* ==== loading ===================================================================================================== */
 
 /* Endings that only texts of points have. */
 static int regi_cloud_named_text(const char *name)
@@ -1749,7 +1750,7 @@ REG_API sb_result reg_cloud_load(reg_cloud *cloud, const char *path, sb_real sca
     return result;
 }
 
-/* ==== writing ====================================================================================================== */
+/* ==== writing ===================================================================================================== */
 
 static void regi_cloud_write_vector(sbi_export *out, sb_vec3 v, const char *after)
 {
@@ -1843,7 +1844,7 @@ REG_API const char *reg_icp_stop_string(reg_icp_stop stop)
     return "unknown";
 }
 
-/* ==== shapes ======================================================================================================= */
+/* ==== shapes ====================================================================================================== */
 
 /* Points that look for partners. */
 typedef struct regi_icp_set {
@@ -2119,7 +2120,7 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
     return result;
 }
 
-/* ==== pairs ======================================================================================================== */
+/* ==== pairs ======================================================================================================= */
 
 /* The point of a side closest to p within `reach`, with its normal and weight; 0 when there is none. *partner: where to
  * look first, and then what was found. */
@@ -2237,7 +2238,7 @@ static sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const r
     return score / share;
 }
 
-/* ==== fits ========================================================================================================= */
+/* ==== fits ======================================================================================================== */
 
 /* Normal equations of the small motion, turn about `centre` and shift, that lowers sum w (n . (x - to))^2. */
 typedef struct regi_icp_system {
@@ -2403,7 +2404,7 @@ static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int roun
     return round;
 }
 
-/* ==== search ======================================================================================================= */
+/* ==== search ====================================================================================================== */
 
 typedef struct regi_icp_candidate {
     reg_rigid motion;
@@ -2552,7 +2553,7 @@ static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stag
     return SB_OK;
 }
 
-/* ==== the call ===================================================================================================== */
+/* ==== the call ==================================================================================================== */
 
 static sb_result regi_icp_check_landmarks(const reg_icp_options *o, sb_error *error)
 {

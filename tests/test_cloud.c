@@ -59,7 +59,8 @@ static void test_binary_ply(void)
                             "ply\nformat binary_%s_endian 1.0\nelement vertex 1\nproperty short x\nproperty float y\n"
                             "property double z\nend_header\n", order ? "big" : "little");
         memcpy(file + head, order ? big : little, 14);
-        if (!CHECK_OK(reg_cloud_load_memory(&cloud, file, (size_t)head + 14, REG_CLOUD_PLY, NULL, REAL(0.5), NULL, NULL)))
+        if (!CHECK_OK(reg_cloud_load_memory(&cloud, file, (size_t)head + 14, REG_CLOUD_PLY, NULL, REAL(0.5), NULL,
+                                            NULL)))
             continue;
         CHECK_NEAR(cloud.points[0].x, -1, 0);
         CHECK_NEAR(cloud.points[0].y, 0.75, 0);
@@ -139,8 +140,9 @@ static void test_formats(void)
 {
     int wrong = 9;
     static const char obj[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n";
-    static const char endless[] = "ply\nformat ascii 1.0\nelement vertex 2000000000\nproperty float x\nproperty float y\n"
-                                  "property float z\nend_header\n1 2 3\n";
+    static const char endless[] =
+        "ply\nformat ascii 1.0\nelement vertex 2000000000\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n1 2 3\n";
     reg_cloud cloud;
     sb_error error;
     if (CHECK_OK(load_text(&cloud, obj, REG_CLOUD_AUTO, &error))) {

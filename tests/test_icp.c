@@ -360,6 +360,27 @@ static void test_degenerate(void)
         }
 }
 
+/* The lower side only: the normals fitted to its rim look up, and with them all others inward. Both ways are tried. */
+static void test_turned_normals(void)
+{
+    static sb_vec3 points[BODY], part[BODY];
+    reg_rigid pose = turn(0.05, -0.1, 0.05), found;
+    reg_icp_options options = reg_default_icp_options();
+    reg_icp_shape model, target;
+    int seen = 0;
+    make_body();
+    for (int i = 0; i < BODY; i++)
+        if (body_normals[i].z < REAL(-0.1))
+            part[seen++] = body_points[i];
+    move(&pose, part, NULL, seen, points, NULL);
+    model = shape_of(body_points, body_normals, BODY);
+    target = shape_of(points, NULL, seen);
+    options.search = 0;
+    options.overlap = REG_ICP_TARGET_PART;
+    if (CHECK_OK(reg_icp(&model, &target, &options, &found, NULL, NULL)))
+        CHECK(gap(&pose, &found, body_points, BODY) < 64 * (double)SB_EPSILON);
+}
+
 static void test_bad_input(void)
 {
     sb_vec3 points[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, far[4];
@@ -521,5 +542,5 @@ static void test_livers(void)
 
 CHECK_SUITE(icp, {"exact", test_exact}, {"no search", test_no_search}, {"part", test_part}, {"outliers", test_outliers},
             {"weights", test_weights}, {"landmarks", test_landmarks}, {"surface", test_surface}, {"caps", test_caps},
-            {"degenerate", test_degenerate}, {"bad input", test_bad_input}, {"memory", test_memory},
-            {"livers", test_livers});
+            {"degenerate", test_degenerate}, {"turned normals", test_turned_normals}, {"bad input", test_bad_input},
+            {"memory", test_memory}, {"livers", test_livers});

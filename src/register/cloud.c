@@ -4,7 +4,7 @@
 #include "../softbody/meshio_reader.h"
 #include "../softbody/surface.h"
 
-/* ==== making ======================================================================================================= */
+/* ==== making ====================================================================================================== */
 
 REG_API void reg_cloud_free(reg_cloud *cloud)
 {
@@ -112,7 +112,7 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
     return result;
 }
 
-/* ==== outliers ===================================================================================================== */
+/* ==== outliers ==================================================================================================== */
 
 /* Puts what belongs at `middle` there, nothing larger before it; the pivot is drawn, so that no order is slow. */
 static sb_real regi_cloud_select(sb_real *v, int count, int middle)
@@ -203,7 +203,8 @@ static sb_result regi_cloud_spacing(const reg_cloud *cloud, const reg_kdtree *tr
     if (result == SB_OK) {
         regi_kdtree_order(tree, order);
         for (int i = 0; i < cloud->count; i++) {
-            int at = order[i], found = reg_kdtree_k_nearest(tree, cloud->points[at], k + 1, order + cloud->count, squared);
+            int at = order[i], *nearest = order + cloud->count;
+            int found = reg_kdtree_k_nearest(tree, cloud->points[at], k + 1, nearest, squared);
             sb_real sum = 0;
             for (int j = 1; j < found; j++) /* at 0 is the point itself or one in the same place */
                 sum += sb_sqrt(squared[j]);
@@ -249,8 +250,8 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
     if (result == SB_OK) {
         limit = reg_outlier_limit(spacing, cloud->count, rule, parameter, spacing + cloud->count);
         if (limit < 0)
-            result = sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range", (int)rule,
-                              (double)parameter);
+            result = sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
+                              (int)rule, (double)parameter);
     }
     if (result == SB_OK) {
         kept = regi_cloud_keep(cloud, spacing, limit);
@@ -263,7 +264,7 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
     return result;
 }
 
-/* ==== thinning ===================================================================================================== */
+/* ==== thinning ==================================================================================================== */
 
 /* Cubes met so far, in a table of open addresses. */
 typedef struct regi_cloud_cubes {
@@ -389,7 +390,7 @@ REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *
     return n;
 }
 
-/* ==== normals ====================================================================================================== */
+/* ==== normals ===================================================================================================== */
 
 /* The fits, in blocks of points that are neighbours. */
 enum { REGI_CLOUD_BLOCK = 1024 };

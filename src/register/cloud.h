@@ -63,7 +63,7 @@ REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size
  * are. SB_ERROR_ARGUMENT, _NOT_FINITE, and _FILE as for the writers of meshes. */
 REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, int ascii, sb_error *error);
 
-/* ---- normals ------------------------------------------------------------------------------------------------------ */
+/* ---- normals ----------------------------------------------------------------------------------------------------- */
 
 /* Gives the cloud normals (in place of any it had): across the plane fitted to each point and its k nearest (k >= 3;
  * 8 to 20 is usual). With a view point they face it. With view NULL neighbours are made to agree, each following the
@@ -73,7 +73,7 @@ REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, i
 REG_API sb_result reg_cloud_estimate_normals(reg_cloud *cloud, int k, const sb_vec3 *view, const sb_jobs *jobs,
                                              sb_error *error);
 
-/* ---- thinning ----------------------------------------------------------------------------------------------------- */
+/* ---- thinning ---------------------------------------------------------------------------------------------------- */
 
 /* One point for each cube [i, i+1) x [j, j+1) x [k, k+1) times `size` (m, > 0) that holds any: the mean of its points,
  * and of their normals made unit length. In the order in which the cubes were met first. SB_ERROR_ARGUMENT,
@@ -85,7 +85,7 @@ REG_API sb_result reg_cloud_thin(const reg_cloud *cloud, sb_real size, reg_cloud
  * coincide. The same for any pose up to rounding. O(wanted count). No allocation. */
 REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *chosen, sb_real *scratch);
 
-/* ---- outliers ----------------------------------------------------------------------------------------------------- */
+/* ---- outliers ---------------------------------------------------------------------------------------------------- */
 
 typedef enum reg_outliers {
     REG_OUTLIERS_NONE = 0,

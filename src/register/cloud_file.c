@@ -3,7 +3,7 @@
 
 #include "../softbody/meshio_reader.h"
 
-/* ==== text ========================================================================================================= */
+/* ==== text ======================================================================================================== */
 
 /* The next number or word between blanks, commas and semicolons; 0 at the end of the line. */
 static int regi_xyz_word(sbi_reader *reader, sbi_word *word)
@@ -98,7 +98,7 @@ static sb_result regi_xyz_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== loading ====================================================================================================== */
+/* ==== loading ===================================================================================================== */
 
 /* Endings that only texts of points have. */
 static int regi_cloud_named_text(const char *name)
@@ -216,7 +216,7 @@ REG_API sb_result reg_cloud_load(reg_cloud *cloud, const char *path, sb_real sca
     return result;
 }
 
-/* ==== writing ====================================================================================================== */
+/* ==== writing ===================================================================================================== */
 
 static void regi_cloud_write_vector(sbi_export *out, sb_vec3 v, const char *after)
 {

@@ -42,7 +42,7 @@ REG_API const char *reg_icp_stop_string(reg_icp_stop stop)
     return "unknown";
 }
 
-/* ==== shapes ======================================================================================================= */
+/* ==== shapes ====================================================================================================== */
 
 /* Points that look for partners. */
 typedef struct regi_icp_set {
@@ -318,7 +318,7 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
     return result;
 }
 
-/* ==== pairs ======================================================================================================== */
+/* ==== pairs ======================================================================================================= */
 
 /* The point of a side closest to p within `reach`, with its normal and weight; 0 when there is none. *partner: where to
  * look first, and then what was found. */
@@ -436,7 +436,7 @@ static sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const r
     return score / share;
 }
 
-/* ==== fits ========================================================================================================= */
+/* ==== fits ======================================================================================================== */
 
 /* Normal equations of the small motion, turn about `centre` and shift, that lowers sum w (n . (x - to))^2. */
 typedef struct regi_icp_system {
@@ -602,7 +602,7 @@ static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int roun
     return round;
 }
 
-/* ==== search ======================================================================================================= */
+/* ==== search ====================================================================================================== */
 
 typedef struct regi_icp_candidate {
     reg_rigid motion;
@@ -751,7 +751,7 @@ static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stag
     return SB_OK;
 }
 
-/* ==== the call ===================================================================================================== */
+/* ==== the call ==================================================================================================== */
 
 static sb_result regi_icp_check_landmarks(const reg_icp_options *o, sb_error *error)
 {

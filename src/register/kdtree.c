@@ -27,7 +27,7 @@ struct reg_kdtree {
     int count;
 };
 
-/* ---- building -------------------------------------------------------------------------------------------------- */
+/* ---- building ---------------------------------------------------------------------------------------------------- */
 
 typedef struct regi_kdtree_point {
     sb_real x[3];
@@ -202,7 +202,7 @@ REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order)
 
 REG_API int reg_kdtree_count(const reg_kdtree *tree) { return tree ? tree->count : 0; }
 
-/* ---- queries ---------------------------------------------------------------------------------------------------- */
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
 
 /* Squared distances to the boxes of the two children. */
 static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real bound[2])
