@@ -250,8 +250,8 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
 
 typedef enum reg_cloud_format {
     REG_CLOUD_AUTO = 0, /* told by the content, else by the end of the name */
-    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, commas or semicolons; more
-                         * columns are left alone. # and // begin comments; a first line that begins with no number may
+    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, commas or semicolons;
+                         * more columns are left alone. # and // begin comments; a first line that begins with no number may
                          * be a heading, one with a single number the count */
     REG_CLOUD_PLY = 2,  /* ASCII or binary of both byte orders; of the vertices x y z and, when all are there, nx ny nz;
                          * everything else is stepped over */
@@ -1803,8 +1803,8 @@ REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, i
 /* ==== src/register/icp.c ==== */
 /* icp: pairs, fits, the iteration, and the search for a start.
  *
- * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b: the
- * model's onto the target, or with TARGET_PART its inverse. */
+ * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b:
+ * the model's onto the target, or with TARGET_PART its inverse. */
 
 enum {
     REGI_ICP_COOKIE = 0x72696370,
@@ -1924,8 +1924,8 @@ static int regi_icp_set_allocate(const sb_allocator *allocator, regi_icp_set *se
     return set->points && set->normals && set->weights && set->partner;
 }
 
-/* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted], wanted <= count.
- * 0 without memory. */
+/* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted],
+ * wanted <= count. 0 without memory. */
 static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int wanted, int *indices)
 {
     int *order = (int *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(int));
@@ -1997,8 +1997,9 @@ static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
 {
     int count = sbi_min_int(side->count, REGI_ICP_FITTED);
     int *chosen = (int *)sbi_alloc(icp->allocator, (size_t)count, sizeof(int));
-    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen) ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
-                             : regi_icp_no_memory(icp);
+    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen)
+                           ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
+                           : regi_icp_no_memory(icp);
     if (result == SB_OK && side->weights) {
         side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
         result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
@@ -2281,8 +2282,8 @@ static void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping of
- * a millionth holds what the planes leave open. */
+/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping
+ * of a millionth holds what the planes leave open. */
 static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
@@ -2375,8 +2376,8 @@ static int regi_icp_late(regi_icp *icp)
 }
 
 /* At most `rounds` rounds; returns how many. The pairs are left as they are for *motion. */
-static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance, reg_rigid *motion,
-                            sb_real *score, int *converged)
+static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
+                            reg_rigid *motion, sb_real *score, int *converged)
 {
     sb_real mean = 0, rms, before, best;
     int round = 0, idle = 0;

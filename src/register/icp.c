@@ -1,7 +1,7 @@
 /* icp: pairs, fits, the iteration, and the search for a start.
  *
- * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b: the
- * model's onto the target, or with TARGET_PART its inverse. */
+ * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b:
+ * the model's onto the target, or with TARGET_PART its inverse. */
 #include "icp.h"
 
 enum {
@@ -122,8 +122,8 @@ static int regi_icp_set_allocate(const sb_allocator *allocator, regi_icp_set *se
     return set->points && set->normals && set->weights && set->partner;
 }
 
-/* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted], wanted <= count.
- * 0 without memory. */
+/* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted],
+ * wanted <= count. 0 without memory. */
 static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int wanted, int *indices)
 {
     int *order = (int *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(int));
@@ -195,8 +195,9 @@ static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
 {
     int count = sbi_min_int(side->count, REGI_ICP_FITTED);
     int *chosen = (int *)sbi_alloc(icp->allocator, (size_t)count, sizeof(int));
-    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen) ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
-                             : regi_icp_no_memory(icp);
+    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen)
+                           ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
+                           : regi_icp_no_memory(icp);
     if (result == SB_OK && side->weights) {
         side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
         result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
@@ -479,8 +480,8 @@ static void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping of
- * a millionth holds what the planes leave open. */
+/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping
+ * of a millionth holds what the planes leave open. */
 static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
@@ -573,8 +574,8 @@ static int regi_icp_late(regi_icp *icp)
 }
 
 /* At most `rounds` rounds; returns how many. The pairs are left as they are for *motion. */
-static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance, reg_rigid *motion,
-                            sb_real *score, int *converged)
+static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
+                            reg_rigid *motion, sb_real *score, int *converged)
 {
     sb_real mean = 0, rms, before, best;
     int round = 0, idle = 0;
