@@ -81,6 +81,26 @@
 #define reg_rigid_inverse reg_rigid_inverse_f32
 #define reg_rigid_angle reg_rigid_angle_f32
 #define reg_rigid_fit reg_rigid_fit_f32
+#define reg_kdtree_create reg_kdtree_create_f32
+#define reg_kdtree_destroy reg_kdtree_destroy_f32
+#define reg_kdtree_count reg_kdtree_count_f32
+#define reg_kdtree_nearest reg_kdtree_nearest_f32
+#define reg_kdtree_k_nearest reg_kdtree_k_nearest_f32
+#define reg_kdtree_within reg_kdtree_within_f32
+#define reg_cloud_free reg_cloud_free_f32
+#define reg_cloud_from_points reg_cloud_from_points_f32
+#define reg_cloud_from_mesh reg_cloud_from_mesh_f32
+#define reg_cloud_load reg_cloud_load_f32
+#define reg_cloud_load_memory reg_cloud_load_memory_f32
+#define reg_cloud_save_ply reg_cloud_save_ply_f32
+#define reg_cloud_estimate_normals reg_cloud_estimate_normals_f32
+#define reg_cloud_thin reg_cloud_thin_f32
+#define reg_cloud_spread reg_cloud_spread_f32
+#define reg_outlier_limit reg_outlier_limit_f32
+#define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
+#define reg_default_icp_options reg_default_icp_options_f32
+#define reg_icp_stop_string reg_icp_stop_string_f32
+#define reg_icp reg_icp_f32
 #endif
 #endif
 
@@ -151,10 +171,273 @@ REG_API sb_result reg_rigid_fit(const sb_vec3 *from, const sb_vec3 *to, const sb
 
 #endif /* REG_RIGID_H */
 
+/* ==== src/register/kdtree.h ==== */
+/* kdtree: nearest points of a cloud. Floor 2.
+ *
+ * A balanced tree over a copy of the points, eight to a leaf and side by side there; every node knows the smallest
+ * boxes around its halves. Queries allocate and change nothing, so any number of threads may ask at once, and give the
+ * same answer whatever the tree looks like: of points equally far, the one with the smallest index counts as nearer. */
+#ifndef REG_KDTREE_H
+#define REG_KDTREE_H
+
+
+typedef struct reg_kdtree reg_kdtree;
+
+/* Makes a tree of points[count] (m; count >= 1, points may coincide), which are copied. One block of memory from
+ * `allocator` (NULL: malloc; at most 80 bytes per point) and scratch that goes back.
+ * O(count log count). SB_ERROR_ARGUMENT (null pointer, no points, or a coordinate whose square would overflow),
+ * _NOT_FINITE (error->node: the point), _MEMORY; then *tree is untouched. */
+REG_API sb_result reg_kdtree_create(const sb_vec3 *points, int count, const sb_allocator *allocator, reg_kdtree **tree,
+                                    sb_error *error);
+REG_API void reg_kdtree_destroy(reg_kdtree *tree); /* accepts NULL */
+/* Number of its points; 0 for NULL. */
+REG_API int reg_kdtree_count(const reg_kdtree *tree);
+
+/* Index of the point nearest to `point` among those at most `within` (m; SB_REAL_MAX: any) away, and its squared
+ * distance (m^2) in *squared (may be NULL). -1 (nothing written) when there is none, the tree is NULL, or an argument
+ * is not finite or negative. O(log count) for points near the cloud. */
+REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared);
+
+/* The k nearest points, nearest first: indices[k] and squared distances squared[k] (m^2; both needed). Returns how many
+ * were found: k, or all points when there are fewer; 0 for k < 1, NULL, or a point that is not finite. */
+REG_API int reg_kdtree_k_nearest(const reg_kdtree *tree, sb_vec3 point, int k, int *indices, sb_real *squared);
+
+/* All points at most `radius` (m) away: returns how many, of which the first `room` are written to indices[room] (may
+ * be NULL with room 0: only count). In no particular, yet always the same order. 0 as above. */
+REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real radius, int *indices, int room);
+
+
+#endif /* REG_KDTREE_H */
+
+/* ==== src/register/cloud.h ==== */
+/* cloud: point clouds: files, normals, thinning, outliers. Floor 3.
+ *
+ *     reg_cloud cloud;
+ *     if (reg_cloud_load(&cloud, "scan.ply", 1, NULL, &error) != SB_OK) ...
+ *     reg_cloud_remove_outliers(&cloud, 8, REG_OUTLIERS_DEVIATION, 2, NULL, &error);
+ *     reg_cloud_estimate_normals(&cloud, 12, &camera, NULL, &error);
+ *     reg_cloud_free(&cloud);
+ *
+ * Everything here is deterministic and takes O(count log count), one to four seconds per million points and step. */
+#ifndef REG_CLOUD_H
+#define REG_CLOUD_H
+
+
+/* Points with normals or without. Its arrays come from its allocator; fill them by hand only with memory of that. */
+typedef struct reg_cloud {
+    sb_vec3 *points;        /* [count], m */
+    sb_vec3 *normals;       /* [count], unit length (0: none known), or NULL */
+    int count;
+    sb_allocator allocator;
+} reg_cloud;
+
+/* Frees the arrays and leaves zeros; accepts NULL and a cloud of zeros. */
+REG_API void reg_cloud_free(reg_cloud *cloud);
+
+/* ---- making ------------------------------------------------------------------------------------------------------
+ * Each overwrites *cloud on success (free it first when it owns arrays) and leaves it untouched on failure.
+ * `allocator` NULL: malloc. */
+
+/* Copies points[count] (count >= 1) and normals[count] (or NULL; made unit length). SB_ERROR_ARGUMENT, _NOT_FINITE
+ * (error->node), _MEMORY. */
+REG_API sb_result reg_cloud_from_points(reg_cloud *cloud, const sb_vec3 *points, const sb_vec3 *normals, int count,
+                                        const sb_allocator *allocator, sb_error *error);
+
+/* The nodes of a mesh. Of a surface (tri3 .. quad9) with normals: the mean of the faces around, weighted by area, 0
+ * where there is none; of a volume without. Fails as sb_surface_create does. */
+REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, const sb_allocator *allocator,
+                                      sb_error *error);
+
+typedef enum reg_cloud_format {
+    REG_CLOUD_AUTO = 0, /* told by the content, else by the end of the name */
+    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, commas or semicolons;
+                         * more columns are left alone, and so are columns 4 to 6 when those of the first point have not
+                         * about unit length (colours). # and // begin comments; a first line that begins with no number
+                         * may be a heading, one with a single number the count */
+    REG_CLOUD_PLY = 2,  /* ASCII or binary of both byte orders; of the vertices x y z and, when all are there, nx ny nz;
+                         * everything else is stepped over */
+    REG_CLOUD_MESH = 3  /* the nodes of any file that sb_mesh_load reads (but TetGen's), with or without cells */
+} reg_cloud_format;
+
+/* Reads a cloud from a file; every coordinate is multiplied by `scale` (> 0; files in millimetres: 0.001). A normal is
+ * made unit length, and 0 where its length is 0. SB_ERROR_ARGUMENT, _FILE (cannot be read), _FORMAT (also: no points),
+ * _NOT_FINITE, _UNSUPPORTED, _MEMORY; error says file and line, in binary parts the byte, and error->node the point. */
+REG_API sb_result reg_cloud_load(reg_cloud *cloud, const char *path, sb_real scale, const sb_allocator *allocator,
+                                 sb_error *error);
+/* The same from memory: data[size], borrowed during the call. name stands for the path in errors and in telling the
+ * format; may be NULL. */
+REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size_t size, reg_cloud_format format,
+                                        const char *name, sb_real scale, const sb_allocator *allocator,
+                                        sb_error *error);
+
+/* Writes a PLY file, binary little-endian in the precision of sb_real or ASCII with all digits, with normals when there
+ * are. SB_ERROR_ARGUMENT, _NOT_FINITE, and _FILE as for the writers of meshes. */
+REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, int ascii, sb_error *error);
+
+/* ---- normals ----------------------------------------------------------------------------------------------------- */
+
+/* Gives the cloud normals (in place of any it had): across the plane fitted to each point and its k nearest (k >= 3;
+ * 8 to 20 is usual). With a view point they face it. With view NULL neighbours are made to agree, each following the
+ * one it is most parallel to (Hoppe et al. 1992), and the highest point (largest z) of each connected part looks up:
+ * outward for closed surfaces. 0 where points are so few, or so much in one line or place, that there is no plane.
+ * jobs: NULL: inline; only the fits run on it. SB_ERROR_ARGUMENT, _NOT_FINITE, _MEMORY: the cloud is untouched. */
+REG_API sb_result reg_cloud_estimate_normals(reg_cloud *cloud, int k, const sb_vec3 *view, const sb_jobs *jobs,
+                                             sb_error *error);
+
+/* ---- thinning ---------------------------------------------------------------------------------------------------- */
+
+/* One point for each cube [i, i+1) x [j, j+1) x [k, k+1) times `size` (m, > 0) that holds any: the mean of its points,
+ * and of their normals made unit length. In the order in which the cubes were met first. SB_ERROR_ARGUMENT,
+ * _NOT_FINITE, _MEMORY; *thin (may be the same as cloud: then replaced) is untouched on failure. */
+REG_API sb_result reg_cloud_thin(const reg_cloud *cloud, sb_real size, reg_cloud *thin, sb_error *error);
+
+/* `wanted` points (or all) of points[count], evenly spread: first the one farthest from their mean, then always the one
+ * farthest from those chosen. Their indices go to chosen[wanted]; scratch[count]. Returns how many: fewer where points
+ * coincide. The same for any pose up to rounding. O(wanted count). No allocation. */
+REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *chosen, sb_real *scratch);
+
+/* ---- outliers ---------------------------------------------------------------------------------------------------- */
+
+typedef enum reg_outliers {
+    REG_OUTLIERS_NONE = 0,
+    REG_OUTLIERS_DEVIATION = 1, /* beyond mean + parameter * standard deviation; 2 */
+    REG_OUTLIERS_MEDIAN = 2,    /* beyond median + parameter * 1.4826 * median |d - median|; 3 */
+    REG_OUTLIERS_TRIM = 3       /* all but the smallest share `parameter`, in (0, 1]; 0.8 */
+} reg_outliers;
+
+/* The largest of distances[count] that is no outlier may be so large; keep d <= limit. Distances that are not finite
+ * (points without a partner) are outliers by themselves and do not count. scratch[count]. SB_REAL_MAX for NONE, -1 when
+ * no distance counts or the rule or parameter is out of range. O(count), no allocation. */
+REG_API sb_real reg_outlier_limit(const sb_real *distances, int count, reg_outliers rule, sb_real parameter,
+                                  sb_real *scratch);
+
+/* Takes out points whose mean distance to their k nearest (k >= 1) is an outlier by the rule; the others keep their
+ * order. *removed (or NULL): how many. SB_ERROR_ARGUMENT, _NOT_FINITE, _MEMORY: the cloud is untouched. */
+REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outliers rule, sb_real parameter, int *removed,
+                                            sb_error *error);
+
+
+#endif /* REG_CLOUD_H */
+
+/* ==== src/register/icp.h ==== */
+/* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 4.
+ *
+ *     reg_icp_shape model = {0}, target = {0};       (points and count; best with normals, or a surface)
+ *     reg_icp_options options = reg_default_icp_options();
+ *     options.overlap = REG_ICP_TARGET_PART;         (the target is a part of the model's surface)
+ *     result = reg_icp(&model, &target, &options, &motion, &info, &error);     (target ~ motion(model))
+ *
+ * Iterative closest points (Besl, McKay 1992; to planes: Chen, Medioni 1992): pair every point with the closest one of
+ * the other shape, leave out outliers, move, again. That finds the nearest minimum only, so a start is searched first:
+ * many rotations, few points, few rounds; the best ones get more of both.
+ *
+ * The same bits for any thread and compiler; only a time limit makes a result depend on the machine. */
+#ifndef REG_ICP_H
+#define REG_ICP_H
+
+
+/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
+typedef struct reg_icp_shape {
+    const sb_vec3 *points;     /* [count], m; also of a surface: its nodes, or samples of it */
+    int count;
+    const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
+    const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
+    const sb_surface *surface; /* closest points are looked for on this surface; NULL: among the points */
+    const reg_kdtree *tree;    /* of the points; NULL: one is made */
+} reg_icp_shape;
+
+typedef enum reg_icp_metric {
+    REG_ICP_POINT = 0, /* distance to the closest point */
+    REG_ICP_PLANE = 1  /* distance to the plane through it: fewer rounds, slides along flat parts */
+} reg_icp_metric;
+
+typedef enum reg_icp_overlap {
+    REG_ICP_WHOLE = 0,       /* both show the whole organ: each looks for the other */
+    REG_ICP_TARGET_PART = 1, /* the target is a part of the model's surface: only its points look */
+    REG_ICP_MODEL_PART = 2   /* the model is a part of the target's surface: only its points look */
+} reg_icp_overlap;
+
+/* A point of the model and where it is seen. */
+typedef struct reg_icp_landmark {
+    sb_vec3 model, target; /* m */
+    sb_real weight;        /* > 0: as a share of all pairs of the surfaces together; 0.1: a tenth of them */
+} reg_icp_landmark;
+
+/* Start from reg_default_icp_options(). */
+typedef struct reg_icp_options {
+    reg_icp_overlap overlap;  /* WHOLE */
+    reg_icp_metric metric;    /* PLANE */
+    int search;               /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
+    reg_rigid start;          /* model to target; identity. With search it is one candidate among the others */
+    const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
+    int landmark_count;
+    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
+    sb_real outlier_parameter; /* 3 */
+    sb_real max_distance;     /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
+    int sample;               /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
+    int max_iterations;       /* >= 1, of the last stage; 100 */
+    sb_real tolerance;        /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
+    sb_clock clock;           /* NULL: no time limit */
+    double max_seconds;       /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
+    sb_allocator allocator;   /* zeros: malloc */
+    int cookie;               /* set by reg_default_icp_options */
+} reg_icp_options;
+
+typedef enum reg_icp_stop {
+    REG_ICP_CONVERGED = 0,
+    REG_ICP_ITERATIONS = 1, /* max_iterations */
+    REG_ICP_TIME = 2        /* max_seconds */
+} reg_icp_stop;
+
+typedef struct reg_icp_info {
+    reg_icp_stop stop;
+    int iterations;        /* of the last stage */
+    int candidates;        /* poses that the search tried */
+    int pairs;             /* that counted at the end, without landmarks */
+    sb_real overlap;       /* their share of all points that looked */
+    sb_real mean, rms;     /* m, distance between the partners that counted */
+    sb_real landmark_rms;  /* m, weighted; 0 without landmarks */
+    double seconds;        /* 0 without a clock */
+} reg_icp_info;
+
+REG_API reg_icp_options reg_default_icp_options(void);
+/* "converged", "iterations", "time"; static. */
+REG_API const char *reg_icp_stop_string(reg_icp_stop stop);
+
+/* The motion that brings the model to the target.
+ *
+ * options  NULL: reg_default_icp_options()
+ * motion   written on success, also when a cap ended the run; info (or NULL) too
+ * SB_ERROR_ARGUMENT (what is said above; weights all 0), _NOT_FINITE (error->node: the point), _MEMORY,
+ * _NOT_CONVERGED (no pair within max_distance): outputs untouched.
+ *
+ * About 0.1 s for surfaces of 6,000 points with search, 0.02 s without. Points that lie in a line, a plane or one place
+ * leave motions open; it then takes one of the best. */
+REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *target, const reg_icp_options *options,
+                          reg_rigid *motion, reg_icp_info *info, sb_error *error);
+
+#endif /* REG_ICP_H */
+
 #endif /* REGISTER_H */
 
 #if defined(REG_IMPLEMENTATION) && !defined(REG_IMPLEMENTATION_DONE)
 #define REG_IMPLEMENTATION_DONE
+
+/* ==== src/register/kdtree.h, internal ==== */
+/* The points' indices in the order of the leaves, so that queries in this order find what they need in the cache:
+ * order[count]. */
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order);
+/* reg_kdtree_nearest for a finite point, with the answer to begin with: index `found` (INT_MAX: none) at the squared
+ * distance *squared. */
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared);
+
+/* ==== src/register/cloud.h, internal ==== */
+REGI_API sb_result regi_cloud_allocate(reg_cloud *cloud, int count, int with_normals, const sb_allocator *allocator,
+                                       sb_error *error);
+/* v / |v|, or 0. */
+REGI_API sb_vec3 regi_cloud_unit(sb_vec3 v);
+/* At least one point, all finite; normals may be NULL. */
+REGI_API sb_result regi_cloud_check(const sb_vec3 *points, const sb_vec3 *normals, int count, sb_error *error);
 
 /* ==== src/register/rigid.c ==== */
 /* rigid: motions and Kabsch's fit. */
@@ -242,6 +525,2197 @@ REG_API sb_result reg_rigid_fit(const sb_vec3 *from, const sb_vec3 *to, const sb
     motion->rotation = sb_m3_mul(u, sb_m3_transpose(v));
     motion->translation = sb_v3_sub(mean_to, sb_m3_apply(motion->rotation, mean_from));
     return SB_OK;
+}
+
+/* ==== src/register/kdtree.c ==== */
+/* kdtree: building by medians, and queries that walk down the nearer half first.
+ *
+ * The tree is complete: node i has the children 2i and 2i + 1, the leaves come last, and leaf j of L holds the points
+ * from floor(n j / L) on. Distances and the bounds of boxes are sums of three squares in one order; each rounding is
+ * monotone, so a bound never exceeds the distance of a point in the box, and nothing is lost to rounding. */
+
+#include <limits.h>
+
+enum { REGI_KDTREE_LEAF = 8, REGI_KDTREE_STACK = 40 };
+
+/* Boxes around the two children. */
+typedef struct regi_kdtree_node {
+    sb_real low[3][2], high[3][2];
+} regi_kdtree_node;
+
+typedef struct regi_kdtree_leaf {
+    sb_real x[REGI_KDTREE_LEAF], y[REGI_KDTREE_LEAF], z[REGI_KDTREE_LEAF]; /* NaN where there is no point */
+    int index[REGI_KDTREE_LEAF];
+} regi_kdtree_leaf;
+
+struct reg_kdtree {
+    sb_allocator allocator;
+    regi_kdtree_node *nodes; /* [leaf_count]; 0 is unused */
+    regi_kdtree_leaf *leaves;
+    int leaf_count; /* a power of 2 */
+    int count;
+};
+
+/* ---- building ---------------------------------------------------------------------------------------------------- */
+
+typedef struct regi_kdtree_point {
+    sb_real x[3];
+    int index;
+} regi_kdtree_point;
+
+static void regi_kdtree_swap(regi_kdtree_point *a, regi_kdtree_point *b)
+{
+    regi_kdtree_point t = *a;
+    *a = *b;
+    *b = t;
+}
+
+/* Hoare's selection: what belongs at `middle` gets there, smaller ones before it. The pivot is drawn, so that no
+ * arrangement of the points is slow; scans stop at equal keys, so that many equal points are split evenly. */
+static void regi_kdtree_select(regi_kdtree_point *p, int low, int high, int middle, int axis)
+{
+    uint32_t draw = 2463534242u;
+    while (low < high) {
+        int i = low, j = high;
+        sb_real pivot;
+        draw ^= draw << 13, draw ^= draw >> 17, draw ^= draw << 5;
+        pivot = p[low + (int)(draw % (uint32_t)(high - low + 1))].x[axis];
+        while (i <= j) {
+            while (p[i].x[axis] < pivot)
+                i++;
+            while (pivot < p[j].x[axis])
+                j--;
+            if (i <= j)
+                regi_kdtree_swap(p + i++, p + j--);
+        }
+        if (middle <= j)
+            high = j;
+        else if (middle >= i)
+            low = i;
+        else
+            return;
+    }
+}
+
+static int regi_kdtree_start(const reg_kdtree *tree, int leaf)
+{
+    return (int)((int64_t)tree->count * leaf / tree->leaf_count);
+}
+
+/* Fills leaf `leaf` with the points from..to. */
+static void regi_kdtree_fill(reg_kdtree *tree, int leaf, const regi_kdtree_point *p, int from, int to)
+{
+    regi_kdtree_leaf *out = tree->leaves + leaf;
+    for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
+        int there = from + i < to;
+        out->x[i] = there ? p[from + i].x[0] : (sb_real)NAN;
+        out->y[i] = there ? p[from + i].x[1] : (sb_real)NAN;
+        out->z[i] = there ? p[from + i].x[2] : (sb_real)NAN;
+        out->index[i] = there ? p[from + i].index : -1;
+    }
+}
+
+/* Builds `node` over the leaves first .. first + leaves - 1, and notes its box with its parent. */
+static void regi_kdtree_build(reg_kdtree *tree, regi_kdtree_point *p, int node, int first, int leaves)
+{
+    int from = regi_kdtree_start(tree, first), to = regi_kdtree_start(tree, first + leaves), widest = 0;
+    sb_real low[3], high[3];
+    for (int a = 0; a < 3; a++)
+        low[a] = high[a] = p[from].x[a];
+    for (int i = from + 1; i < to; i++)
+        for (int a = 0; a < 3; a++) {
+            low[a] = sb_min(low[a], p[i].x[a]);
+            high[a] = sb_max(high[a], p[i].x[a]);
+        }
+    for (int a = 0; a < 3; a++) {
+        if (high[a] - low[a] > high[widest] - low[widest])
+            widest = a;
+        if (node > 1) {
+            tree->nodes[node / 2].low[a][node % 2] = low[a];
+            tree->nodes[node / 2].high[a][node % 2] = high[a];
+        }
+    }
+    if (leaves == 1) {
+        regi_kdtree_fill(tree, first, p, from, to);
+        return;
+    }
+    regi_kdtree_select(p, from, to - 1, regi_kdtree_start(tree, first + leaves / 2), widest);
+    regi_kdtree_build(tree, p, 2 * node, first, leaves / 2);
+    regi_kdtree_build(tree, p, 2 * node + 1, first + leaves / 2, leaves / 2);
+}
+
+static sb_result regi_kdtree_check(const sb_vec3 *points, int count, sb_error *error)
+{
+    sb_real most = sb_sqrt(SB_REAL_MAX) / 8;
+    if (!points || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tree needs at least one point, not %d", count);
+    for (int i = 0; i < count; i++) {
+        if (!sb_v3_is_finite(points[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d has a coordinate that is not finite", i);
+        if (sb_abs(points[i].x) > most || sb_abs(points[i].y) > most || sb_abs(points[i].z) > most)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "point %d is too far from the origin to be squared", i);
+    }
+    return SB_OK;
+}
+
+static reg_kdtree *regi_kdtree_allocate(int count, const sb_allocator *allocator)
+{
+    reg_kdtree *tree = NULL;
+    int leaf_count = 1;
+    while ((int64_t)leaf_count * REGI_KDTREE_LEAF < count)
+        leaf_count *= 2;
+    for (sbi_arena arena = {NULL, 0, 0};;) {
+        reg_kdtree *head = (reg_kdtree *)sbi_arena_take(&arena, 1, sizeof(reg_kdtree));
+        regi_kdtree_node *nodes = (regi_kdtree_node *)sbi_arena_take(&arena, (size_t)leaf_count, sizeof *nodes);
+        regi_kdtree_leaf *leaves = (regi_kdtree_leaf *)sbi_arena_take(&arena, (size_t)leaf_count, sizeof *leaves);
+        if (arena.base) {
+            tree = head;
+            tree->nodes = nodes;
+            tree->leaves = leaves;
+            tree->leaf_count = leaf_count;
+            tree->count = count;
+            memset(&tree->allocator, 0, sizeof tree->allocator);
+            if (allocator)
+                tree->allocator = *allocator;
+            return tree;
+        }
+        arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, 1, arena.used);
+        arena.used = 0;
+        if (!arena.base)
+            return NULL;
+    }
+}
+
+REG_API sb_result reg_kdtree_create(const sb_vec3 *points, int count, const sb_allocator *allocator, reg_kdtree **tree,
+                                    sb_error *error)
+{
+    sb_result result = regi_kdtree_check(points, count, error);
+    regi_kdtree_point *scratch;
+    reg_kdtree *made;
+    if (result != SB_OK)
+        return result;
+    if (!tree)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "nowhere to put the tree");
+    made = regi_kdtree_allocate(count, allocator);
+    scratch = made ? (regi_kdtree_point *)sbi_alloc(allocator, (size_t)count, sizeof *scratch) : NULL;
+    if (!scratch) {
+        reg_kdtree_destroy(made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tree of %d points", count);
+    }
+    for (int i = 0; i < count; i++) {
+        scratch[i].x[0] = points[i].x;
+        scratch[i].x[1] = points[i].y;
+        scratch[i].x[2] = points[i].z;
+        scratch[i].index = i;
+    }
+    regi_kdtree_build(made, scratch, 1, 0, made->leaf_count);
+    sbi_free(allocator, scratch);
+    *tree = made;
+    return SB_OK;
+}
+
+REG_API void reg_kdtree_destroy(reg_kdtree *tree)
+{
+    if (tree) {
+        sb_allocator allocator = tree->allocator;
+        sbi_free(&allocator, tree);
+    }
+}
+
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order)
+{
+    for (int leaf = 0, n = 0; leaf < tree->leaf_count; leaf++)
+        for (int i = 0; i < REGI_KDTREE_LEAF && tree->leaves[leaf].index[i] >= 0; i++)
+            order[n++] = tree->leaves[leaf].index[i];
+}
+
+REG_API int reg_kdtree_count(const reg_kdtree *tree) { return tree ? tree->count : 0; }
+
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
+
+/* Squared distances to the boxes of the two children. */
+static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real bound[2])
+{
+    sb_real gap[3][2];
+    for (int c = 0; c < 2; c++) {
+        gap[0][c] = sb_max(sb_max(node->low[0][c] - p.x, p.x - node->high[0][c]), 0);
+        gap[1][c] = sb_max(sb_max(node->low[1][c] - p.y, p.y - node->high[1][c]), 0);
+        gap[2][c] = sb_max(sb_max(node->low[2][c] - p.z, p.z - node->high[2][c]), 0);
+    }
+    for (int c = 0; c < 2; c++)
+        bound[c] = gap[0][c] * gap[0][c] + gap[1][c] * gap[1][c] + gap[2][c] * gap[2][c];
+}
+
+/* Squared distances to the points of a leaf; NaN, which no comparison takes, where there is none. */
+static void regi_kdtree_distances(const regi_kdtree_leaf *leaf, sb_vec3 p, sb_real d[REGI_KDTREE_LEAF])
+{
+    for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
+        sb_real x = leaf->x[i] - p.x, y = leaf->y[i] - p.y, z = leaf->z[i] - p.z;
+        d[i] = x * x + y * y + z * z;
+    }
+}
+
+/* What is left to visit. */
+typedef struct regi_kdtree_walk {
+    sb_real bound[REGI_KDTREE_STACK];
+    int node[REGI_KDTREE_STACK];
+    int depth;
+} regi_kdtree_walk;
+
+static void regi_kdtree_begin(regi_kdtree_walk *walk)
+{
+    walk->bound[0] = 0;
+    walk->node[0] = 1;
+    walk->depth = 1;
+}
+
+/* The next leaf whose box is at most sqrt(limit) away, nearer ones first, or NULL. */
+static const regi_kdtree_leaf *regi_kdtree_next(const reg_kdtree *tree, regi_kdtree_walk *walk, sb_vec3 p,
+                                                sb_real limit)
+{
+    while (walk->depth > 0) {
+        int node = walk->node[--walk->depth];
+        sb_real bound[2];
+        if (walk->bound[walk->depth] > limit)
+            continue;
+        while (node < tree->leaf_count) {
+            int nearer;
+            regi_kdtree_bounds(tree->nodes + node, p, bound);
+            nearer = bound[1] < bound[0];
+            if (bound[!nearer] <= limit) {
+                walk->bound[walk->depth] = bound[!nearer];
+                walk->node[walk->depth++] = 2 * node + !nearer;
+            }
+            if (!(bound[nearer] <= limit))
+                break;
+            node = 2 * node + nearer;
+        }
+        if (node >= tree->leaf_count)
+            return tree->leaves + (node - tree->leaf_count);
+    }
+    return NULL;
+}
+
+/* Square of a radius, or -1 for one that no point can be within; never infinite, so that points too far off to be
+ * squared are no answer. */
+static sb_real regi_kdtree_limit(sb_real within)
+{
+    if (!(within >= 0))
+        return -1;
+    return sb_min(within * within, SB_REAL_MAX);
+}
+
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared)
+{
+    sb_real best = *squared, d[REGI_KDTREE_LEAF];
+    const regi_kdtree_leaf *leaf;
+    regi_kdtree_walk walk;
+    regi_kdtree_begin(&walk);
+    while ((leaf = regi_kdtree_next(tree, &walk, point, best)) != NULL) {
+        regi_kdtree_distances(leaf, point, d);
+        for (int i = 0; i < REGI_KDTREE_LEAF; i++)
+            if (d[i] <= best && (d[i] < best || leaf->index[i] < found)) {
+                best = d[i];
+                found = leaf->index[i];
+            }
+    }
+    *squared = best;
+    return found;
+}
+
+REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+{
+    sb_real best = regi_kdtree_limit(within);
+    int found;
+    if (!tree || best < 0 || !sb_v3_is_finite(point))
+        return -1;
+    found = regi_kdtree_nearest_from(tree, point, INT_MAX, &best);
+    if (found == INT_MAX)
+        return -1;
+    if (squared)
+        *squared = best;
+    return found;
+}
+
+static int regi_kdtree_farther(const int *indices, const sb_real *squared, int a, int b)
+{
+    return squared[a] > squared[b] || (squared[a] == squared[b] && indices[a] > indices[b]);
+}
+
+static void regi_kdtree_exchange(int *indices, sb_real *squared, int a, int b)
+{
+    int index = indices[a];
+    sb_real d = squared[a];
+    indices[a] = indices[b], indices[b] = index;
+    squared[a] = squared[b], squared[b] = d;
+}
+
+/* Restores a heap with the farthest on top after entry `at` has become nearer. */
+static void regi_kdtree_sink(int *indices, sb_real *squared, int count, int at)
+{
+    for (;;) {
+        int child = 2 * at + 1;
+        if (child >= count)
+            return;
+        if (child + 1 < count && regi_kdtree_farther(indices, squared, child + 1, child))
+            child++;
+        if (!regi_kdtree_farther(indices, squared, child, at))
+            return;
+        regi_kdtree_exchange(indices, squared, at, child);
+        at = child;
+    }
+}
+
+static void regi_kdtree_rise(int *indices, sb_real *squared, int at)
+{
+    for (; at > 0 && regi_kdtree_farther(indices, squared, at, (at - 1) / 2); at = (at - 1) / 2)
+        regi_kdtree_exchange(indices, squared, at, (at - 1) / 2);
+}
+
+REG_API int reg_kdtree_k_nearest(const reg_kdtree *tree, sb_vec3 point, int k, int *indices, sb_real *squared)
+{
+    sb_real limit = SB_REAL_MAX, d[REGI_KDTREE_LEAF];
+    const regi_kdtree_leaf *leaf;
+    regi_kdtree_walk walk;
+    int count = 0;
+    if (!tree || k < 1 || !indices || !squared || !sb_v3_is_finite(point))
+        return 0;
+    regi_kdtree_begin(&walk);
+    while ((leaf = regi_kdtree_next(tree, &walk, point, limit)) != NULL) {
+        regi_kdtree_distances(leaf, point, d);
+        for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
+            if (!(d[i] <= limit) || (count == k && d[i] == limit && leaf->index[i] > indices[0]))
+                continue;
+            if (count < k) {
+                indices[count] = leaf->index[i];
+                squared[count] = d[i];
+                regi_kdtree_rise(indices, squared, count++);
+            } else {
+                indices[0] = leaf->index[i];
+                squared[0] = d[i];
+                regi_kdtree_sink(indices, squared, count, 0);
+            }
+            if (count == k)
+                limit = squared[0];
+        }
+    }
+    for (int last = count - 1; last > 0; last--) {
+        regi_kdtree_exchange(indices, squared, 0, last);
+        regi_kdtree_sink(indices, squared, last, 0);
+    }
+    return count;
+}
+
+REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real radius, int *indices, int room)
+{
+    sb_real limit = regi_kdtree_limit(radius), d[REGI_KDTREE_LEAF];
+    const regi_kdtree_leaf *leaf;
+    regi_kdtree_walk walk;
+    int count = 0;
+    if (!tree || limit < 0 || !sb_v3_is_finite(point))
+        return 0;
+    regi_kdtree_begin(&walk);
+    while ((leaf = regi_kdtree_next(tree, &walk, point, limit)) != NULL) {
+        regi_kdtree_distances(leaf, point, d);
+        for (int i = 0; i < REGI_KDTREE_LEAF; i++)
+            if (d[i] <= limit) {
+                if (indices && count < room)
+                    indices[count] = leaf->index[i];
+                count++;
+            }
+    }
+    return count;
+}
+
+/* ==== src/register/cloud.c ==== */
+/* cloud: making, normals, thinning, outliers. Files are in cloud_file.c. */
+
+
+/* ==== making ====================================================================================================== */
+
+REG_API void reg_cloud_free(reg_cloud *cloud)
+{
+    if (!cloud)
+        return;
+    sbi_free(&cloud->allocator, cloud->points);
+    sbi_free(&cloud->allocator, cloud->normals);
+    memset(cloud, 0, sizeof *cloud);
+}
+
+REGI_API sb_result regi_cloud_allocate(reg_cloud *cloud, int count, int with_normals, const sb_allocator *allocator,
+                                       sb_error *error)
+{
+    memset(cloud, 0, sizeof *cloud);
+    if (allocator)
+        cloud->allocator = *allocator;
+    cloud->count = count;
+    cloud->points = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
+    if (cloud->points && with_normals)
+        cloud->normals = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
+    if (cloud->points && (cloud->normals || !with_normals))
+        return SB_OK;
+    reg_cloud_free(cloud);
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a cloud of %d points", count);
+}
+
+/* By its largest entry first, so that squares stay in range. */
+REGI_API sb_vec3 regi_cloud_unit(sb_vec3 v)
+{
+    sb_real size = sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z)));
+    if (!(size > 0))
+        return sb_v3(0, 0, 0);
+    v = sb_v3(v.x / size, v.y / size, v.z / size);
+    return sb_v3_scale(1 / sb_v3_norm(v), v);
+}
+
+REGI_API sb_result regi_cloud_check(const sb_vec3 *points, const sb_vec3 *normals, int count, sb_error *error)
+{
+    if (!points || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cloud needs at least one point, not %d", points ? count : 0);
+    for (int i = 0; i < count; i++) {
+        if (!sb_v3_is_finite(points[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d has a coordinate that is not finite", i);
+        if (normals && !sb_v3_is_finite(normals[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the normal of point %d is not finite", i);
+    }
+    return SB_OK;
+}
+
+REG_API sb_result reg_cloud_from_points(reg_cloud *cloud, const sb_vec3 *points, const sb_vec3 *normals, int count,
+                                        const sb_allocator *allocator, sb_error *error)
+{
+    sb_result result = regi_cloud_check(points, normals, count, error);
+    reg_cloud made;
+    if (result != SB_OK)
+        return result;
+    if (!cloud)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "nowhere to put the cloud");
+    result = regi_cloud_allocate(&made, count, normals != NULL, allocator, error);
+    if (result != SB_OK)
+        return result;
+    memcpy(made.points, points, (size_t)count * sizeof points[0]);
+    for (int i = 0; normals && i < count; i++)
+        made.normals[i] = regi_cloud_unit(normals[i]);
+    *cloud = made;
+    return SB_OK;
+}
+
+/* Normals of the nodes: twice the area vectors of the triangles around, summed. */
+static void regi_cloud_face_normals(const sbi_surface_cut *cut, sb_vec3 *normals)
+{
+    const sb_vec3 *x = cut->triangles.nodes;
+    for (int i = 0; i < cut->triangles.node_count; i++)
+        normals[i] = sb_v3(0, 0, 0);
+    for (int t = 0; t < cut->triangles.element_count; t++) {
+        const int *c = cut->triangles.elements + 3 * (size_t)t;
+        sb_vec3 area = sb_v3_cross(sb_v3_sub(x[c[1]], x[c[0]]), sb_v3_sub(x[c[2]], x[c[0]]));
+        for (int k = 0; k < 3; k++)
+            normals[c[k]] = sb_v3_add(normals[c[k]], area);
+    }
+    for (int i = 0; i < cut->triangles.node_count; i++)
+        normals[i] = regi_cloud_unit(normals[i]);
+}
+
+REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, const sb_allocator *allocator,
+                                      sb_error *error)
+{
+    sbi_surface_cut cut;
+    reg_cloud made;
+    sb_result result;
+    if (!cloud || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", cloud ? "mesh" : "cloud");
+    if (sb_element_dimension(mesh->element_type) == 3)
+        return reg_cloud_from_points(cloud, mesh->nodes, NULL, mesh->node_count, allocator, error);
+    result = sbi_surface_cut_make(mesh, allocator, &cut, error);
+    if (result != SB_OK)
+        return result;
+    result = regi_cloud_allocate(&made, mesh->node_count, 1, allocator, error);
+    if (result == SB_OK) {
+        memcpy(made.points, mesh->nodes, (size_t)mesh->node_count * sizeof mesh->nodes[0]);
+        regi_cloud_face_normals(&cut, made.normals);
+        *cloud = made;
+    }
+    sbi_surface_cut_free(allocator, &cut);
+    return result;
+}
+
+/* ==== outliers ==================================================================================================== */
+
+/* Puts what belongs at `middle` there, nothing larger before it; the pivot is drawn, so that no order is slow. */
+static sb_real regi_cloud_select(sb_real *v, int count, int middle)
+{
+    int low = 0, high = count - 1;
+    uint32_t draw = 2463534242u;
+    while (low < high) {
+        int i = low, j = high;
+        sb_real pivot;
+        draw ^= draw << 13, draw ^= draw >> 17, draw ^= draw << 5;
+        pivot = v[low + (int)(draw % (uint32_t)(high - low + 1))];
+        while (i <= j) {
+            while (v[i] < pivot)
+                i++;
+            while (pivot < v[j])
+                j--;
+            if (i <= j) {
+                sb_real t = v[i];
+                v[i++] = v[j];
+                v[j--] = t;
+            }
+        }
+        if (middle <= j)
+            high = j;
+        else if (middle >= i)
+            low = i;
+        else
+            break;
+    }
+    return v[middle];
+}
+
+/* Running mean and sum of squares (Welford): exact for equal distances, so that the rule keeps them all. */
+static sb_real regi_outlier_deviation(const sb_real *d, int count, sb_real parameter)
+{
+    sb_real mean = 0, squares = 0;
+    for (int i = 0; i < count; i++) {
+        sb_real step = d[i] - mean;
+        mean += step / (sb_real)(i + 1);
+        squares += step * (d[i] - mean);
+    }
+    return mean + parameter * sb_sqrt(sb_max(squares, 0) / (sb_real)count);
+}
+
+static sb_real regi_outlier_median(sb_real *d, int count, sb_real parameter)
+{
+    sb_real median = regi_cloud_select(d, count, (count - 1) / 2);
+    for (int i = 0; i < count; i++)
+        d[i] = sb_abs(d[i] - median);
+    return median + parameter * (sb_real)1.4826 * regi_cloud_select(d, count, (count - 1) / 2);
+}
+
+REG_API sb_real reg_outlier_limit(const sb_real *distances, int count, reg_outliers rule, sb_real parameter,
+                                  sb_real *scratch)
+{
+    int n = 0, kept;
+    if (rule == REG_OUTLIERS_NONE)
+        return SB_REAL_MAX;
+    if (!distances || !scratch || !(parameter >= 0) || !sb_is_finite(parameter))
+        return -1;
+    for (int i = 0; i < count; i++)
+        if (sb_is_finite(distances[i]))
+            scratch[n++] = distances[i];
+    if (n < 1)
+        return -1;
+    switch (rule) {
+    case REG_OUTLIERS_DEVIATION: return regi_outlier_deviation(scratch, n, parameter);
+    case REG_OUTLIERS_MEDIAN: return regi_outlier_median(scratch, n, parameter);
+    case REG_OUTLIERS_TRIM:
+        if (!(parameter > 0) || parameter > 1)
+            return -1;
+        kept = (int)(parameter * (sb_real)n + (sb_real)0.5);
+        return regi_cloud_select(scratch, n, sbi_min_int(sbi_max_int(kept, 1), n) - 1);
+    case REG_OUTLIERS_NONE: break;
+    }
+    return -1;
+}
+
+/* Mean distance of every point to its k nearest, itself left out; in the tree's order. */
+static sb_result regi_cloud_spacing(const reg_cloud *cloud, const reg_kdtree *tree, int k, sb_real *spacing,
+                                    sb_error *error)
+{
+    const sb_allocator *allocator = &cloud->allocator;
+    size_t row = (size_t)k + 1;
+    int *order = (int *)sbi_alloc(allocator, (size_t)cloud->count + row, sizeof(int));
+    sb_real *squared = (sb_real *)sbi_alloc(allocator, row, sizeof(sb_real));
+    sb_result result = order && squared ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d neighbours", k);
+    if (result == SB_OK) {
+        regi_kdtree_order(tree, order);
+        for (int i = 0; i < cloud->count; i++) {
+            int at = order[i], *nearest = order + cloud->count;
+            int found = reg_kdtree_k_nearest(tree, cloud->points[at], k + 1, nearest, squared);
+            sb_real sum = 0;
+            for (int j = 1; j < found; j++) /* at 0 is the point itself or one in the same place */
+                sum += sb_sqrt(squared[j]);
+            spacing[at] = found > 1 ? sum / (sb_real)(found - 1) : 0;
+        }
+    }
+    sbi_free(allocator, order);
+    sbi_free(allocator, squared);
+    return result;
+}
+
+/* Keeps the points whose value is at most the limit, in place; returns how many. The arrays keep their size. */
+static int regi_cloud_keep(reg_cloud *cloud, const sb_real *value, sb_real limit)
+{
+    int kept = 0;
+    for (int i = 0; i < cloud->count; i++) {
+        if (value[i] > limit)
+            continue;
+        cloud->points[kept] = cloud->points[i];
+        if (cloud->normals)
+            cloud->normals[kept] = cloud->normals[i];
+        kept++;
+    }
+    return kept;
+}
+
+REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outliers rule, sb_real parameter, int *removed,
+                                            sb_error *error)
+{
+    reg_kdtree *tree = NULL;
+    sb_real *spacing, limit = 0;
+    sb_result result;
+    int kept;
+    if (!cloud || k < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", cloud ? "at least one neighbour is needed" : "cloud is NULL");
+    result = reg_kdtree_create(cloud->points, cloud->count, &cloud->allocator, &tree, error);
+    if (result != SB_OK)
+        return result;
+    k = sbi_min_int(k, cloud->count);
+    spacing = (sb_real *)sbi_alloc(&cloud->allocator, (size_t)cloud->count, 2 * sizeof(sb_real));
+    result = spacing ? regi_cloud_spacing(cloud, tree, k, spacing, error)
+                     : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d distances", cloud->count);
+    if (result == SB_OK) {
+        limit = reg_outlier_limit(spacing, cloud->count, rule, parameter, spacing + cloud->count);
+        if (limit < 0)
+            result = sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
+                              (int)rule, (double)parameter);
+    }
+    if (result == SB_OK) {
+        kept = regi_cloud_keep(cloud, spacing, limit);
+        if (removed)
+            *removed = cloud->count - kept;
+        cloud->count = kept;
+    }
+    sbi_free(&cloud->allocator, spacing);
+    reg_kdtree_destroy(tree);
+    return result;
+}
+
+/* ==== thinning ==================================================================================================== */
+
+/* Cubes met so far, in a table of open addresses. */
+typedef struct regi_cloud_cubes {
+    double (*key)[3]; /* [count]: which cube; whole numbers */
+    int *points;      /* [count]: how many it holds */
+    int *slot;        /* [mask + 1]: index of a cube, or -1 */
+    size_t mask;
+    int count;
+} regi_cloud_cubes;
+
+static size_t regi_cloud_hash(const double key[3])
+{
+    uint64_t hash = 1469598103934665603u;
+    for (int a = 0; a < 3; a++) {
+        hash = (hash ^ sbi_dense_bits(key[a] + 0.0)) * 0x9E3779B97F4A7C15u; /* + 0.0: no negative zeros */
+        hash ^= hash >> 32;
+    }
+    return (size_t)hash;
+}
+
+/* The cube of a point, made when it is new. */
+static int regi_cloud_cube(regi_cloud_cubes *cubes, sb_vec3 point, double size)
+{
+    double key[3];
+    size_t at;
+    key[0] = floor((double)point.x / size);
+    key[1] = floor((double)point.y / size);
+    key[2] = floor((double)point.z / size);
+    for (at = regi_cloud_hash(key) & cubes->mask; cubes->slot[at] >= 0; at = (at + 1) & cubes->mask) {
+        const double *other = cubes->key[cubes->slot[at]];
+        if (other[0] <= key[0] && other[0] >= key[0] && other[1] <= key[1] && other[1] >= key[1] &&
+            other[2] <= key[2] && other[2] >= key[2])
+            return cubes->slot[at];
+    }
+    memcpy(cubes->key[cubes->count], key, sizeof key);
+    cubes->points[cubes->count] = 0;
+    return cubes->slot[at] = cubes->count++;
+}
+
+/* Means as they grow: near the points, so that nothing is lost far from the origin. */
+static void regi_cloud_gather(const reg_cloud *cloud, sb_real size, regi_cloud_cubes *cubes, reg_cloud *thin)
+{
+    for (int i = 0; i < cloud->count; i++) {
+        int c = regi_cloud_cube(cubes, cloud->points[i], (double)size), n = ++cubes->points[c];
+        sb_vec3 mean = n > 1 ? thin->points[c] : cloud->points[i];
+        thin->points[c] = sb_v3_madd(mean, 1 / (sb_real)n, sb_v3_sub(cloud->points[i], mean));
+        if (cloud->normals)
+            thin->normals[c] = n > 1 ? sb_v3_add(thin->normals[c], cloud->normals[i]) : cloud->normals[i];
+    }
+    for (int c = 0; cloud->normals && c < cubes->count; c++)
+        thin->normals[c] = regi_cloud_unit(thin->normals[c]);
+}
+
+REG_API sb_result reg_cloud_thin(const reg_cloud *cloud, sb_real size, reg_cloud *thin, sb_error *error)
+{
+    regi_cloud_cubes cubes;
+    reg_cloud gathered, made;
+    sb_allocator allocator;
+    sb_result result;
+    if (!cloud || !thin || !(size > 0) || !sb_is_finite(size))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "thinning needs a cloud and a positive size, not %g", (double)size);
+    result = regi_cloud_check(cloud->points, cloud->normals, cloud->count, error);
+    if (result != SB_OK)
+        return result;
+    allocator = cloud->allocator;
+    memset(&cubes, 0, sizeof cubes);
+    memset(&made, 0, sizeof made);
+    for (cubes.mask = 7; cubes.mask / 2 < (size_t)cloud->count; cubes.mask = 2 * cubes.mask + 1)
+        continue;
+    result = regi_cloud_allocate(&gathered, cloud->count, cloud->normals != NULL, &allocator, error);
+    if (result != SB_OK)
+        return result;
+    cubes.key = (double(*)[3])sbi_alloc(&allocator, (size_t)cloud->count, sizeof cubes.key[0]);
+    cubes.points = (int *)sbi_alloc(&allocator, (size_t)cloud->count, sizeof(int));
+    cubes.slot = (int *)sbi_alloc(&allocator, cubes.mask + 1, sizeof(int));
+    if (cubes.key && cubes.points && cubes.slot) {
+        memset(cubes.slot, -1, (cubes.mask + 1) * sizeof(int));
+        regi_cloud_gather(cloud, size, &cubes, &gathered);
+        result = regi_cloud_allocate(&made, cubes.count, cloud->normals != NULL, &allocator, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory to thin %d points", cloud->count);
+    }
+    sbi_free(&allocator, cubes.key);
+    sbi_free(&allocator, cubes.points);
+    sbi_free(&allocator, cubes.slot);
+    if (result == SB_OK) {
+        memcpy(made.points, gathered.points, (size_t)made.count * sizeof(sb_vec3));
+        if (made.normals)
+            memcpy(made.normals, gathered.normals, (size_t)made.count * sizeof(sb_vec3));
+        if (thin == cloud)
+            reg_cloud_free(thin);
+        *thin = made;
+    }
+    reg_cloud_free(&gathered);
+    return result;
+}
+
+REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *chosen, sb_real *scratch)
+{
+    sb_vec3 last = sb_v3(0, 0, 0);
+    int n = 0;
+    if (!points || !chosen || !scratch || count < 1)
+        return 0;
+    for (int i = 0; i < count; i++)
+        last = sb_v3_madd(last, 1 / (sb_real)(i + 1), sb_v3_sub(points[i], last));
+    for (int i = 0; i < count; i++)
+        scratch[i] = SB_REAL_MAX;
+    while (n < wanted && n < count) {
+        int best = 0;
+        for (int i = 0; i < count; i++) {
+            sb_vec3 d = sb_v3_sub(points[i], last);
+            scratch[i] = sb_min(scratch[i], sb_v3_dot(d, d));
+            best = scratch[i] > scratch[best] ? i : best;
+        }
+        if (n > 0 && !(scratch[best] > 0))
+            break;
+        if (n == 0) /* the mean is no point: from now on distances are to chosen ones */
+            for (int i = 0; i < count; i++)
+                scratch[i] = SB_REAL_MAX;
+        chosen[n++] = best;
+        last = points[best];
+    }
+    return n;
+}
+
+/* ==== normals ===================================================================================================== */
+
+/* The fits, in blocks of points that are neighbours. */
+enum { REGI_CLOUD_BLOCK = 1024 };
+typedef struct regi_cloud_fits {
+    const sb_vec3 *points;
+    const reg_kdtree *tree;
+    const int *order;
+    int *neighbours;  /* [count][k], in the order of the points; the first is the point itself */
+    sb_real *squared; /* [count][k] */
+    sb_vec3 *normals;
+    int count, k;
+} regi_cloud_fits;
+
+/* Across the plane of least squares; 0 where the points spread in fewer than two directions. */
+static sb_vec3 regi_cloud_fit(const sb_vec3 *points, const int *neighbours, int count)
+{
+    sb_vec3 mean = sb_v3(0, 0, 0), values;
+    sb_mat3 spread = sb_m3_zero(), vectors;
+    for (int i = 0; i < count; i++)
+        mean = sb_v3_madd(mean, 1 / (sb_real)(i + 1), sb_v3_sub(points[neighbours[i]], mean));
+    for (int i = 0; i < count; i++) {
+        sb_vec3 d = sb_v3_sub(points[neighbours[i]], mean);
+        spread = sb_m3_add(spread, sb_m3_outer(d, d));
+    }
+    sb_m3_eigen(spread, &values, &vectors);
+    return values.y > 64 * SB_EPSILON * values.x ? sb_m3_column(vectors, 2) : sb_v3(0, 0, 0);
+}
+
+static void regi_cloud_fit_block(void *user, int block)
+{
+    const regi_cloud_fits *fits = (const regi_cloud_fits *)user;
+    int end = sbi_min_int(fits->count - block * REGI_CLOUD_BLOCK, REGI_CLOUD_BLOCK);
+    for (int i = 0; i < end; i++) {
+        int at = fits->order[block * REGI_CLOUD_BLOCK + i];
+        size_t row = (size_t)at * (size_t)fits->k;
+        reg_kdtree_k_nearest(fits->tree, fits->points[at], fits->k, fits->neighbours + row, fits->squared + row);
+        fits->normals[at] = regi_cloud_fit(fits->points, fits->neighbours + row, fits->k);
+    }
+}
+
+/* A heap of the points next to those whose normals are settled, the most parallel one on top. */
+typedef struct regi_cloud_front {
+    const regi_cloud_fits *fits;
+    sb_real *key;  /* [count]: 1 - |cosine| to the settled neighbour */
+    int *from;     /* [count]: that neighbour */
+    int *heap, *place; /* [count]: place -1: not met, -2: settled */
+    int count;
+} regi_cloud_front;
+
+static int regi_cloud_before(const regi_cloud_front *front, int a, int b)
+{
+    return front->key[a] < front->key[b] || (front->key[a] <= front->key[b] && a < b);
+}
+
+static void regi_cloud_put(regi_cloud_front *front, int at, int point)
+{
+    front->heap[at] = point;
+    front->place[point] = at;
+}
+
+static void regi_cloud_rise(regi_cloud_front *front, int at)
+{
+    int point = front->heap[at];
+    for (; at > 0 && regi_cloud_before(front, point, front->heap[(at - 1) / 2]); at = (at - 1) / 2)
+        regi_cloud_put(front, at, front->heap[(at - 1) / 2]);
+    regi_cloud_put(front, at, point);
+}
+
+static int regi_cloud_pop(regi_cloud_front *front)
+{
+    int top = front->heap[0], last = front->heap[--front->count], at = 0;
+    for (;;) {
+        int child = 2 * at + 1;
+        if (child + 1 < front->count && regi_cloud_before(front, front->heap[child + 1], front->heap[child]))
+            child++;
+        if (child >= front->count || !regi_cloud_before(front, front->heap[child], last))
+            break;
+        regi_cloud_put(front, at, front->heap[child]);
+        at = child;
+    }
+    if (front->count > 0)
+        regi_cloud_put(front, at, last);
+    return top;
+}
+
+/* Settles a point and offers its neighbours. */
+static void regi_cloud_settle(regi_cloud_front *front, int point)
+{
+    const regi_cloud_fits *fits = front->fits;
+    const int *neighbours = fits->neighbours + (size_t)point * (size_t)fits->k;
+    front->place[point] = -2;
+    for (int i = 0; i < fits->k; i++) {
+        int next = neighbours[i];
+        sb_real key = 1 - sb_abs(sb_v3_dot(fits->normals[point], fits->normals[next]));
+        if (front->place[next] == -2 || (front->place[next] >= 0 && !(key < front->key[next])))
+            continue;
+        front->key[next] = key;
+        front->from[next] = point;
+        if (front->place[next] < 0)
+            regi_cloud_put(front, front->count++, next);
+        regi_cloud_rise(front, front->place[next]);
+    }
+}
+
+/* A point that nothing led to: it follows a neighbour that is settled, since being a neighbour is not mutual, else it
+ * looks up. */
+static void regi_cloud_seed(regi_cloud_front *front, int point)
+{
+    const regi_cloud_fits *fits = front->fits;
+    const int *neighbours = fits->neighbours + (size_t)point * (size_t)fits->k;
+    sb_vec3 guide = sb_v3(0, 0, 1);
+    for (int i = 0; i < fits->k; i++)
+        if (front->place[neighbours[i]] == -2) {
+            guide = fits->normals[neighbours[i]];
+            break;
+        }
+    if (sb_v3_dot(guide, fits->normals[point]) < 0)
+        fits->normals[point] = sb_v3_scale(-1, fits->normals[point]);
+    regi_cloud_settle(front, point);
+}
+
+static int regi_cloud_higher(const void *context, int a, int b)
+{
+    const sb_vec3 *points = (const sb_vec3 *)context;
+    return points[a].z > points[b].z;
+}
+
+static sb_result regi_cloud_agree(const regi_cloud_fits *fits, const sb_allocator *allocator, sb_error *error)
+{
+    size_t n = (size_t)fits->count;
+    int *memory = (int *)sbi_alloc(allocator, n, 5 * sizeof(int));
+    regi_cloud_front front;
+    front.key = (sb_real *)sbi_alloc(allocator, n, sizeof(sb_real));
+    if (memory && front.key) {
+        int *seeds = memory, *scratch = memory + n;
+        front.fits = fits;
+        front.from = memory + 2 * n;
+        front.heap = memory + 3 * n;
+        front.place = memory + 4 * n;
+        front.count = 0;
+        for (int i = 0; i < fits->count; i++) {
+            seeds[i] = i;
+            front.place[i] = -1;
+        }
+        sbi_merge_sort(seeds, scratch, fits->count, regi_cloud_higher, fits->points);
+        for (int i = 0; i < fits->count; i++) {
+            if (front.place[seeds[i]] == -2)
+                continue;
+            regi_cloud_seed(&front, seeds[i]);
+            while (front.count > 0) {
+                int point = regi_cloud_pop(&front);
+                if (sb_v3_dot(fits->normals[point], fits->normals[front.from[point]]) < 0)
+                    fits->normals[point] = sb_v3_scale(-1, fits->normals[point]);
+                regi_cloud_settle(&front, point);
+            }
+        }
+    }
+    sbi_free(allocator, front.key);
+    sbi_free(allocator, memory);
+    return memory && front.key ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory to orient the normals");
+}
+
+static void regi_cloud_face(const regi_cloud_fits *fits, sb_vec3 view)
+{
+    for (int i = 0; i < fits->count; i++)
+        if (sb_v3_dot(fits->normals[i], sb_v3_sub(view, fits->points[i])) < 0)
+            fits->normals[i] = sb_v3_scale(-1, fits->normals[i]);
+}
+
+REG_API sb_result reg_cloud_estimate_normals(reg_cloud *cloud, int k, const sb_vec3 *view, const sb_jobs *jobs,
+                                             sb_error *error)
+{
+    regi_cloud_fits fits;
+    const sb_allocator *allocator;
+    reg_kdtree *tree = NULL;
+    int *order;
+    sb_result result;
+    if (!cloud || k < 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "normals need a cloud and at least 3 neighbours, not %d", k);
+    if (view && !sb_v3_is_finite(*view))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the view point is not finite");
+    allocator = &cloud->allocator;
+    result = reg_kdtree_create(cloud->points, cloud->count, allocator, &tree, error);
+    if (result != SB_OK)
+        return result;
+    fits.points = cloud->points;
+    fits.tree = tree;
+    fits.count = cloud->count;
+    fits.k = k < cloud->count ? k + 1 : cloud->count;
+    fits.order = order = (int *)sbi_alloc(allocator, (size_t)cloud->count, sizeof(int));
+    fits.neighbours = (int *)sbi_alloc(allocator, (size_t)cloud->count, (size_t)fits.k * sizeof(int));
+    fits.squared = (sb_real *)sbi_alloc(allocator, (size_t)cloud->count, (size_t)fits.k * sizeof(sb_real));
+    fits.normals = (sb_vec3 *)sbi_alloc(allocator, (size_t)cloud->count, sizeof(sb_vec3));
+    if (order && fits.neighbours && fits.squared && fits.normals) {
+        regi_kdtree_order(tree, order);
+        sbi_run(jobs, regi_cloud_fit_block, &fits, (cloud->count - 1) / REGI_CLOUD_BLOCK + 1);
+        if (view)
+            regi_cloud_face(&fits, *view);
+        else
+            result = regi_cloud_agree(&fits, allocator, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the normals of %d points", cloud->count);
+    }
+    if (result == SB_OK) {
+        sbi_free(allocator, cloud->normals);
+        cloud->normals = fits.normals;
+        fits.normals = NULL;
+    }
+    sbi_free(allocator, order);
+    sbi_free(allocator, fits.neighbours);
+    sbi_free(allocator, fits.squared);
+    sbi_free(allocator, fits.normals);
+    reg_kdtree_destroy(tree);
+    return result;
+}
+
+/* ==== src/register/cloud_file.c ==== */
+/* cloud_file: reading and writing clouds, on the readers of meshes. Part of the room cloud. */
+
+
+/* ==== text ======================================================================================================== */
+
+/* The next number or word between blanks, commas and semicolons; 0 at the end of the line. */
+static int regi_xyz_word(sbi_reader *reader, sbi_word *word)
+{
+    size_t start;
+    while (!sbi_reader_at_line_end(reader) && (reader->data[reader->at] == ',' || reader->data[reader->at] == ';'))
+        reader->at++;
+    if (sbi_reader_at_line_end(reader))
+        return 0;
+    start = reader->at;
+    if (sbi_reader_left(reader) > 1 && memcmp(reader->data + start, "//", 2) == 0)
+        return 0;
+    while (reader->at < reader->size && !strchr(" \t\v\f\r\n,;#", reader->data[reader->at]))
+        reader->at++;
+    if (reader->at == start) /* a NUL, which strchr finds as well: the word is that */
+        reader->at++;
+    word->text = reader->data + start;
+    word->length = reader->at - start;
+    return 1;
+}
+
+/* The first up to six numbers of the line; a word behind the third that is none ends them. *first: what the first word
+ * was, 1 a number, 0 none, -1 not finite. */
+static sb_result regi_xyz_line(sbi_reader *reader, double x[6], int *count, int *first)
+{
+    sbi_word word;
+    char text[32];
+    *count = 0;
+    *first = 0;
+    while (*count < 6 && regi_xyz_word(reader, &word)) {
+        int parsed = sbi_parse_real(word.text, word.length, x + *count);
+        if (*count == 0)
+            *first = parsed;
+        if (parsed < 0)
+            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "'%s' is not finite", sbi_word_print(word, text));
+        if (parsed == 0 && *count >= 3)
+            break;
+        if (parsed == 0)
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' is not a number", sbi_word_print(word, text));
+        ++*count;
+    }
+    return SB_OK;
+}
+
+/* Columns four to six are a normal when that of the first point has about unit length: colours have not. */
+static int regi_xyz_has_normals(const double x[6], int count)
+{
+    double squared = x[3] * x[3] + x[4] * x[4] + x[5] * x[5];
+    return count == 6 && squared > 0.25 && squared < 4;
+}
+
+/* 1 for a first line that is a heading, or holds nothing but the number of points. */
+static int regi_xyz_is_heading(const sbi_reader *reader)
+{
+    sbi_reader quiet = *reader;
+    double x[6];
+    int count, first;
+    quiet.error = NULL;
+    regi_xyz_line(&quiet, x, &count, &first);
+    return first == 0 || (first > 0 && count == 1);
+}
+
+static sb_result regi_xyz_read(sbi_loader *loader)
+{
+    sbi_reader *reader = &loader->reader;
+    int with_normals = 0, headings = 1, count, first;
+    sb_result result = SB_OK;
+    double x[6];
+    reader->comment = '#';
+    for (; reader->at < reader->size && !result; sbi_reader_next_line(reader)) {
+        sbi_reader ahead = *reader;
+        sbi_word word;
+        if (!regi_xyz_word(&ahead, &word))
+            continue;
+        reader->node = (int)loader->node_count;
+        if (headings-- > 0 && regi_xyz_is_heading(reader))
+            continue;
+        headings = 0;
+        result = regi_xyz_line(reader, x, &count, &first);
+        if (!result && count < 3)
+            result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "a point needs three numbers, here are %d", count);
+        if (!result && loader->node_count == 0)
+            with_normals = regi_xyz_has_normals(x, count);
+        if (!result && with_normals && count < 6)
+            result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "a point without the normal that the first one has");
+        if (!result)
+            result = sbi_loader_add_node(loader, x);
+        if (!result && with_normals)
+            result = sbi_loader_add_normal(loader, x + 3);
+    }
+    reader->node = -1;
+    return result;
+}
+
+/* ==== loading ===================================================================================================== */
+
+/* Endings that only texts of points have. */
+static int regi_cloud_named_text(const char *name)
+{
+    static const char endings[6][6] = {".xyz", ".txt", ".csv", ".asc", ".pts", ".xyzn"};
+    size_t length = strlen(name);
+    for (int i = 0; i < 6; i++) {
+        sbi_word word;
+        word.length = strlen(endings[i]);
+        word.text = name + length - word.length;
+        if (length >= word.length && sbi_word_is(word, endings[i]))
+            return 1;
+    }
+    return 0;
+}
+
+/* A text of points has no mark: it is what no mesh format claims. */
+static sb_result regi_cloud_parse(sbi_loader *loader, reg_cloud_format format)
+{
+    sb_file_format mesh = format == REG_CLOUD_PLY ? SB_FILE_PLY : SB_FILE_AUTO;
+    sbi_reader quiet = loader->reader;
+    sbi_word word;
+    quiet.error = NULL;
+    if (loader->reader.size == 0)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the file is empty");
+    if (format == REG_CLOUD_AUTO && sbi_reader_peek(&quiet, &word) && sbi_word_is(word, "ply"))
+        mesh = SB_FILE_PLY;
+    else if (format == REG_CLOUD_AUTO && regi_cloud_named_text(loader->reader.name))
+        format = REG_CLOUD_XYZ;
+    else if (format == REG_CLOUD_AUTO && sbi_file_detect(&quiet, &mesh) == SB_ERROR_FORMAT)
+        format = REG_CLOUD_XYZ;
+    if (format == REG_CLOUD_XYZ)
+        return regi_xyz_read(loader);
+    if (mesh == SB_FILE_AUTO) {
+        sb_result result = sbi_file_detect(&loader->reader, &mesh);
+        if (result != SB_OK)
+            return result;
+    }
+    return sbi_loader_parse(loader, mesh);
+}
+
+static sb_result regi_cloud_read(sbi_loader *loader, reg_cloud_format format, reg_cloud *cloud)
+{
+    sb_result result;
+    loader->points_only = 1;
+    result = regi_cloud_parse(loader, format);
+    if (!result && loader->node_count == 0)
+        result = sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the file has no points");
+    if (result)
+        return result;
+    memset(cloud, 0, sizeof *cloud);
+    cloud->allocator = loader->allocator;
+    cloud->count = (int)loader->node_count;
+    cloud->points = loader->nodes;
+    loader->nodes = NULL;
+    if (loader->normal_count == loader->node_count) {
+        cloud->normals = loader->normals;
+        loader->normals = NULL;
+        for (int i = 0; i < cloud->count; i++)
+            cloud->normals[i] = regi_cloud_unit(cloud->normals[i]);
+    }
+    return SB_OK;
+}
+
+static sb_result regi_cloud_begin(sbi_loader *loader, const void *cloud, sb_real scale, const sb_allocator *allocator,
+                                  sb_error *error)
+{
+    sb_load_options options = sb_default_load_options();
+    if (!cloud)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cloud is NULL");
+    if (!(scale > 0) || !sb_is_finite(scale))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive", (double)scale);
+    options.scale = scale;
+    if (allocator)
+        options.allocator = *allocator;
+    sbi_loader_init(loader, &options, error);
+    return SB_OK;
+}
+
+REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size_t size, reg_cloud_format format,
+                                        const char *name, sb_real scale, const sb_allocator *allocator,
+                                        sb_error *error)
+{
+    sbi_loader loader;
+    sb_result result = regi_cloud_begin(&loader, cloud, scale, allocator, error);
+    if (result)
+        return result;
+    if (!data && size)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "data is NULL");
+    if ((int)format < REG_CLOUD_AUTO || (int)format > REG_CLOUD_MESH)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is not a format of clouds", (int)format);
+    sbi_loader_set_content(&loader, size ? (const char *)data : "", size, name);
+    result = regi_cloud_read(&loader, format, cloud);
+    sbi_loader_free(&loader);
+    return result;
+}
+
+REG_API sb_result reg_cloud_load(reg_cloud *cloud, const char *path, sb_real scale, const sb_allocator *allocator,
+                                 sb_error *error)
+{
+    sbi_loader loader;
+    sbi_file content;
+    sb_result result = regi_cloud_begin(&loader, cloud, scale, allocator, error);
+    if (result)
+        return result;
+    if (!path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "path is NULL");
+    result = sbi_file_read(&loader.allocator, path, &content, error);
+    if (!result) {
+        sbi_loader_set_content(&loader, content.data, content.size, path);
+        result = regi_cloud_read(&loader, REG_CLOUD_AUTO, cloud);
+    }
+    sbi_free(&loader.allocator, content.data);
+    sbi_loader_free(&loader);
+    return result;
+}
+
+/* ==== writing ===================================================================================================== */
+
+static void regi_cloud_write_vector(sbi_export *out, sb_vec3 v, const char *after)
+{
+    sb_real x[3];
+    x[0] = v.x, x[1] = v.y, x[2] = v.z;
+    for (int i = 0; i < 3; i++) {
+        if (out->binary) {
+            sbi_export_bits(out, sbi_export_real_bits(x[i]), (int)sizeof(sb_real), 0);
+            continue;
+        }
+        sbi_export_print_real(out, x[i]);
+        sbi_export_text(out, i < 2 ? " " : after);
+    }
+}
+
+static void regi_cloud_write_header(sbi_export *out, const reg_cloud *cloud)
+{
+    static const char names[6][3] = {"x", "y", "z", "nx", "ny", "nz"};
+    char line[64];
+    sbi_export_text(out, out->binary ? "ply\nformat binary_little_endian 1.0\n" : "ply\nformat ascii 1.0\n");
+    snprintf(line, sizeof line, "comment unit: metre\nelement vertex %d\n", cloud->count);
+    sbi_export_text(out, line);
+    for (int i = 0; i < (cloud->normals ? 6 : 3); i++) {
+        snprintf(line, sizeof line, "property %s %s\n", SB_REAL_IS_FLOAT ? "float" : "double", names[i]);
+        sbi_export_text(out, line);
+    }
+    sbi_export_text(out, "end_header\n");
+}
+
+REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, int ascii, sb_error *error)
+{
+    sbi_export out;
+    sb_result result;
+    if (!path || !cloud)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", path ? "cloud" : "path");
+    result = regi_cloud_check(cloud->points, cloud->normals, cloud->count, error);
+    if (!result)
+        result = sbi_export_open(&out, path, !ascii, error);
+    if (result)
+        return result;
+    regi_cloud_write_header(&out, cloud);
+    for (int i = 0; i < cloud->count; i++) {
+        regi_cloud_write_vector(&out, cloud->points[i], cloud->normals ? " " : "\n");
+        if (cloud->normals)
+            regi_cloud_write_vector(&out, cloud->normals[i], "\n");
+    }
+    return sbi_export_close(&out, error);
+}
+
+/* ==== src/register/icp.c ==== */
+/* icp: pairs, fits, the iteration, and the search for a start.
+ *
+ * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b:
+ * the model's onto the target, or with TARGET_PART its inverse. */
+
+enum {
+    REGI_ICP_COOKIE = 0x72696370,
+    REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
+    REGI_ICP_NEIGHBOURS = 10,
+    REGI_ICP_FINE = 600,     /* points of a shape in the search */
+    REGI_ICP_SPIRAL = 400,   /* rotations of the search, beside those that turn principal axes into each other */
+    REGI_ICP_PATIENCE = 10,   /* rounds without a smaller mean distance */
+    REGI_ICP_STAGES = 3
+};
+
+REG_API reg_icp_options reg_default_icp_options(void)
+{
+    reg_icp_options options;
+    memset(&options, 0, sizeof options);
+    options.metric = REG_ICP_PLANE;
+    options.search = 1;
+    options.start = reg_rigid_identity();
+    options.outliers = REG_OUTLIERS_MEDIAN;
+    options.outlier_parameter = 3;
+    options.max_distance = SB_REAL_MAX;
+    options.sample = 2000;
+    options.max_iterations = 100;
+    options.tolerance = (sb_real)1e-6;
+    options.max_seconds = 10;
+    options.cookie = REGI_ICP_COOKIE;
+    return options;
+}
+
+REG_API const char *reg_icp_stop_string(reg_icp_stop stop)
+{
+    switch (stop) {
+    case REG_ICP_CONVERGED: return "converged";
+    case REG_ICP_ITERATIONS: return "iterations";
+    case REG_ICP_TIME: return "time";
+    }
+    return "unknown";
+}
+
+/* ==== shapes ====================================================================================================== */
+
+/* Points that look for partners. */
+typedef struct regi_icp_set {
+    sb_vec3 *points, *normals;
+    sb_real *weights;
+    int *partner; /* the last one found, which is likely to be near again: point, or triangle of the surface */
+    int count;
+} regi_icp_set;
+
+/* A shape: what is found, and samples of it that look. */
+typedef struct regi_icp_side {
+    const sb_vec3 *points, *normals;
+    const sb_real *weights;
+    int count;
+    const sb_surface *surface;
+    const reg_kdtree *tree;
+    int fitted;            /* normals were fitted, and may all point the wrong way */
+    reg_kdtree *own_tree;
+    reg_cloud own;
+    sb_real *own_weights;
+    regi_icp_set sample;   /* of the last stage */
+    regi_icp_set spread;   /* of the search: evenly spread, so that any first part of it is, too */
+    reg_kdtree *spread_tree;
+    sb_vec3 centre;
+    sb_mat3 axes;          /* columns: principal axes, turned the way the points are skewed */
+    sb_real size;          /* m, rms distance from the centre */
+} regi_icp_side;
+
+typedef struct regi_icp_pairs {
+    sb_vec3 *from, *to, *normal;
+    sb_real *weight, *distance, *scratch;
+    int count;
+} regi_icp_pairs;
+
+typedef struct regi_icp {
+    const reg_icp_options *options;
+    const sb_allocator *allocator;
+    sb_error *error;
+    regi_icp_side a, b;
+    int both, swapped;
+    regi_icp_pairs pairs;
+    sb_vec3 *landmarks_a, *landmarks_b;
+    double begun;
+    int out_of_time;
+} regi_icp;
+
+static void regi_icp_set_free(const sb_allocator *allocator, regi_icp_set *set)
+{
+    sbi_free(allocator, set->points);
+    sbi_free(allocator, set->normals);
+    sbi_free(allocator, set->weights);
+    sbi_free(allocator, set->partner);
+}
+
+static void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *side)
+{
+    reg_kdtree_destroy(side->own_tree);
+    reg_kdtree_destroy(side->spread_tree);
+    reg_cloud_free(&side->own);
+    sbi_free(allocator, side->own_weights);
+    regi_icp_set_free(allocator, &side->sample);
+    regi_icp_set_free(allocator, &side->spread);
+}
+
+static sb_result regi_icp_no_memory(const regi_icp *icp)
+{
+    return sbi_fail(icp->error, SB_ERROR_MEMORY, "no memory to align the shapes");
+}
+
+static int regi_icp_set_allocate(const sb_allocator *allocator, regi_icp_set *set, int count)
+{
+    set->count = count;
+    set->points = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
+    set->normals = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
+    set->weights = (sb_real *)sbi_alloc(allocator, (size_t)count, sizeof(sb_real));
+    set->partner = (int *)sbi_alloc_zeroed(allocator, (size_t)count, sizeof(int));
+    return set->points && set->normals && set->weights && set->partner;
+}
+
+/* Every so-maniest point in the order of the tree, in which neighbours are neighbours: indices[wanted],
+ * wanted <= count. 0 without memory. */
+static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int wanted, int *indices)
+{
+    int *order = (int *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(int));
+    if (!order)
+        return 0;
+    regi_kdtree_order(side->tree, order);
+    for (int i = 0; i < wanted; i++)
+        indices[i] = order[(int64_t)i * side->count / wanted];
+    sbi_free(icp->allocator, order);
+    return 1;
+}
+
+/* The side's points chosen[count] (NULL: the first ones) as a set. */
+static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, const int *chosen, int count,
+                               regi_icp_set *set)
+{
+    if (!regi_icp_set_allocate(icp->allocator, set, count))
+        return regi_icp_no_memory(icp);
+    for (int i = 0; i < count; i++) {
+        int at = chosen ? chosen[i] : i;
+        set->points[i] = side->points[at];
+        set->normals[i] = side->normals[at];
+        set->weights[i] = side->weights ? side->weights[at] : 1;
+    }
+    return SB_OK;
+}
+
+/* The points that look in the last stage: as dense as the shape's own. */
+static sb_result regi_icp_sample(const regi_icp *icp, const regi_icp_side *side, int wanted, regi_icp_set *set)
+{
+    int *chosen;
+    sb_result result;
+    if (wanted >= side->count)
+        return regi_icp_take(icp, side, NULL, side->count, set);
+    chosen = (int *)sbi_alloc(icp->allocator, (size_t)wanted, sizeof(int));
+    result = chosen && regi_icp_stride(icp, side, wanted, chosen) ? regi_icp_take(icp, side, chosen, wanted, set)
+                                                                  : regi_icp_no_memory(icp);
+    sbi_free(icp->allocator, chosen);
+    return result;
+}
+
+/* The points of the search, evenly spread whatever the shape's density, out of four times as many. */
+static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side, regi_icp_set *set)
+{
+    int crowd = sbi_min_int(side->count, 4 * REGI_ICP_FINE), wanted = sbi_min_int(side->count, REGI_ICP_FINE), count;
+    int *indices = (int *)sbi_alloc(icp->allocator, (size_t)crowd + (size_t)wanted, sizeof(int));
+    sb_vec3 *points = (sb_vec3 *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_vec3));
+    sb_real *scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_real));
+    sb_result result;
+    if (indices && points && scratch && regi_icp_stride(icp, side, crowd, indices)) {
+        int *chosen = indices + crowd;
+        for (int i = 0; i < crowd; i++)
+            points[i] = side->points[indices[i]];
+        count = reg_cloud_spread(points, crowd, wanted, chosen, scratch);
+        for (int i = 0; i < count; i++)
+            chosen[i] = indices[chosen[i]];
+        result = regi_icp_take(icp, side, chosen, count, set);
+    } else {
+        result = regi_icp_no_memory(icp);
+    }
+    sbi_free(icp->allocator, indices);
+    sbi_free(icp->allocator, points);
+    sbi_free(icp->allocator, scratch);
+    return result;
+}
+
+/* Where normals have to be fitted, to fewer points when there are very many. */
+static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
+{
+    int count = sbi_min_int(side->count, REGI_ICP_FITTED);
+    int *chosen = (int *)sbi_alloc(icp->allocator, (size_t)count, sizeof(int));
+    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen)
+                           ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
+                           : regi_icp_no_memory(icp);
+    if (result == SB_OK && side->weights) {
+        side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
+        result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
+    }
+    if (result == SB_OK) {
+        for (int i = 0; i < count; i++) {
+            int at = count < side->count ? chosen[i] : i; /* the tree's numbers still hold */
+            side->own.points[i] = side->points[at];
+            if (side->weights)
+                side->own_weights[i] = side->weights[at];
+        }
+        side->points = side->own.points;
+        side->weights = side->weights ? side->own_weights : NULL;
+        if (count < side->count) {
+            reg_kdtree_destroy(side->own_tree);
+            side->own_tree = NULL;
+            side->count = count;
+            result = reg_kdtree_create(side->points, count, icp->allocator, &side->own_tree, icp->error);
+            side->tree = side->own_tree;
+        }
+    }
+    sbi_free(icp->allocator, chosen);
+    return result;
+}
+
+static sb_result regi_icp_normals(const regi_icp *icp, regi_icp_side *side)
+{
+    sb_result result;
+    if (side->normals)
+        return SB_OK;
+    if (side->surface) {
+        result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
+        for (int i = 0; result == SB_OK && i < side->count; i++) {
+            sb_surface_hit hit;
+            sb_surface_closest(side->surface, side->points[i], SB_REAL_MAX, &hit);
+            side->own.normals[i] = sb_surface_normal(side->surface, &hit);
+        }
+    } else {
+        side->fitted = 1;
+        result = regi_icp_reduce(icp, side);
+        if (result == SB_OK)
+            result = reg_cloud_estimate_normals(&side->own, REGI_ICP_NEIGHBOURS, NULL, NULL, icp->error);
+    }
+    side->normals = side->own.normals;
+    return result;
+}
+
+/* Centre, size and principal axes of the evenly spread points. An axis has no direction of its own: it gets the one in
+ * which the points reach farther (the sign of the third moment), so that the axes turn with the shape. */
+static void regi_icp_principal_axes(regi_icp_side *side)
+{
+    const regi_icp_set *set = &side->spread;
+    sb_mat3 spread = sb_m3_zero();
+    sb_vec3 skew = sb_v3(0, 0, 0), axis[3];
+    side->centre = sb_v3(0, 0, 0);
+    for (int i = 0; i < set->count; i++)
+        side->centre = sb_v3_madd(side->centre, 1 / (sb_real)(i + 1), sb_v3_sub(set->points[i], side->centre));
+    for (int i = 0; i < set->count; i++) {
+        sb_vec3 d = sb_v3_sub(set->points[i], side->centre);
+        spread = sb_m3_add(spread, sb_m3_outer(sb_v3_scale(1 / (sb_real)set->count, d), d));
+    }
+    side->size = sb_sqrt(sb_max(sb_m3_trace(spread), 0));
+    sb_m3_eigen(spread, NULL, &side->axes);
+    for (int i = 0; i < set->count && side->size > 0; i++) {
+        sb_vec3 d = sb_m3_tapply(side->axes, sb_v3_scale(1 / side->size, sb_v3_sub(set->points[i], side->centre)));
+        skew = sb_v3_add(skew, sb_v3(d.x * d.x * d.x, d.y * d.y * d.y, d.z * d.z * d.z));
+    }
+    axis[0] = sb_v3_scale(skew.x < 0 ? -1 : 1, sb_m3_column(side->axes, 0));
+    axis[1] = sb_v3_scale(skew.y < 0 ? -1 : 1, sb_m3_column(side->axes, 1));
+    axis[2] = sb_v3_cross(axis[0], axis[1]);
+    side->axes = sb_m3_columns(axis[0], axis[1], axis[2]);
+}
+
+static sb_result regi_icp_check(const reg_icp_shape *shape, const char *which, sb_error *error)
+{
+    sb_result result = regi_cloud_check(shape->points, shape->normals, shape->count, error);
+    sb_real most = 0;
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; shape->weights && i < shape->count; i++) {
+        if (!(shape->weights[i] >= 0) || !sb_is_finite(shape->weights[i]))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the weight of the %s's point %d is %g", which, i,
+                                 (double)shape->weights[i]);
+        most = sb_max(most, shape->weights[i]);
+    }
+    if (shape->weights && !(most > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the %s are 0", which);
+    if (shape->tree && reg_kdtree_count(shape->tree) != shape->count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s has %d points, its tree %d", which, shape->count,
+                        reg_kdtree_count(shape->tree));
+    return SB_OK;
+}
+
+static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
+{
+    int wanted = icp->options->sample > 0 ? icp->options->sample : shape->count;
+    sb_result result = SB_OK;
+    side->points = shape->points;
+    side->normals = shape->normals;
+    side->weights = shape->weights;
+    side->count = shape->count;
+    side->surface = shape->surface;
+    side->tree = shape->tree;
+    if (!side->tree) {
+        result = reg_kdtree_create(shape->points, shape->count, icp->allocator, &side->own_tree, icp->error);
+        side->tree = side->own_tree;
+    }
+    if (result == SB_OK)
+        result = regi_icp_normals(icp, side);
+    if (result == SB_OK)
+        result = regi_icp_sample(icp, side, wanted, &side->sample);
+    if (result == SB_OK)
+        result = regi_icp_spread(icp, side, &side->spread);
+    if (result == SB_OK)
+        result = reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree,
+                                   icp->error);
+    if (result == SB_OK)
+        regi_icp_principal_axes(side);
+    return result;
+}
+
+/* ==== pairs ======================================================================================================= */
+
+/* The point of a side closest to p within `reach`, with its normal and weight; 0 when there is none. *partner: where to
+ * look first, and then what was found. */
+static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb_real reach, int *partner,
+                            sb_vec3 *point, sb_vec3 *normal, sb_real *weight, sb_real *distance)
+{
+    const sb_vec3 *points = coarse ? side->spread.points : side->points;
+    sb_vec3 guess;
+    sb_real squared;
+    int at;
+    if (!coarse && side->surface) {
+        sb_surface_hit hit;
+        if (!sb_surface_closest_from(side->surface, p, reach, *partner, &hit))
+            return 0;
+        *partner = hit.triangle;
+        *point = hit.point;
+        *normal = sb_surface_normal(side->surface, &hit);
+        *weight = 1;
+        *distance = hit.distance;
+        if (!side->weights)
+            return 1;
+        at = reg_kdtree_nearest(side->tree, hit.point, SB_REAL_MAX, NULL);
+        *weight = side->weights[at];
+        return 1;
+    }
+    guess = sb_v3_sub(points[*partner], p);
+    squared = sb_v3_dot(guess, guess);
+    if (!sb_is_finite(squared))
+        return 0;
+    at = *partner = regi_kdtree_nearest_from(coarse ? side->spread_tree : side->tree, p, *partner, &squared);
+    if (sb_sqrt(squared) > reach)
+        return 0;
+    *point = points[at];
+    *normal = coarse ? side->spread.normals[at] : side->normals[at];
+    *weight = coarse ? side->spread.weights[at] : side->weights ? side->weights[at] : 1;
+    *distance = sb_sqrt(squared);
+    return 1;
+}
+
+/* How a stage works. */
+typedef struct regi_icp_stage {
+    int coarse;            /* among the spread points instead of all */
+    int points;            /* of a set that look */
+    reg_icp_metric metric;
+    reg_outliers outliers;
+    sb_real parameter;
+    sb_real reach;         /* m */
+    sb_real lost;          /* m: what an outlier counts in the score; 0: no score wanted */
+    int flip;              /* -1: the normals of one of the sides point the wrong way */
+} regi_icp_stage;
+
+/* Pairs of the set's points with their closest ones, appended; weights 0 where there is none, or where the normals
+ * contradict. motion: of the set's side onto the other. `back`: the set is b's. Returns the sum of min(distance, lost),
+ * weighted. */
+static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion, int back)
+{
+    const regi_icp_set *set = stage->coarse ? (back ? &icp->b.spread : &icp->a.spread)
+                                            : (back ? &icp->b.sample : &icp->a.sample);
+    const regi_icp_side *other = back ? &icp->a : &icp->b;
+    regi_icp_pairs *pairs = &icp->pairs;
+    int count = sbi_min_int(set->count, stage->points);
+    for (int i = 0; i < count; i++, pairs->count++) {
+        int n = pairs->count;
+        sb_vec3 point, normal;
+        sb_real weight = 0, distance = 0;
+        pairs->weight[n] = 0;
+        pairs->distance[n] = (sb_real)INFINITY;
+        pairs->from[n] = pairs->to[n] = pairs->normal[n] = sb_v3(0, 0, 0);
+        if (!regi_icp_closest(other, stage->coarse, reg_rigid_apply(motion, set->points[i]), stage->reach,
+                              set->partner + i, &point, &normal, &weight, &distance))
+            continue;
+        if ((sb_real)stage->flip * sb_v3_dot(normal, sb_m3_apply(motion->rotation, set->normals[i])) < 0)
+            continue;
+        pairs->from[n] = back ? point : set->points[i];
+        pairs->to[n] = back ? set->points[i] : point;
+        pairs->normal[n] = back ? sb_m3_tapply(motion->rotation, normal) : normal;
+        pairs->weight[n] = weight * set->weights[i];
+        pairs->distance[n] = distance;
+    }
+}
+
+/* Weights 0 for the outliers among pairs first..count. Returns the sum of min(distance, lost) of all. */
+static sb_real regi_icp_prune(regi_icp_pairs *pairs, int first, const regi_icp_stage *stage)
+{
+    int count = pairs->count - first;
+    sb_real limit = reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter,
+                                      pairs->scratch), sum = 0;
+    for (int i = first; i < pairs->count; i++) {
+        if (!(pairs->distance[i] <= limit))
+            pairs->weight[i] = 0;
+        sum += sb_min(pairs->distance[i], stage->lost);
+    }
+    return count > 0 ? sum / (sb_real)count : 0;
+}
+
+/* Pairs for this motion, and the score: the mean of min(distance, lost), landmarks included. */
+static sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion)
+{
+    sb_real score, share = 1, first;
+    icp->pairs.count = 0;
+    regi_icp_look(icp, stage, motion, 0);
+    score = regi_icp_prune(&icp->pairs, 0, stage);
+    if (icp->both) {
+        reg_rigid back = reg_rigid_inverse(motion);
+        int forward = icp->pairs.count;
+        regi_icp_look(icp, stage, &back, 1);
+        first = score;
+        score = (first + regi_icp_prune(&icp->pairs, forward, stage)) / 2;
+    }
+    for (int i = 0; i < icp->options->landmark_count; i++) {
+        sb_vec3 gap = sb_v3_sub(reg_rigid_apply(motion, icp->landmarks_a[i]), icp->landmarks_b[i]);
+        score += icp->options->landmarks[i].weight * sb_v3_norm(gap);
+        share += icp->options->landmarks[i].weight;
+    }
+    return score / share;
+}
+
+/* ==== fits ======================================================================================================== */
+
+/* Normal equations of the small motion, turn about `centre` and shift, that lowers sum w (n . (x - to))^2. */
+typedef struct regi_icp_system {
+    sb_real matrix[6][6], right[6]; /* lower triangle */
+} regi_icp_system;
+
+static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 normal, sb_real gap, sb_real weight)
+{
+    sb_vec3 turn = sb_v3_cross(arm, normal);
+    sb_real row[6];
+    row[0] = turn.x, row[1] = turn.y, row[2] = turn.z;
+    row[3] = normal.x, row[4] = normal.y, row[5] = normal.z;
+    for (int i = 0; i < 6; i++) {
+        for (int j = 0; j <= i; j++)
+            system->matrix[i][j] += weight * row[i] * row[j];
+        system->right[i] -= weight * row[i] * gap;
+    }
+}
+
+/* Cholesky, in place; the solution replaces the right-hand side. The matrix is positive definite by its damping. */
+static void regi_icp_solve(regi_icp_system *system)
+{
+    sb_real(*m)[6] = system->matrix, *x = system->right;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j <= i; j++) {
+            sb_real sum = m[i][j];
+            for (int k = 0; k < j; k++)
+                sum -= m[i][k] * m[j][k];
+            m[i][j] = i == j ? sb_sqrt(sb_max(sum, SB_EPSILON * SB_EPSILON)) : sum / m[j][j];
+        }
+    for (int i = 0; i < 6; i++) {
+        for (int k = 0; k < i; k++)
+            x[i] -= m[i][k] * x[k];
+        x[i] /= m[i][i];
+    }
+    for (int i = 5; i >= 0; i--) {
+        for (int k = i + 1; k < 6; k++)
+            x[i] -= m[k][i] * x[k];
+        x[i] /= m[i][i];
+    }
+}
+
+/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping
+ * of a millionth holds what the planes leave open. */
+static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+{
+    const regi_icp_pairs *pairs = &icp->pairs;
+    regi_icp_system system;
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle, total = 0;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
+    reg_rigid step;
+    memset(&system, 0, sizeof system);
+    for (int i = 0; i < pairs->count; i++) {
+        sb_vec3 x, gap;
+        if (!(pairs->weight[i] > 0))
+            continue;
+        x = reg_rigid_apply(motion, pairs->from[i]);
+        gap = sb_v3_scale(1 / size, sb_v3_sub(x, pairs->to[i]));
+        total += pairs->weight[i];
+        regi_icp_add_row(&system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
+                         sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
+    }
+    for (int i = 0; i < icp->options->landmark_count; i++) {
+        sb_vec3 x = reg_rigid_apply(motion, icp->landmarks_a[i]);
+        sb_vec3 arm = sb_v3_scale(1 / size, sb_v3_sub(x, centre));
+        sb_vec3 gap = sb_v3_scale(1 / size, sb_v3_sub(x, icp->landmarks_b[i]));
+        sb_real weight = total * icp->options->landmarks[i].weight;
+        regi_icp_add_row(&system, arm, sb_v3(1, 0, 0), gap.x, weight);
+        regi_icp_add_row(&system, arm, sb_v3(0, 1, 0), gap.y, weight);
+        regi_icp_add_row(&system, arm, sb_v3(0, 0, 1), gap.z, weight);
+    }
+    for (int i = 0; i < 6; i++)
+        trace += system.matrix[i][i];
+    for (int i = 0; i < 6; i++)
+        system.matrix[i][i] += (sb_real)1e-6 * trace;
+    regi_icp_solve(&system);
+    turn = sb_v3(system.right[0], system.right[1], system.right[2]);
+    angle = sb_v3_norm(turn);
+    if (angle > (sb_real)0.5) /* linearised: far turns are not to be trusted */
+        turn = sb_v3_scale((sb_real)0.5 / angle, turn);
+    shift = sb_v3_scale(size, sb_v3(system.right[3], system.right[4], system.right[5]));
+    step.rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(turn));
+    step.translation = sb_v3_add(sb_v3_sub(centre, sb_m3_apply(step.rotation, centre)), shift);
+    *motion = reg_rigid_compose(&step, motion);
+}
+
+/* Kabsch's fit of the pairs and, behind them in the same arrays, the landmarks. */
+static void regi_icp_fit_points(const regi_icp *icp, reg_rigid *motion)
+{
+    const regi_icp_pairs *pairs = &icp->pairs;
+    sb_real total = 0;
+    int count = pairs->count;
+    for (int i = 0; i < pairs->count; i++)
+        total += pairs->weight[i];
+    for (int i = 0; i < icp->options->landmark_count; i++, count++) {
+        pairs->from[count] = icp->landmarks_a[i];
+        pairs->to[count] = icp->landmarks_b[i];
+        pairs->weight[count] = total * icp->options->landmarks[i].weight;
+    }
+    reg_rigid_fit(pairs->from, pairs->to, pairs->weight, count, motion, NULL);
+}
+
+/* Products of many rotations drift off: back to the nearest one. */
+static void regi_icp_clean(reg_rigid *motion)
+{
+    motion->rotation = sb_quat_to_mat3(sb_quat_from_mat3(motion->rotation));
+}
+
+/* Number and weighted mean and rms distance of the pairs that count. */
+static int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_real *rms)
+{
+    sb_real total = 0, sum = 0, squares = 0;
+    int count = 0;
+    for (int i = 0; i < pairs->count; i++) {
+        sb_real w = pairs->weight[i];
+        if (!(w > 0))
+            continue;
+        total += w;
+        sum += w * pairs->distance[i];
+        squares += w * pairs->distance[i] * pairs->distance[i];
+        count++;
+    }
+    *mean = count > 0 ? sum / total : 0;
+    *rms = count > 0 ? sb_sqrt(squares / total) : 0;
+    return count;
+}
+
+static int regi_icp_late(regi_icp *icp)
+{
+    const reg_icp_options *options = icp->options;
+    if (!icp->out_of_time && options->clock && options->clock() - icp->begun >= options->max_seconds)
+        icp->out_of_time = 1;
+    return icp->out_of_time;
+}
+
+/* At most `rounds` rounds; returns how many. The pairs are left as they are for *motion. */
+static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
+                            reg_rigid *motion, sb_real *score, int *converged)
+{
+    sb_real mean = 0, rms, before, best;
+    int round = 0, idle = 0;
+    *converged = 0;
+    *score = regi_icp_pair(icp, stage, motion);
+    if (regi_icp_measure(&icp->pairs, &before, &rms) == 0)
+        return 0;
+    for (best = before; round < rounds && !*converged; before = mean) {
+        if (regi_icp_late(icp))
+            break;
+        if (stage->metric == REG_ICP_PLANE)
+            regi_icp_fit_planes(icp, motion);
+        else
+            regi_icp_fit_points(icp, motion);
+        regi_icp_clean(motion);
+        *score = regi_icp_pair(icp, stage, motion);
+        round++;
+        if (regi_icp_measure(&icp->pairs, &mean, &rms) == 0)
+            break;
+        /* pairs may also change to and fro for ever */
+        idle = mean < best * (1 - tolerance) ? 0 : idle + 1;
+        best = sb_min(best, mean);
+        *converged = sb_abs(mean - before) <= tolerance * before || idle == REGI_ICP_PATIENCE;
+    }
+    return round;
+}
+
+/* ==== search ====================================================================================================== */
+
+typedef struct regi_icp_candidate {
+    reg_rigid motion;
+    sb_real score;
+    int flip;
+} regi_icp_candidate;
+
+/* The i-th of n evenly spread rotations: super-Fibonacci spiral (Alexa 2022). */
+static sb_mat3 regi_icp_spiral(int i, int n)
+{
+    const double pi2 = 6.283185307179586;
+    double s = i + 0.5, r = sqrt(s / n), q = sqrt(1 - s / n);
+    sb_real sa, ca, sb, cb;
+    sb_sin_cos((sb_real)fmod(pi2 * s / 1.4142135623730951, pi2), &sa, &ca);
+    sb_sin_cos((sb_real)fmod(pi2 * s / 1.533751168755204288, pi2), &sb, &cb);
+    return sb_quat_to_mat3(sb_quat_normalise(
+        sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
+}
+
+/* The i-th of the 24 turns of a cube onto itself; the first four keep the axes. */
+static sb_mat3 regi_icp_cube(int i)
+{
+    static const unsigned char order[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
+    sb_mat3 turn = sb_m3_zero();
+    int permutation = i / 4;
+    for (int row = 0; row < 3; row++)
+        turn.m[row][order[permutation][row]] = row < 2 ? (i >> row & 1 ? (sb_real)-1 : 1) : 1;
+    if (sb_m3_det(turn) < 0)
+        for (int column = 0; column < 3; column++)
+            turn.m[2][column] = -turn.m[2][column];
+    return turn;
+}
+
+/* Mean of the normals: where an open shape is seen from; 0 for a closed one. */
+static sb_vec3 regi_icp_facing(const regi_icp_set *set)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int i = 0; i < set->count; i++)
+        sum = sb_v3_add(sum, set->normals[i]);
+    return sb_v3_scale(1 / (sb_real)set->count, sum);
+}
+
+/* A rotation with the translation that puts a's centre onto that of the part of b that looks a's way. */
+static reg_rigid regi_icp_place(const regi_icp *icp, sb_mat3 rotation, sb_vec3 facing)
+{
+    const regi_icp_set *set = &icp->b.spread;
+    sb_vec3 direction = sb_m3_apply(rotation, facing), seen = sb_v3(0, 0, 0);
+    sb_real least = (sb_real)0.1 * sb_v3_norm(direction);
+    reg_rigid motion;
+    int count = 0;
+    for (int i = 0; i < set->count && least > 0; i++)
+        if (sb_v3_dot(set->normals[i], direction) > least)
+            seen = sb_v3_madd(seen, 1 / (sb_real)++count, sb_v3_sub(set->points[i], seen));
+    if (count == 0)
+        seen = icp->b.centre;
+    motion.rotation = rotation;
+    motion.translation = sb_v3_sub(seen, sb_m3_apply(rotation, icp->a.centre));
+    return motion;
+}
+
+/* Best scores first; of equal ones the earlier. */
+static void regi_icp_rank(regi_icp_candidate *candidates, int count, int kept)
+{
+    for (int i = 0; i < kept && i < count; i++) {
+        int best = i;
+        regi_icp_candidate found;
+        for (int j = i + 1; j < count; j++)
+            best = candidates[j].score < candidates[best].score ? j : best;
+        found = candidates[best];
+        for (int j = best; j > i; j--)
+            candidates[j] = candidates[j - 1];
+        candidates[i] = found;
+    }
+}
+
+/* How the search thins out its candidates. */
+typedef struct regi_icp_round {
+    int points, rounds, kept;
+    reg_icp_metric metric;
+} regi_icp_round;
+
+static void regi_icp_add(regi_icp_candidate *candidates, int *count, reg_rigid motion, int flip)
+{
+    candidates[*count].motion = motion;
+    candidates[*count].flip = flip;
+    candidates[(*count)++].score = 0;
+}
+
+/* All poses to try, after the caller's own and that of the landmarks. */
+static int regi_icp_candidates(const regi_icp *icp, const reg_rigid *start, regi_icp_candidate *candidates)
+{
+    const reg_icp_options *options = icp->options;
+    int count = 0, spirals = icp->both ? REGI_ICP_SPIRAL / 4 : REGI_ICP_SPIRAL;
+    int flips = icp->a.fitted || icp->b.fitted ? 2 : 1;
+    sb_vec3 facing = icp->both ? sb_v3(0, 0, 0) : regi_icp_facing(&icp->a.spread);
+    reg_rigid motion;
+    for (int f = 0; f < flips; f++) {
+        int flip = f ? -1 : 1;
+        sb_vec3 way = sb_v3_scale((sb_real)flip, facing);
+        regi_icp_add(candidates, &count, *start, flip);
+        if (options->landmark_count >= 3 &&
+            reg_rigid_fit(icp->landmarks_a, icp->landmarks_b, NULL, options->landmark_count, &motion, NULL) == SB_OK)
+            regi_icp_add(candidates, &count, motion, flip);
+        for (int i = 0; i < 24 + spirals; i++) {
+            sb_mat3 turn = i < 24 ? regi_icp_cube(i) : regi_icp_spiral(i - 24, spirals);
+            turn = sb_m3_mult(sb_m3_mul(icp->b.axes, turn), icp->a.axes);
+            regi_icp_add(candidates, &count, regi_icp_place(icp, turn, way), flip);
+        }
+    }
+    return count;
+}
+
+static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stage *last, int *tried)
+{
+    static const regi_icp_round plan[REGI_ICP_STAGES] = {
+        {60, 3, 24, REG_ICP_POINT}, {250, 8, 4, REG_ICP_PLANE}, {REGI_ICP_FINE, 12, 1, REG_ICP_PLANE}};
+    int most = 2 * (2 + 24 + REGI_ICP_SPIRAL), count, converged;
+    regi_icp_candidate *candidates =
+        (regi_icp_candidate *)sbi_alloc(icp->allocator, (size_t)most, sizeof(regi_icp_candidate));
+    regi_icp_stage stage = *last;
+    if (!candidates)
+        return regi_icp_no_memory(icp);
+    count = *tried = regi_icp_candidates(icp, motion, candidates);
+    stage.coarse = 1;
+    stage.outliers = REG_OUTLIERS_TRIM;
+    stage.parameter = (sb_real)0.9;
+    stage.reach = SB_REAL_MAX;
+    stage.lost = (sb_real)0.25 * icp->a.size;
+    for (int s = 0; s < REGI_ICP_STAGES; s++) {
+        stage.points = plan[s].points;
+        stage.metric = plan[s].metric;
+        for (int i = 0; i < count; i++) {
+            stage.flip = candidates[i].flip;
+            regi_icp_iterate(icp, &stage, plan[s].rounds, 0, &candidates[i].motion, &candidates[i].score, &converged);
+            if (icp->out_of_time) {
+                *tried = s == 0 ? i + 1 : *tried;
+                count = i + 1;
+            }
+        }
+        regi_icp_rank(candidates, count, plan[s].kept);
+        count = sbi_min_int(count, plan[s].kept);
+    }
+    *motion = candidates[0].motion;
+    last->flip = candidates[0].flip;
+    sbi_free(icp->allocator, candidates);
+    return SB_OK;
+}
+
+/* ==== the call ==================================================================================================== */
+
+static sb_result regi_icp_check_landmarks(const reg_icp_options *o, sb_error *error)
+{
+    if (o->landmark_count < 0 || (o->landmark_count > 0 && !o->landmarks))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks without an array", o->landmark_count);
+    for (int i = 0; i < o->landmark_count; i++) {
+        const reg_icp_landmark *l = o->landmarks + i;
+        if (!sb_v3_is_finite(l->model) || !sb_v3_is_finite(l->target))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "landmark %d is not finite", i);
+        if (!(l->weight > 0) || !sb_is_finite(l->weight))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the weight of landmark %d is %g", i, (double)l->weight);
+    }
+    return SB_OK;
+}
+
+static sb_result regi_icp_check_options(const reg_icp_options *o, sb_error *error)
+{
+    sb_real one = 1, scratch;
+    if (o->cookie != REGI_ICP_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the options do not come from reg_default_icp_options()");
+    if ((int)o->overlap < REG_ICP_WHOLE || (int)o->overlap > REG_ICP_MODEL_PART)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is no kind of overlap", (int)o->overlap);
+    if ((int)o->metric < REG_ICP_POINT || (int)o->metric > REG_ICP_PLANE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is no metric", (int)o->metric);
+    if (!(o->max_distance > 0) || o->sample < 0 || o->max_iterations < 1 || !(o->tolerance >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_distance, sample, max_iterations or tolerance is out of range");
+    if (o->clock && !(o->max_seconds > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, it must be positive", o->max_seconds);
+    if (!sb_v3_is_finite(o->start.translation) || !sb_is_finite(sbi_dense_max_abs(&o->start.rotation.m[0][0], 9)))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the start is not finite");
+    if (reg_outlier_limit(&one, 1, o->outliers, o->outlier_parameter, &scratch) < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
+                        (int)o->outliers, (double)o->outlier_parameter);
+    return regi_icp_check_landmarks(o, error);
+}
+
+static sb_result regi_icp_make_pairs(regi_icp *icp)
+{
+    int landmarks = icp->options->landmark_count;
+    int points = sbi_max_int(icp->a.sample.count, icp->a.spread.count);
+    int most = points + (icp->both ? sbi_max_int(icp->b.sample.count, icp->b.spread.count) : 0);
+    size_t room = (size_t)most + (size_t)landmarks;
+    regi_icp_pairs *p = &icp->pairs;
+    p->from = (sb_vec3 *)sbi_alloc(icp->allocator, room, 3 * sizeof(sb_vec3));
+    p->weight = (sb_real *)sbi_alloc(icp->allocator, room, 3 * sizeof(sb_real));
+    icp->landmarks_a = (sb_vec3 *)sbi_alloc(icp->allocator, (size_t)landmarks, 2 * sizeof(sb_vec3));
+    if (!p->from || !p->weight || !icp->landmarks_a)
+        return regi_icp_no_memory(icp);
+    p->to = p->from + room;
+    p->normal = p->to + room;
+    p->distance = p->weight + room;
+    p->scratch = p->distance + room;
+    icp->landmarks_b = icp->landmarks_a + landmarks;
+    for (int i = 0; i < landmarks; i++) {
+        const reg_icp_landmark *l = icp->options->landmarks + i;
+        icp->landmarks_a[i] = icp->swapped ? l->target : l->model;
+        icp->landmarks_b[i] = icp->swapped ? l->model : l->target;
+    }
+    return SB_OK;
+}
+
+static void regi_icp_tell(regi_icp *icp, const reg_rigid *motion, reg_icp_info *info)
+{
+    sb_real total = 0, squares = 0;
+    for (int i = 0; i < icp->options->landmark_count; i++) {
+        sb_vec3 gap = sb_v3_sub(reg_rigid_apply(motion, icp->landmarks_a[i]), icp->landmarks_b[i]);
+        squares += icp->options->landmarks[i].weight * sb_v3_dot(gap, gap);
+        total += icp->options->landmarks[i].weight;
+    }
+    info->pairs = regi_icp_measure(&icp->pairs, &info->mean, &info->rms);
+    info->overlap = (sb_real)info->pairs / (sb_real)sbi_max_int(icp->pairs.count, 1);
+    info->landmark_rms = total > 0 ? sb_sqrt(squares / total) : 0;
+    info->seconds = icp->options->clock ? icp->options->clock() - icp->begun : 0;
+}
+
+/* Which way fitted normals point is not known (an outlier on top turns them all): the way that lets more pairs be. */
+static int regi_icp_find_flip(regi_icp *icp, const regi_icp_stage *last, const reg_rigid *motion)
+{
+    regi_icp_stage stage = *last;
+    sb_real as_they_are;
+    stage.lost = (sb_real)0.25 * icp->a.size;
+    as_they_are = regi_icp_pair(icp, &stage, motion);
+    stage.flip = -1;
+    return regi_icp_pair(icp, &stage, motion) < as_they_are ? -1 : 1;
+}
+
+static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *info)
+{
+    const reg_icp_options *options = icp->options;
+    regi_icp_stage stage;
+    sb_result result = SB_OK;
+    sb_real score;
+    int converged;
+    memset(&stage, 0, sizeof stage);
+    stage.points = sbi_max_int(icp->a.sample.count, icp->b.sample.count);
+    stage.metric = options->metric;
+    stage.outliers = options->outliers;
+    stage.parameter = options->outlier_parameter;
+    stage.reach = options->max_distance;
+    stage.flip = 1;
+    if (options->search)
+        result = regi_icp_search(icp, motion, &stage, &info->candidates);
+    else if (icp->a.fitted || icp->b.fitted)
+        stage.flip = regi_icp_find_flip(icp, &stage, motion);
+    if (result != SB_OK)
+        return result;
+    info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score,
+                                        &converged);
+    info->stop = converged ? REG_ICP_CONVERGED : icp->out_of_time ? REG_ICP_TIME : REG_ICP_ITERATIONS;
+    regi_icp_tell(icp, motion, info);
+    if (info->pairs == 0)
+        return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
+                        (double)options->max_distance);
+    return SB_OK;
+}
+
+REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *target, const reg_icp_options *options,
+                          reg_rigid *motion, reg_icp_info *info, sb_error *error)
+{
+    reg_icp_options defaults = reg_default_icp_options();
+    reg_icp_info told;
+    reg_rigid found;
+    regi_icp icp;
+    sb_result result;
+    if (!model || !target || !motion)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "model, target or motion is NULL");
+    memset(&icp, 0, sizeof icp);
+    memset(&told, 0, sizeof told);
+    icp.options = options ? options : &defaults;
+    icp.allocator = &icp.options->allocator;
+    icp.error = error;
+    result = regi_icp_check_options(icp.options, error);
+    if (result == SB_OK)
+        result = regi_icp_check(model, "model", error);
+    if (result == SB_OK)
+        result = regi_icp_check(target, "target", error);
+    if (result != SB_OK)
+        return result;
+    icp.begun = icp.options->clock ? icp.options->clock() : 0;
+    icp.both = icp.options->overlap == REG_ICP_WHOLE;
+    icp.swapped = icp.options->overlap == REG_ICP_TARGET_PART;
+    result = regi_icp_side_make(&icp, icp.swapped ? target : model, &icp.a);
+    if (result == SB_OK)
+        result = regi_icp_side_make(&icp, icp.swapped ? model : target, &icp.b);
+    if (result == SB_OK)
+        result = regi_icp_make_pairs(&icp);
+    found = icp.swapped ? reg_rigid_inverse(&icp.options->start) : icp.options->start;
+    if (result == SB_OK)
+        result = regi_icp_run(&icp, &found, &told);
+    if (result == SB_OK) {
+        *motion = icp.swapped ? reg_rigid_inverse(&found) : found;
+        if (info)
+            *info = told;
+    }
+    sbi_free(icp.allocator, icp.pairs.from);
+    sbi_free(icp.allocator, icp.pairs.weight);
+    sbi_free(icp.allocator, icp.landmarks_a);
+    regi_icp_side_free(icp.allocator, &icp.a);
+    regi_icp_side_free(icp.allocator, &icp.b);
+    return result;
 }
 
 #endif /* REG_IMPLEMENTATION */

@@ -9233,6 +9233,8 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 #define SB_MESHIO_READER_H
 
 
+#include <stdio.h>
+
 /* ---- numbers ---------------------------------------------------------------------------------------
  * strtod obeys the locale: where the decimal point is a comma it reads "0.5" as 0 and stops. These do not;
  * and all `length` characters must belong to the number. Both return 1, 0 (not a number) or -1. */
@@ -9364,6 +9366,9 @@ typedef struct sbi_loader {
     size_t index_count, index_capacity;
     sbi_cell *cells; /* surface and volume cells of supported types */
     size_t cell_count, cell_capacity;
+    int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
+    sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
+    size_t normal_count, normal_capacity;
     int *scratch; /* nodes of the cell being read */
     size_t scratch_count, scratch_capacity;
     int *source_regions; /* [source_count] regions by number in the file, or NULL: see sbi_cell */
@@ -9387,6 +9392,8 @@ SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader);
 SBI_API sb_result sbi_loader_reserve_nodes(sbi_loader *loader, int count);
 /* Appends a node, scaled; a coordinate that is not finite or does not fit is an error. */
 SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3]);
+/* Appends a normal, not scaled; one for each node or none. */
+SBI_API sb_result sbi_loader_add_normal(sbi_loader *loader, const double n[3]);
 /* Reads three words as a node. */
 SBI_API sb_result sbi_loader_read_node(sbi_loader *loader);
 
@@ -9402,6 +9409,39 @@ SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region);
 /* Makes the mesh of the cells with the highest dimension; its nodes are the loader's. Does not check
  * geometry. */
 SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh);
+
+/* ---- files ---------------------------------------------------------------------------------------- */
+
+/* The content of a file. */
+typedef struct sbi_file {
+    char *data;
+    size_t size;
+} sbi_file;
+/* The whole file; content->data is to be freed, also after a failure. */
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
+                                sb_error *error);
+/* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
+ * text. */
+SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
+/* Replaces SB_FILE_AUTO by what the content or the name tells. */
+SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format);
+/* Reads what the loader's reader holds; not TetGen's. */
+SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);
+
+/* A file being written. Errors are remembered and told at the end. */
+typedef struct sbi_export {
+    FILE *file;
+    const char *path;
+    int existed, failed, binary;
+} sbi_export;
+SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error);
+SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error);
+SBI_API void sbi_export_text(sbi_export *out, const char *text);
+/* The low `size` bytes of a number. */
+SBI_API void sbi_export_bits(sbi_export *out, uint64_t bits, int size, int big_endian);
+SBI_API uint64_t sbi_export_real_bits(sb_real value);
+/* All digits of a number, with a point whatever the locale's (which may take several bytes). */
+SBI_API void sbi_export_print_real(sbi_export *out, sb_real value);
 
 /* ---- formats ---------------------------------------------------------------------------------------
  * Each reads the whole file that the loader's reader holds into the loader. */
@@ -10125,6 +10165,7 @@ SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options,
 SBI_API void sbi_loader_free(sbi_loader *loader)
 {
     sbi_free(&loader->allocator, loader->nodes);
+    sbi_free(&loader->allocator, loader->normals);
     sbi_free(&loader->allocator, loader->indices);
     sbi_free(&loader->allocator, loader->cells);
     sbi_free(&loader->allocator, loader->scratch);
@@ -10197,6 +10238,25 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
         return sbi_loader_no_memory(loader);
     loader->nodes[loader->node_count++] = sb_v3(scaled[0], scaled[1], scaled[2]);
     reader->node = -1;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_loader_add_normal(sbi_loader *loader, const double n[3])
+{
+    sb_vec3 normal = sb_v3((sb_real)n[0], (sb_real)n[1], (sb_real)n[2]);
+    if (!sb_v3_is_finite(normal))
+        return sbi_reader_fail(&loader->reader, SB_ERROR_NOT_FINITE, "normal %llu is not finite",
+                               (unsigned long long)loader->normal_count);
+    if (loader->normal_count >= loader->normal_capacity) {
+        size_t needed = loader->normal_count + 1;
+        void *grown = sbi_loader_grow(loader, loader->normals, loader->normal_count, &loader->normal_capacity,
+                                      needed > loader->node_capacity ? needed : loader->node_capacity,
+                                      sizeof loader->normals[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        loader->normals = (sb_vec3 *)grown;
+    }
+    loader->normals[loader->normal_count++] = normal;
     return SB_OK;
 }
 
@@ -10508,12 +10568,6 @@ static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_opti
 
 /* ==== files ======================================================================================== */
 
-/* The content of a file. */
-typedef struct sbi_file {
-    char *data;
-    size_t size;
-} sbi_file;
-
 static sb_result sbi_meshio_fail_file(sb_error *error, sb_result result, const char *path, const char *why)
 {
     sbi_fail(error, result, "%s", why);
@@ -10539,8 +10593,8 @@ static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content
 }
 
 /* Reads until the end rather than asking for the size, which pipes do not have and folders make up. */
-static sb_result sbi_meshio_read_file(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                      sb_error *error)
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
+                                sb_error *error)
 {
     size_t capacity = 1 << 16, got = 1;
     sb_result result = SB_OK;
@@ -10639,7 +10693,7 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-static sb_result sbi_meshio_detect(const sbi_reader *reader, sb_file_format *format)
+SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
@@ -10658,7 +10712,7 @@ static sb_result sbi_meshio_detect(const sbi_reader *reader, sb_file_format *for
 
 /* ==== loading ====================================================================================== */
 
-static sb_result sbi_meshio_parse(sbi_loader *loader, sb_file_format format)
+SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
 {
     switch (format) {
     case SB_FILE_VTK: return sbi_vtk_read(loader);
@@ -10758,9 +10812,7 @@ static sb_result sbi_meshio_finish(sbi_loader *loader, const sb_load_options *op
     return result;
 }
 
-/* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
- * text. */
-static void sbi_meshio_set_reader(sbi_loader *loader, const char *data, size_t size, const char *name)
+SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name)
 {
     sb_error *error = loader->reader.error;
     if (size >= 3 && memcmp(data, "\xEF\xBB\xBF", 3) == 0 && !sbi_stl_is_binary(data, size)) {
@@ -10783,10 +10835,10 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
     if ((int)format < SB_FILE_AUTO || (int)format > SB_FILE_OFF)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is not a file format", (int)format);
     sbi_loader_init(&loader, &resolved, error);
-    sbi_meshio_set_reader(&loader, size ? (const char *)data : "", size, name);
-    result = sbi_meshio_detect(&loader.reader, &format);
+    sbi_loader_set_content(&loader, size ? (const char *)data : "", size, name);
+    result = sbi_file_detect(&loader.reader, &format);
     if (!result)
-        result = sbi_meshio_parse(&loader, format);
+        result = sbi_loader_parse(&loader, format);
     if (!result)
         result = sbi_meshio_finish(&loader, &resolved, format, mesh);
     sbi_loader_free(&loader);
@@ -10810,9 +10862,9 @@ static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char 
 static sb_result sbi_meshio_read_part(sbi_loader *loader, const char *path, int is_nodes, int64_t *base)
 {
     sbi_file content;
-    sb_result result = sbi_meshio_read_file(&loader->allocator, path, &content, loader->reader.error);
+    sb_result result = sbi_file_read(&loader->allocator, path, &content, loader->reader.error);
     if (!result) {
-        sbi_meshio_set_reader(loader, content.data, content.size, path);
+        sbi_loader_set_content(loader, content.data, content.size, path);
         result = is_nodes ? sbi_tetgen_read_nodes(loader, base) : sbi_tetgen_read_elements(loader, *base);
     }
     sbi_free(&loader->allocator, content.data);
@@ -10854,15 +10906,15 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
     if (!mesh || !path)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", mesh ? "path" : "mesh");
     sbi_loader_init(&loader, &resolved, error);
-    result = sbi_meshio_read_file(&loader.allocator, path, &content, error);
+    result = sbi_file_read(&loader.allocator, path, &content, error);
     if (!result) {
-        sbi_meshio_set_reader(&loader, content.data, content.size, path);
-        result = sbi_meshio_detect(&loader.reader, &format);
+        sbi_loader_set_content(&loader, content.data, content.size, path);
+        result = sbi_file_detect(&loader.reader, &format);
     }
     if (!result && format == SB_FILE_TETGEN)
         result = sbi_meshio_load_tetgen(&loader, path, &resolved, mesh);
     else if (!result) {
-        result = sbi_meshio_parse(&loader, format);
+        result = sbi_loader_parse(&loader, format);
         if (!result)
             result = sbi_meshio_finish(&loader, &resolved, format, mesh);
     }
@@ -10873,14 +10925,7 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
 
 /* ==== writing ====================================================================================== */
 
-/* A file being written. Errors are remembered and told at the end. */
-typedef struct sbi_export {
-    FILE *file;
-    const char *path;
-    int existed, failed, binary;
-} sbi_export;
-
-static sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error)
+SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error)
 {
     FILE *before = fopen(path, "rb");
     out->existed = before != NULL;
@@ -10897,7 +10942,7 @@ static sb_result sbi_export_open(sbi_export *out, const char *path, int binary, 
 
 /* A file cut short would be mistaken for a mesh. What was there before is not removed, since it may be a
  * device. */
-static sb_result sbi_export_close(sbi_export *out, sb_error *error)
+SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error)
 {
     if (fclose(out->file) != 0)
         out->failed = 1;
@@ -10920,10 +10965,9 @@ static void sbi_export_bytes(sbi_export *out, const void *bytes, size_t size)
         out->failed = 1;
 }
 
-static void sbi_export_text(sbi_export *out, const char *text) { sbi_export_bytes(out, text, strlen(text)); }
+SBI_API void sbi_export_text(sbi_export *out, const char *text) { sbi_export_bytes(out, text, strlen(text)); }
 
-/* The low `size` bytes of a number. */
-static void sbi_export_bits(sbi_export *out, uint64_t bits, int size, int big_endian)
+SBI_API void sbi_export_bits(sbi_export *out, uint64_t bits, int size, int big_endian)
 {
     unsigned char bytes[8];
     for (int i = 0; i < size; i++)
@@ -10938,7 +10982,7 @@ static uint64_t sbi_export_float_bits(float value)
     return bits;
 }
 
-static uint64_t sbi_export_real_bits(sb_real value)
+SBI_API uint64_t sbi_export_real_bits(sb_real value)
 {
 #if SB_REAL_IS_FLOAT
     return sbi_export_float_bits(value);
@@ -10949,8 +10993,7 @@ static uint64_t sbi_export_real_bits(sb_real value)
 #endif
 }
 
-/* All digits of a number, with a point whatever the locale's (which may take several bytes). */
-static void sbi_export_print_real(sbi_export *out, sb_real value)
+SBI_API void sbi_export_print_real(sbi_export *out, sb_real value)
 {
     char text[48], clean[48];
     size_t length = 0;
@@ -13152,7 +13195,8 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
 typedef enum sbi_ply_role {
     SBI_PLY_OTHER = 0,
     SBI_PLY_X = 1,      /* y and z follow */
-    SBI_PLY_CORNERS = 4 /* the list of a face */
+    SBI_PLY_CORNERS = 4, /* the list of a face */
+    SBI_PLY_NX = 5       /* ny and nz follow */
 } sbi_ply_role;
 
 /* Class and size of a number: i signed, u unsigned, f floating. */
@@ -13249,12 +13293,17 @@ static sb_result sbi_ply_add_element(sbi_ply *ply)
     return SB_OK;
 }
 
-static int sbi_ply_find_role(const sbi_ply_element *element, const sbi_ply_property *property, sbi_word name)
+static int sbi_ply_find_role(const sbi_ply *ply, const sbi_ply_property *property, sbi_word name)
 {
+    const sbi_ply_element *element = &ply->elements[ply->element_count - 1];
+    int points_only = ply->loader->points_only;
     if (property->count) {
         int is_corners = sbi_word_is(name, "vertex_indices") || sbi_word_is(name, "vertex_index");
-        return element->is_face && is_corners ? SBI_PLY_CORNERS : SBI_PLY_OTHER;
+        return element->is_face && is_corners && !points_only ? SBI_PLY_CORNERS : SBI_PLY_OTHER;
     }
+    if (element->is_vertex && points_only && name.length == 2 && name.text[0] == 'n' && name.text[1] >= 'x' &&
+        name.text[1] <= 'z')
+        return SBI_PLY_NX + (name.text[1] - 'x');
     if (!element->is_vertex || name.length != 1 || name.text[0] < 'x' || name.text[0] > 'z')
         return SBI_PLY_OTHER;
     return SBI_PLY_X + (name.text[0] - 'x');
@@ -13281,7 +13330,7 @@ static sb_result sbi_ply_add_property(sbi_ply *ply)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list whose count is not an integer");
     if (result)
         return result;
-    property.role = sbi_ply_find_role(&ply->elements[ply->element_count - 1], &property, name);
+    property.role = sbi_ply_find_role(ply, &property, name);
     if (ply->property_count == ply->property_capacity) {
         void *grown =
             sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
@@ -13402,9 +13451,9 @@ static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
     return result ? result : sbi_loader_end_polygon(ply->loader, 0);
 }
 
-static sb_result sbi_ply_row(sbi_ply *ply, const sbi_ply_element *element)
+static sb_result sbi_ply_row(sbi_ply *ply, const sbi_ply_element *element, int with_normal)
 {
-    double x[3] = {0, 0, 0};
+    double x[8] = {0, 0, 0, 0, 0, 0, 0, 0}; /* by role */
     sb_result result = SB_OK;
     for (size_t i = element->first; i < element->end && !result; i++) {
         const sbi_ply_property *property = &ply->properties[i];
@@ -13413,9 +13462,11 @@ static sb_result sbi_ply_row(sbi_ply *ply, const sbi_ply_element *element)
         else if (property->role == SBI_PLY_OTHER)
             result = sbi_ply_skip(ply, property, 1);
         else
-            result = sbi_ply_real(ply, property->type, "coordinate", &x[property->role - SBI_PLY_X]);
+            result = sbi_ply_real(ply, property->type, "coordinate", &x[property->role]);
     }
-    return result || !element->is_vertex ? result : sbi_loader_add_node(ply->loader, x);
+    if (!result && element->is_vertex)
+        result = sbi_loader_add_node(ply->loader, x + SBI_PLY_X);
+    return result || !with_normal ? result : sbi_loader_add_normal(ply->loader, x + SBI_PLY_NX);
 }
 
 /* Bytes a row takes at least, and in *roles the roles that its properties have, as bits. */
@@ -13439,7 +13490,7 @@ static sb_result sbi_ply_rows(sbi_ply *ply, const sbi_ply_element *element)
     sb_result result;
     if (element->is_vertex && (roles & 0xEu) != 0xEu)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "vertices without x, y and z");
-    if (element->is_face && !(roles & 1u << SBI_PLY_CORNERS))
+    if (element->is_face && !ply->loader->points_only && !(roles & 1u << SBI_PLY_CORNERS))
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "faces without vertex_indices");
     if (bytes == 0)
         return SB_OK; /* rows of nothing */
@@ -13449,7 +13500,7 @@ static sb_result sbi_ply_rows(sbi_ply *ply, const sbi_ply_element *element)
     for (int i = 0; i < rows && !result; i++) {
         ply->reader->node = element->is_vertex ? (int)ply->loader->node_count : -1;
         ply->reader->element = element->is_face ? i : -1;
-        result = sbi_ply_row(ply, element);
+        result = sbi_ply_row(ply, element, (roles & 0xE0u) == 0xE0u);
     }
     ply->reader->node = ply->reader->element = -1;
     return result;

@@ -15,6 +15,26 @@
 #define reg_rigid_inverse reg_rigid_inverse_f32
 #define reg_rigid_angle reg_rigid_angle_f32
 #define reg_rigid_fit reg_rigid_fit_f32
+#define reg_kdtree_create reg_kdtree_create_f32
+#define reg_kdtree_destroy reg_kdtree_destroy_f32
+#define reg_kdtree_count reg_kdtree_count_f32
+#define reg_kdtree_nearest reg_kdtree_nearest_f32
+#define reg_kdtree_k_nearest reg_kdtree_k_nearest_f32
+#define reg_kdtree_within reg_kdtree_within_f32
+#define reg_cloud_free reg_cloud_free_f32
+#define reg_cloud_from_points reg_cloud_from_points_f32
+#define reg_cloud_from_mesh reg_cloud_from_mesh_f32
+#define reg_cloud_load reg_cloud_load_f32
+#define reg_cloud_load_memory reg_cloud_load_memory_f32
+#define reg_cloud_save_ply reg_cloud_save_ply_f32
+#define reg_cloud_estimate_normals reg_cloud_estimate_normals_f32
+#define reg_cloud_thin reg_cloud_thin_f32
+#define reg_cloud_spread reg_cloud_spread_f32
+#define reg_outlier_limit reg_outlier_limit_f32
+#define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
+#define reg_default_icp_options reg_default_icp_options_f32
+#define reg_icp_stop_string reg_icp_stop_string_f32
+#define reg_icp reg_icp_f32
 #endif
 #endif
 

@@ -37,12 +37,6 @@ static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_opti
 
 /* ==== files ======================================================================================== */
 
-/* The content of a file. */
-typedef struct sbi_file {
-    char *data;
-    size_t size;
-} sbi_file;
-
 static sb_result sbi_meshio_fail_file(sb_error *error, sb_result result, const char *path, const char *why)
 {
     sbi_fail(error, result, "%s", why);
@@ -68,8 +62,8 @@ static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content
 }
 
 /* Reads until the end rather than asking for the size, which pipes do not have and folders make up. */
-static sb_result sbi_meshio_read_file(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                      sb_error *error)
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
+                                sb_error *error)
 {
     size_t capacity = 1 << 16, got = 1;
     sb_result result = SB_OK;
@@ -168,7 +162,7 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-static sb_result sbi_meshio_detect(const sbi_reader *reader, sb_file_format *format)
+SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
@@ -187,7 +181,7 @@ static sb_result sbi_meshio_detect(const sbi_reader *reader, sb_file_format *for
 
 /* ==== loading ====================================================================================== */
 
-static sb_result sbi_meshio_parse(sbi_loader *loader, sb_file_format format)
+SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
 {
     switch (format) {
     case SB_FILE_VTK: return sbi_vtk_read(loader);
@@ -287,9 +281,7 @@ static sb_result sbi_meshio_finish(sbi_loader *loader, const sb_load_options *op
     return result;
 }
 
-/* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
- * text. */
-static void sbi_meshio_set_reader(sbi_loader *loader, const char *data, size_t size, const char *name)
+SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name)
 {
     sb_error *error = loader->reader.error;
     if (size >= 3 && memcmp(data, "\xEF\xBB\xBF", 3) == 0 && !sbi_stl_is_binary(data, size)) {
@@ -312,10 +304,10 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
     if ((int)format < SB_FILE_AUTO || (int)format > SB_FILE_OFF)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is not a file format", (int)format);
     sbi_loader_init(&loader, &resolved, error);
-    sbi_meshio_set_reader(&loader, size ? (const char *)data : "", size, name);
-    result = sbi_meshio_detect(&loader.reader, &format);
+    sbi_loader_set_content(&loader, size ? (const char *)data : "", size, name);
+    result = sbi_file_detect(&loader.reader, &format);
     if (!result)
-        result = sbi_meshio_parse(&loader, format);
+        result = sbi_loader_parse(&loader, format);
     if (!result)
         result = sbi_meshio_finish(&loader, &resolved, format, mesh);
     sbi_loader_free(&loader);
@@ -339,9 +331,9 @@ static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char 
 static sb_result sbi_meshio_read_part(sbi_loader *loader, const char *path, int is_nodes, int64_t *base)
 {
     sbi_file content;
-    sb_result result = sbi_meshio_read_file(&loader->allocator, path, &content, loader->reader.error);
+    sb_result result = sbi_file_read(&loader->allocator, path, &content, loader->reader.error);
     if (!result) {
-        sbi_meshio_set_reader(loader, content.data, content.size, path);
+        sbi_loader_set_content(loader, content.data, content.size, path);
         result = is_nodes ? sbi_tetgen_read_nodes(loader, base) : sbi_tetgen_read_elements(loader, *base);
     }
     sbi_free(&loader->allocator, content.data);
@@ -383,15 +375,15 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
     if (!mesh || !path)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", mesh ? "path" : "mesh");
     sbi_loader_init(&loader, &resolved, error);
-    result = sbi_meshio_read_file(&loader.allocator, path, &content, error);
+    result = sbi_file_read(&loader.allocator, path, &content, error);
     if (!result) {
-        sbi_meshio_set_reader(&loader, content.data, content.size, path);
-        result = sbi_meshio_detect(&loader.reader, &format);
+        sbi_loader_set_content(&loader, content.data, content.size, path);
+        result = sbi_file_detect(&loader.reader, &format);
     }
     if (!result && format == SB_FILE_TETGEN)
         result = sbi_meshio_load_tetgen(&loader, path, &resolved, mesh);
     else if (!result) {
-        result = sbi_meshio_parse(&loader, format);
+        result = sbi_loader_parse(&loader, format);
         if (!result)
             result = sbi_meshio_finish(&loader, &resolved, format, mesh);
     }
@@ -402,14 +394,7 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
 
 /* ==== writing ====================================================================================== */
 
-/* A file being written. Errors are remembered and told at the end. */
-typedef struct sbi_export {
-    FILE *file;
-    const char *path;
-    int existed, failed, binary;
-} sbi_export;
-
-static sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error)
+SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error)
 {
     FILE *before = fopen(path, "rb");
     out->existed = before != NULL;
@@ -426,7 +411,7 @@ static sb_result sbi_export_open(sbi_export *out, const char *path, int binary, 
 
 /* A file cut short would be mistaken for a mesh. What was there before is not removed, since it may be a
  * device. */
-static sb_result sbi_export_close(sbi_export *out, sb_error *error)
+SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error)
 {
     if (fclose(out->file) != 0)
         out->failed = 1;
@@ -449,10 +434,9 @@ static void sbi_export_bytes(sbi_export *out, const void *bytes, size_t size)
         out->failed = 1;
 }
 
-static void sbi_export_text(sbi_export *out, const char *text) { sbi_export_bytes(out, text, strlen(text)); }
+SBI_API void sbi_export_text(sbi_export *out, const char *text) { sbi_export_bytes(out, text, strlen(text)); }
 
-/* The low `size` bytes of a number. */
-static void sbi_export_bits(sbi_export *out, uint64_t bits, int size, int big_endian)
+SBI_API void sbi_export_bits(sbi_export *out, uint64_t bits, int size, int big_endian)
 {
     unsigned char bytes[8];
     for (int i = 0; i < size; i++)
@@ -467,7 +451,7 @@ static uint64_t sbi_export_float_bits(float value)
     return bits;
 }
 
-static uint64_t sbi_export_real_bits(sb_real value)
+SBI_API uint64_t sbi_export_real_bits(sb_real value)
 {
 #if SB_REAL_IS_FLOAT
     return sbi_export_float_bits(value);
@@ -478,8 +462,7 @@ static uint64_t sbi_export_real_bits(sb_real value)
 #endif
 }
 
-/* All digits of a number, with a point whatever the locale's (which may take several bytes). */
-static void sbi_export_print_real(sbi_export *out, sb_real value)
+SBI_API void sbi_export_print_real(sbi_export *out, sb_real value)
 {
     char text[48], clean[48];
     size_t length = 0;

@@ -703,6 +703,7 @@ SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options,
 SBI_API void sbi_loader_free(sbi_loader *loader)
 {
     sbi_free(&loader->allocator, loader->nodes);
+    sbi_free(&loader->allocator, loader->normals);
     sbi_free(&loader->allocator, loader->indices);
     sbi_free(&loader->allocator, loader->cells);
     sbi_free(&loader->allocator, loader->scratch);
@@ -775,6 +776,25 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
         return sbi_loader_no_memory(loader);
     loader->nodes[loader->node_count++] = sb_v3(scaled[0], scaled[1], scaled[2]);
     reader->node = -1;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_loader_add_normal(sbi_loader *loader, const double n[3])
+{
+    sb_vec3 normal = sb_v3((sb_real)n[0], (sb_real)n[1], (sb_real)n[2]);
+    if (!sb_v3_is_finite(normal))
+        return sbi_reader_fail(&loader->reader, SB_ERROR_NOT_FINITE, "normal %llu is not finite",
+                               (unsigned long long)loader->normal_count);
+    if (loader->normal_count >= loader->normal_capacity) {
+        size_t needed = loader->normal_count + 1;
+        void *grown = sbi_loader_grow(loader, loader->normals, loader->normal_count, &loader->normal_capacity,
+                                      needed > loader->node_capacity ? needed : loader->node_capacity,
+                                      sizeof loader->normals[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        loader->normals = (sb_vec3 *)grown;
+    }
+    loader->normals[loader->normal_count++] = normal;
     return SB_OK;
 }
 

@@ -5,6 +5,8 @@
 
 #include "meshio.h"
 
+#include <stdio.h>
+
 /* ---- numbers ---------------------------------------------------------------------------------------
  * strtod obeys the locale: where the decimal point is a comma it reads "0.5" as 0 and stops. These do not;
  * and all `length` characters must belong to the number. Both return 1, 0 (not a number) or -1. */
@@ -136,6 +138,9 @@ typedef struct sbi_loader {
     size_t index_count, index_capacity;
     sbi_cell *cells; /* surface and volume cells of supported types */
     size_t cell_count, cell_capacity;
+    int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
+    sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
+    size_t normal_count, normal_capacity;
     int *scratch; /* nodes of the cell being read */
     size_t scratch_count, scratch_capacity;
     int *source_regions; /* [source_count] regions by number in the file, or NULL: see sbi_cell */
@@ -159,6 +164,8 @@ SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader);
 SBI_API sb_result sbi_loader_reserve_nodes(sbi_loader *loader, int count);
 /* Appends a node, scaled; a coordinate that is not finite or does not fit is an error. */
 SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3]);
+/* Appends a normal, not scaled; one for each node or none. */
+SBI_API sb_result sbi_loader_add_normal(sbi_loader *loader, const double n[3]);
 /* Reads three words as a node. */
 SBI_API sb_result sbi_loader_read_node(sbi_loader *loader);
 
@@ -174,6 +181,39 @@ SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region);
 /* Makes the mesh of the cells with the highest dimension; its nodes are the loader's. Does not check
  * geometry. */
 SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh);
+
+/* ---- files ---------------------------------------------------------------------------------------- */
+
+/* The content of a file. */
+typedef struct sbi_file {
+    char *data;
+    size_t size;
+} sbi_file;
+/* The whole file; content->data is to be freed, also after a failure. */
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
+                                sb_error *error);
+/* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
+ * text. */
+SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
+/* Replaces SB_FILE_AUTO by what the content or the name tells. */
+SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format);
+/* Reads what the loader's reader holds; not TetGen's. */
+SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);
+
+/* A file being written. Errors are remembered and told at the end. */
+typedef struct sbi_export {
+    FILE *file;
+    const char *path;
+    int existed, failed, binary;
+} sbi_export;
+SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error);
+SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error);
+SBI_API void sbi_export_text(sbi_export *out, const char *text);
+/* The low `size` bytes of a number. */
+SBI_API void sbi_export_bits(sbi_export *out, uint64_t bits, int size, int big_endian);
+SBI_API uint64_t sbi_export_real_bits(sb_real value);
+/* All digits of a number, with a point whatever the locale's (which may take several bytes). */
+SBI_API void sbi_export_print_real(sbi_export *out, sb_real value);
 
 /* ---- formats ---------------------------------------------------------------------------------------
  * Each reads the whole file that the loader's reader holds into the loader. */

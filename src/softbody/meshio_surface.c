@@ -326,7 +326,8 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
 typedef enum sbi_ply_role {
     SBI_PLY_OTHER = 0,
     SBI_PLY_X = 1,      /* y and z follow */
-    SBI_PLY_CORNERS = 4 /* the list of a face */
+    SBI_PLY_CORNERS = 4, /* the list of a face */
+    SBI_PLY_NX = 5       /* ny and nz follow */
 } sbi_ply_role;
 
 /* Class and size of a number: i signed, u unsigned, f floating. */
@@ -423,12 +424,17 @@ static sb_result sbi_ply_add_element(sbi_ply *ply)
     return SB_OK;
 }
 
-static int sbi_ply_find_role(const sbi_ply_element *element, const sbi_ply_property *property, sbi_word name)
+static int sbi_ply_find_role(const sbi_ply *ply, const sbi_ply_property *property, sbi_word name)
 {
+    const sbi_ply_element *element = &ply->elements[ply->element_count - 1];
+    int points_only = ply->loader->points_only;
     if (property->count) {
         int is_corners = sbi_word_is(name, "vertex_indices") || sbi_word_is(name, "vertex_index");
-        return element->is_face && is_corners ? SBI_PLY_CORNERS : SBI_PLY_OTHER;
+        return element->is_face && is_corners && !points_only ? SBI_PLY_CORNERS : SBI_PLY_OTHER;
     }
+    if (element->is_vertex && points_only && name.length == 2 && name.text[0] == 'n' && name.text[1] >= 'x' &&
+        name.text[1] <= 'z')
+        return SBI_PLY_NX + (name.text[1] - 'x');
     if (!element->is_vertex || name.length != 1 || name.text[0] < 'x' || name.text[0] > 'z')
         return SBI_PLY_OTHER;
     return SBI_PLY_X + (name.text[0] - 'x');
@@ -455,7 +461,7 @@ static sb_result sbi_ply_add_property(sbi_ply *ply)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list whose count is not an integer");
     if (result)
         return result;
-    property.role = sbi_ply_find_role(&ply->elements[ply->element_count - 1], &property, name);
+    property.role = sbi_ply_find_role(ply, &property, name);
     if (ply->property_count == ply->property_capacity) {
         void *grown =
             sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
@@ -576,9 +582,9 @@ static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
     return result ? result : sbi_loader_end_polygon(ply->loader, 0);
 }
 
-static sb_result sbi_ply_row(sbi_ply *ply, const sbi_ply_element *element)
+static sb_result sbi_ply_row(sbi_ply *ply, const sbi_ply_element *element, int with_normal)
 {
-    double x[3] = {0, 0, 0};
+    double x[8] = {0, 0, 0, 0, 0, 0, 0, 0}; /* by role */
     sb_result result = SB_OK;
     for (size_t i = element->first; i < element->end && !result; i++) {
         const sbi_ply_property *property = &ply->properties[i];
@@ -587,9 +593,11 @@ static sb_result sbi_ply_row(sbi_ply *ply, const sbi_ply_element *element)
         else if (property->role == SBI_PLY_OTHER)
             result = sbi_ply_skip(ply, property, 1);
         else
-            result = sbi_ply_real(ply, property->type, "coordinate", &x[property->role - SBI_PLY_X]);
+            result = sbi_ply_real(ply, property->type, "coordinate", &x[property->role]);
     }
-    return result || !element->is_vertex ? result : sbi_loader_add_node(ply->loader, x);
+    if (!result && element->is_vertex)
+        result = sbi_loader_add_node(ply->loader, x + SBI_PLY_X);
+    return result || !with_normal ? result : sbi_loader_add_normal(ply->loader, x + SBI_PLY_NX);
 }
 
 /* Bytes a row takes at least, and in *roles the roles that its properties have, as bits. */
@@ -613,7 +621,7 @@ static sb_result sbi_ply_rows(sbi_ply *ply, const sbi_ply_element *element)
     sb_result result;
     if (element->is_vertex && (roles & 0xEu) != 0xEu)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "vertices without x, y and z");
-    if (element->is_face && !(roles & 1u << SBI_PLY_CORNERS))
+    if (element->is_face && !ply->loader->points_only && !(roles & 1u << SBI_PLY_CORNERS))
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "faces without vertex_indices");
     if (bytes == 0)
         return SB_OK; /* rows of nothing */
@@ -623,7 +631,7 @@ static sb_result sbi_ply_rows(sbi_ply *ply, const sbi_ply_element *element)
     for (int i = 0; i < rows && !result; i++) {
         ply->reader->node = element->is_vertex ? (int)ply->loader->node_count : -1;
         ply->reader->element = element->is_face ? i : -1;
-        result = sbi_ply_row(ply, element);
+        result = sbi_ply_row(ply, element, (roles & 0xE0u) == 0xE0u);
     }
     ply->reader->node = ply->reader->element = -1;
     return result;

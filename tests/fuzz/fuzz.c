@@ -6,12 +6,14 @@
  *
  * A finding aborts; the plain program leaves the input in build/fuzz-TARGET.crash. */
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#define REG_IMPLEMENTATION
+#include "register.h"
 
 #include "fuzz.h"
 
 #include "target_body.h"
 #include "target_case.h"
+#include "target_cloud.h"
 #include "target_geometry.h"
 #include "target_mesh.h"
 
@@ -23,7 +25,8 @@ static const struct fuzz_target {
     void (*run)(const uint8_t *data, size_t size);
 } fuzz_targets[] = {{"vtk", fuzz_vtk},       {"gmsh", fuzz_gmsh}, {"tetgen", fuzz_tetgen},
                     {"surface", fuzz_surface}, {"geometry", fuzz_geometry}, {"mesh", fuzz_mesh}, {"case", fuzz_case},
-                    {"state", fuzz_state},   {"record", fuzz_record}, {"body", fuzz_body}};
+                    {"state", fuzz_state},   {"record", fuzz_record}, {"body", fuzz_body},
+                    {"cloud", fuzz_cloud}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
 static const struct fuzz_target *fuzz_find_target(const char *name)

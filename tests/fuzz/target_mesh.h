@@ -84,10 +84,10 @@ static void fuzz_tetgen(const uint8_t *data, size_t size)
     sb_result result;
     memset(&mesh, 0, sizeof mesh);
     sbi_loader_init(&loader, &options, &error);
-    sbi_meshio_set_reader(&loader, nodes, first, "fuzz.node");
+    sbi_loader_set_content(&loader, nodes, first, "fuzz.node");
     result = sbi_tetgen_read_nodes(&loader, &base);
     if (result == SB_OK) {
-        sbi_meshio_set_reader(&loader, elements, second, "fuzz.ele");
+        sbi_loader_set_content(&loader, elements, second, "fuzz.ele");
         result = sbi_tetgen_read_elements(&loader, base);
     }
     if (result == SB_OK)
