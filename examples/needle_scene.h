@@ -245,21 +245,6 @@ static inline int scene_hit(const scene *s, sb_vec3 from, sb_vec3 direction, sb_
     return 1;
 }
 
-/* The tip's pose as a tracker in the tip would tell it. ndl_needle_tip's frame is that of the last edge, a chord of the
- * way: at its end a needle that bends with `curvature` looks further aside, by half of what the edge bends. */
-static inline ndl_tip_pose scene_tip(const scene *s, double curvature)
-{
-    ndl_tip_pose pose = ndl_needle_tip(s->needle), end;
-    const ndl_rod *rod = ndl_needle_rod(s->needle);
-    const sb_vec3 *x = ndl_rod_positions(rod);
-    int last = ndl_rod_node_count(rod) - 1;
-    if (ndl_needle_entry(s->needle) >= last) /* outside: nothing bends it */
-        return pose;
-    end = ndl_helix_pose(&pose, (sb_real)curvature, 0, (sb_real)(0.5 * scene_distance(x[last], x[last - 1])));
-    end.position = pose.position;
-    return end;
-}
-
 /* ---- steering ---- */
 
 typedef struct scene_steering {
@@ -292,7 +277,7 @@ static inline int scene_steer(scene *s, scene_steering *g)
     if (ndl_steer_begin(&g->def, &g->steer, &error) != SB_OK)
         return scene_complain(s, "steering", error.message);
     for (;;) {
-        ndl_tip_pose tip = scene_tip(s, (double)g->def.plan.curvature);
+        ndl_tip_pose tip = ndl_needle_tip(s->needle);
         if (ndl_steer_update(&g->steer, &tip, scene_where(s, &g->target), &todo) != SB_OK)
             return scene_complain(s, "steering", "the tip's pose is none");
         if (todo.status != NDL_STEER_GOING)
