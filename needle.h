@@ -23,57 +23,76 @@
  *
  * WHAT IT DOES NOT DO
  *
- * In this version: needles alone (rods), tissue that moves and whose mesh follows a needle's tip, and steering plans; not
- * yet needles that feel the tissue.
+ * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
+ * side of the tissue stays there.
  *
  * A FIRST PROGRAM
  *
- * A brachytherapy stylet, clamped in a hand piece, sags under its weight and a push at its tip; then its hand piece is
- * turned and moved, and the force that a hand feels is read:
+ * A bevelled nitinol needle is pushed 4 cm into a block of gel, turned by half a turn on its way, and drawn out again;
+ * the force that a hand feels is printed:
  *
  *     ```c
  *     #define SB_IMPLEMENTATION
  *     #define NDL_IMPLEMENTATION
  *     #include "needle.h"
+ *     #include <math.h>
  *     #include <stdio.h>
+ *     #include <stdlib.h>
+ *
+ *     static void require(sb_result result, const sb_error *error)
+ *     {
+ *         if (result == SB_OK)
+ *             return;
+ *         fprintf(stderr, "%s\n", error->message);
+ *         exit(1);
+ *     }
  *
  *     int main(void)
  *     {
- *         sb_vec3 nodes[21];
- *         for (int i = 0; i < 21; i++)
- *             nodes[i] = sb_v3(0.01 * i, 0, 0);                       // 20 cm, base first
- *
- *         ndl_rod_def def = ndl_default_rod_def();                    // a straight 18 G stylet, clamped at its base
- *         def.nodes = nodes;
- *         def.node_count = 21;
- *         def.gravity = sb_v3(0, 0, -9.81);
- *         ndl_rod *rod = NULL;
  *         sb_error error;
- *         if (ndl_rod_create(&def, &rod, &error) != SB_OK) {
- *             fprintf(stderr, "%s\n", error.message);
- *             return 1;
- *         }
+ *         sb_mesh mesh;                                                 // a block of 6 x 6 x 6 cm, corner at 0
+ *         require(sb_mesh_beam(SB_TET4, 10, 10, 10, sb_v3(0.06, 0.06, 0.06), NULL, &mesh, &error), &error);
  *
- *         sb_vec3 tip, force, torque;
- *         ndl_rod_info info;
- *         ndl_rod_set_force(rod, 20, sb_v3(0, 0.2, 0));               // N
- *         if (ndl_rod_solve_static(rod, NULL, &info) != SB_OK)
- *             return 1;
- *         ndl_rod_tip(rod, &tip, NULL);
- *         printf("the tip is pushed by %.2f mm and sags by %.2f mm\n", 1e3 * tip.y, -1e3 * tip.z);
+ *         ndl_tissue_material gel = {50e3, 0.45, 1000};                 // Young's modulus, Poisson's ratio, density
+ *         ndl_tissue_def td = ndl_default_tissue_def();
+ *         td.mesh = &mesh, td.materials = &gel, td.material_count = 1;
+ *         ndl_tissue *tissue = NULL;
+ *         require(ndl_tissue_create(&td, &tissue, &error), &error);
+ *         for (int i = 0; i < mesh.node_count; i++)
+ *             if (mesh.nodes[i].z < 1e-6)                               // it stands on a table
+ *                 ndl_tissue_fix(tissue, i);
  *
- *         for (int frame = 1; frame <= 60; frame++) {
- *             sb_vec3 base = sb_v3(0.0005 * frame, 0, 0);             // the hand piece goes forward and turns
- *             sb_real sine, cosine;
- *             sb_sin_cos(0.02 * frame, &sine, &cosine);
- *             ndl_rod_hold_base(rod, base, sb_v3(1, 0, 0), sb_v3(0, cosine, sine), NULL, NULL);
- *             if (ndl_rod_step(rod, 1.0 / 60, &info) != SB_OK)
- *                 fprintf(stderr, "%s\n", info.error.message);        // the step was undone; go on
- *             ndl_rod_base_wrench(rod, &force, &torque);              // what the hand exerts on the needle
+ *         ndl_friction friction = {20, 0, 0.5, 0, 0};                   // 20 N/m along the shaft, 0.5 N to cut
+ *         ndl_needle_def nd = ndl_default_needle_def();
+ *         nd.tissue = tissue;
+ *         nd.base = sb_v3(0.031, 0.029, 0.12), nd.direction = sb_v3(0, 0, -1); // 6 cm above, looking down
+ *         nd.length = 0.058;                                            // tip 2 mm above the skin
+ *         nd.frictions = &friction, nd.friction_count = 1;
+ *         nd.bevel.curvature = 8;                                       // bends with a radius of 12.5 cm
+ *         ndl_rod_section_preset(NDL_NITINOL_083, &nd.section);
+ *         ndl_needle *needle = NULL;
+ *         require(ndl_needle_create(&nd, &needle, &error), &error);
+ *
+ *         sb_vec3 force;
+ *         for (int frame = 0; frame < 280; frame++) {                   // 50 per second
+ *             ndl_command command = {0};
+ *             ndl_step_info info;
+ *             command.insertion = frame < 180 ? 0.0125 : -0.025;        // m/s
+ *             command.twist = frame >= 90 && frame < 100 ? 3.14159265 / 0.2 : 0; // rad/s
+ *             require(ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error), &error);
+ *             ndl_needle_base_wrench(needle, &force, NULL);             // what the hand exerts
+ *             if (frame % 40 == 0) {
+ *                 sb_vec3 tip = ndl_needle_tip(needle).position;
+ *                 printf("tip %.1f %.1f %.1f mm, depth %.1f mm, hand %.2f N\n", 1e3 * tip.x, 1e3 * tip.y, 1e3 * tip.z,
+ *                        1e3 * ndl_needle_depth(needle), -force.z);
+ *             }
  *         }
- *         printf("the hand holds %.4f N and %.5f N m\n", force.z, torque.y);
- *         ndl_rod_destroy(rod);
- *         return 0;
+ *         int out = ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(tissue));
+ *         printf("the mesh is %s\n", out ? "as it was" : "changed");
+ *         ndl_needle_destroy(needle);                                   // before its tissue
+ *         ndl_tissue_destroy(tissue);
+ *         sb_mesh_free(&mesh);
+ *         return out ? 0 : 1;
  *     }
  *     ```
  *
@@ -81,11 +100,29 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * ndl_rod      an elastic rod: a chain of nodes, base first, that stretches, bends and twists. Supports (ndl_rod_hold,
- *              ndl_rod_turn, ndl_rod_hold_base) and loads stay until changed; ndl_rod_step moves it,
- *              ndl_rod_solve_static finds its equilibrium. Straight or pre-bent at rest.
- * frames       each edge has a material frame (m1, m2, t), t along it. A bevel is a direction in the frame of the last
- *              edge: with a free tip it turns with the base.
+ * ndl_tissue   corotated linear tets that move and whose mesh may change: materials by region, supports
+ *              (ndl_tissue_fix, _prescribe), forces, gravity. ndl_tissue_step moves it without needles.
+ * ndl_needle   a needle at one tissue, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
+ *              cuts. ndl_step moves a tissue and all its needles together: one linear system, solved again with other
+ *              states of friction where a node sticks that should slip, or the other way.
+ * contact      each node of a needle that is in tissue lies on a node of its mesh; along the needle it sticks or slips
+ *              (ndl_contact). Friction is a force per length of shaft by region, cutting a force at the tip; membranes
+ *              are faces between regions that take more force to puncture. What a hand feels: ndl_needle_base_wrench.
+ * bevel        puts the tip's cut aside, so that the needle bends: by a curvature (ndl_bevel, circles of that curvature
+ *              in tissue that does not give way; softer tissue gives less) or by an angle, as in the thesis. The side
+ *              turns with the base, later where tissue holds the shaft (twist_stiffness, twist_friction).
+ * remeshing    the mesh follows the tip by moving nodes and splitting tets, and is as it was when the needle is out.
+ *              Inside ndl_step; ndl_remesh is there for other uses of the same.
+ * steering     ndl_plan finds a helix to a target past obstacles, ndl_steer follows it step by step from sensed tips,
+ *              ndl_push moves tissue so that a target comes onto a straight needle's way. They need poses only.
+ * ndl_rod      the elastic rod by itself: a chain of nodes, base first, that stretches, bends and twists; straight or
+ *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed; ndl_rod_step
+ *              moves it, ndl_rod_solve_static finds its equilibrium.
+ * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
+ * state        ndl_tissue_save, ndl_remesh_save, ndl_rod_save and their loads, to the last bit.
+ *
+ * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
+ * beyond its slack asks for more.
  *
  * LICENCE
  *
@@ -420,8 +457,9 @@ NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real ben
 /* What surrounds an edge holds it against turning about its tangent: a torsion spring of this stiffness (N m/rad, >= 0;
  * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
  * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
- * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per length
- * give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares follow. */
+ * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per
+ * length give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares
+ * follow. */
 NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
 
 /* ---- motion ---- */
@@ -1254,7 +1292,8 @@ typedef struct ndl_needle_def {
     int membrane_count;
     ndl_cutting cutting;    /* default NULL: by the tables */
     void *cutting_user;
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. The largest of
+                             * all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -1365,9 +1404,9 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
  * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes); SB_ERROR_STATE (another object's, or a remesher's
- * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator gives,
- * or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load allocates
- * where the object has less room than the state needs, else nothing. */
+ * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
+ * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
+ * allocates where the object has less room than the state needs, else nothing. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
@@ -1748,6 +1787,7 @@ typedef struct ndli_rod_shape {
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
     double *chi;      /* [nodes] 1 + t.t' */
     double *twist;    /* [nodes] (rad) */
+    double *reference; /* [nodes] (rad) of it, what the directors make */
     double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
@@ -1850,6 +1890,8 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 /* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
  * has no length, has turned back on its neighbour, or turned over since the state: no energy there. */
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
+/* The same at other angles, tangents and directors of rod->shape as they are; frames (m1, m2): not only twists. */
+NDLI_API void ndli_rod_set_angles(const ndl_rod *rod, const double *theta, int frames);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
     double grip;                 /* J: of the surroundings' springs, with what slips since the state */
@@ -1863,6 +1905,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
+/* turn_gradient, matrix->turn and matrix->turn_before of these alone. */
+NDLI_API void ndli_rod_turn_derivatives(const ndl_rod *rod, int flags, double *turn_gradient, ndli_rod_matrix *matrix);
 /* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential,
  * which does not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain
  * rates w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with
@@ -1890,7 +1934,7 @@ NDLI_API void ndli_rod_bend_to(ndl_rod *rod, int i, double curvature1, double cu
 NDLI_API int ndli_rod_static_options_valid(const ndl_rod_static_options *options);
 /* Copies the state to what readings return. */
 NDLI_API void ndli_rod_publish(ndl_rod *rod);
-/* Copies of the state for undo, one deep: positions, motion, frames. */
+/* Copies of the state for undo, one deep: positions, motion, frames, what grips are wound by; not nodes and rests. */
 NDLI_API void ndli_rod_save(ndl_rod *rod);
 NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
@@ -1971,24 +2015,30 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
 
 /* ---- shape ---- */
 
+static void ndli_rod_set_frame(const ndl_rod *rod, int j, const double *theta)
+{
+    const ndli_rod_shape *shape = &rod->shape;
+    ndli_v3 d = shape->director[j], across = ndli_cross(shape->tangent[j], d);
+    double s, c;
+    sbi_dense_sin_cos(theta[j], &s, &c);
+    shape->lag[j] = theta[j] - rod->anchor[j];
+    shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
+    shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
+}
+
 static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const double *theta)
 {
     const ndli_rod_shape *shape = &rod->shape;
-    ndli_v3 e = ndli_sub(x[j + 1], x[j]), d, across;
-    double length = ndli_norm(e), s, c;
+    ndli_v3 e = ndli_sub(x[j + 1], x[j]);
+    double length = ndli_norm(e);
     if (!(length > 1e-3 * rod->rest_length[j]) || !ndli_is_finite(length))
         return 0;
     shape->length[j] = length;
     shape->tangent[j] = ndli_scale(1 / length, e);
     if (!(1 + ndli_dot(rod->tangent[j], shape->tangent[j]) > ndli_rod_least_chi))
         return 0;
-    d = ndli_rod_transport(rod->tangent[j], shape->tangent[j], rod->director[j]);
-    across = ndli_cross(shape->tangent[j], d);
-    sbi_dense_sin_cos(theta[j], &s, &c);
-    shape->director[j] = d;
-    shape->lag[j] = theta[j] - rod->anchor[j];
-    shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
-    shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
+    shape->director[j] = ndli_rod_transport(rod->tangent[j], shape->tangent[j], rod->director[j]);
+    ndli_rod_set_frame(rod, j, theta);
     return 1;
 }
 
@@ -1996,15 +2046,15 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
 {
     const ndli_rod_shape *shape = &rod->shape;
     ndli_v3 a = shape->tangent[i - 1], b = shape->tangent[i], carried;
-    double chi = 1 + ndli_dot(a, b), reference;
+    double chi = 1 + ndli_dot(a, b);
     if (!(chi > ndli_rod_least_chi))
         return 0;
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
-                                ndli_dot(carried, shape->director[i]));
-    shape->twist[i] = theta[i] - theta[i - 1] + reference;
+    shape->reference[i] = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
+                                          ndli_dot(carried, shape->director[i]));
+    shape->twist[i] = theta[i] - theta[i - 1] + shape->reference[i];
     return 1;
 }
 
@@ -2017,6 +2067,18 @@ NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const doub
         if (!ndli_rod_set_bend(rod, i, theta))
             return i;
     return -1;
+}
+
+NDLI_API void ndli_rod_set_angles(const ndl_rod *rod, const double *theta, int frames)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        if (frames)
+            ndli_rod_set_frame(rod, j, theta);
+        else
+            rod->shape.lag[j] = theta[j] - rod->anchor[j];
+    }
+    for (int i = 1; i < rod->node_count - 1; i++)
+        rod->shape.twist[i] = theta[i] - theta[i - 1] + rod->shape.reference[i];
 }
 
 /* ---- energy ---- */
@@ -2187,6 +2249,20 @@ static void ndli_rod_plain_bend(const ndl_rod *rod, int i, int flags, const ndli
         ndli_rod_add_curvature_hessian(bend, p, local);
 }
 
+/* Curvature w of node i in the frame of edge i - 1 + f, moment s against it and its stiffness, damping included. */
+static void ndli_rod_frame_moment(const ndl_rod *rod, int i, int f, double w[2], double s[2], double stiff[2])
+{
+    ndli_rod_material_curvature(rod, i, i - 1 + f, w);
+    for (int k = 0; k < 2; k++) {
+        stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
+        s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
+        if (rod->viscous_bend > 0) {
+            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
+            stiff[k] *= 1 + rod->viscous_bend;
+        }
+    }
+}
+
 /* Bending seen from the frame of edge i - 1 + f. Exact second derivatives have two more terms: of the frame's turning
  * with its edge, (kb p^T + p kb^T)/(2 l^2), and of the curvature in the angle. */
 static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, const ndli_rod_bend *bend, int wanted,
@@ -2196,15 +2272,7 @@ static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, con
     ndli_v3 m1 = rod->shape.m1[j], m2 = rod->shape.m2[j], p, mixed;
     double w[2], s[2], stiff[2];
     ndli_m3 q = ndli_m_zero();
-    ndli_rod_material_curvature(rod, i, j, w);
-    for (int k = 0; k < 2; k++) {
-        stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
-        s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
-        if (rod->viscous_bend > 0) {
-            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
-            stiff[k] *= 1 + rod->viscous_bend;
-        }
-    }
+    ndli_rod_frame_moment(rod, i, f, w, s, stiff);
     p = ndli_madd(ndli_scale(s[0], m2), -s[1], m1);
     for (int e = 0; e < 2; e++)
         local->edge[e] = ndli_add(local->edge[e], ndli_m_tapply(&bend->d[e], p));
@@ -2343,6 +2411,32 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
                 ndli_rod_frame_bend(rod, i, f, flags, &bend, matrix != NULL, &local);
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
+    }
+    if (rod->grips > 0)
+        ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
+}
+
+NDLI_API void ndli_rod_turn_derivatives(const ndl_rod *rod, int flags, double *turn_gradient, ndli_rod_matrix *matrix)
+{
+    size_t bytes = (size_t)rod->node_count * sizeof(double);
+    memset(turn_gradient, 0, bytes);
+    memset(matrix->turn, 0, bytes);
+    memset(matrix->turn_before, 0, bytes);
+    for (int i = 1; i < rod->node_count - 1; i++) {
+        double k = rod->torsion / rod->cell[i], moment = k * rod->shape.twist[i];
+        for (int f = 0; f < 2; f++) {
+            double gradient = 0, turns = 0, w[2], s[2], stiff[2];
+            if (!rod->plain) {
+                ndli_rod_frame_moment(rod, i, f, w, s, stiff);
+                gradient = s[0] * w[1] - s[1] * w[0];
+                turns = stiff[0] * w[1] * w[1] + stiff[1] * w[0] * w[0];
+                if (flags & NDLI_ROD_EXACT)
+                    turns -= s[0] * w[0] + s[1] * w[1];
+            }
+            turn_gradient[i - 1 + f] += gradient + (f ? moment : -moment);
+            matrix->turn[i - 1 + f] += turns + k;
+        }
+        matrix->turn_before[i] -= k;
     }
     if (rod->grips > 0)
         ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
@@ -2599,6 +2693,7 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
                            &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
+                        &rod->shape.reference,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
                         &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
                         &rod->grip_limit, &rod->anchor, &rod->shape.lag};
@@ -3342,7 +3437,7 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
 {
     ndli_rod_sums sums;
     double potential;
-    ndli_rod_set_shape(rod, rod->x, theta);
+    ndli_rod_set_angles(rod, theta, !rod->plain); /* the bending of a plain rod does not see its frames */
     sums = ndli_rod_shape_energy(rod);
     potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
     *noise = 4.5e-15 * potential + sums.turn_noise;
@@ -3375,7 +3470,7 @@ static double ndli_rod_turn_floor(const ndl_rod *rod, int j) { return 1e-9 * rod
 static int ndli_rod_turn_step(ndl_rod *rod, int flags)
 {
     int n = ndli_rod_edges(rod), any_held = ndli_rod_any_turn_held(rod);
-    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, &rod->matrix);
+    ndli_rod_turn_derivatives(rod, flags, rod->turn_gradient, &rod->matrix);
     for (int j = 0; j < n; j++) {
         int known = ndli_rod_turn_known(rod, j, any_held), before = j > 0 && !ndli_rod_turn_known(rod, j - 1, any_held);
         rod->band[2 * j] = !known && before ? rod->matrix.turn_before[j] : 0;
@@ -3401,9 +3496,11 @@ static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double bef
 NDLI_API void ndli_rod_relax(ndl_rod *rod)
 {
     size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise), before = 0;
+    double noise, potential, before = 0;
     /* at worst one more spring begins to slip in each */
     int most = 50 + 2 * rod->grips;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
     for (int iteration = 0; iteration < most; iteration++) {
         double size = 1, largest = 0, next = potential;
         if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
@@ -3425,7 +3522,7 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
             break;
         before = size * largest;
     }
-    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    ndli_rod_set_angles(rod, rod->theta, 1);
 }
 
 /* ---- potential of a step or solve, and its derivatives, in the shape that is tried ---- */
@@ -4201,7 +4298,8 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
         double grip = 0, limit = 0, torque = 0;
         for (int j = first; j < ndli_rod_edges(rod) && old_at[j] < at[k + 1]; j++) {
             double from = fmax(at[k], old_at[j]), to = fmin(at[k + 1], old_at[j + 1]);
-            double share = (to - from) / (old_at[j + 1] - old_at[j]), off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
+            double share = (to - from) / (old_at[j + 1] - old_at[j]);
+            double off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
             if (!(share > 0)) {
                 first = j; /* passed */
                 continue;
@@ -8255,7 +8353,7 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once fits again */
         return 0;
     for (int i = mesh->node_end; i < t->node_room; i++) {
         t->role[i] = NDLI_ROW_ABSENT;
@@ -8342,8 +8440,9 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 /* ---- rotations and forces: a batch of tets at a time ---- */
 
 /* Displacements of nodes 1..3 relative to node 0: of them, not of positions, so that rest is exact wherever it is. */
-static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*d)[NDLI_LANES])
+static void ndli_solid_gather(const ndl_tissue *t, int batch, sb_real (*d)[NDLI_LANES])
 {
+    const ndl_tissue_mesh *mesh = &t->mesh;
     for (int l = 0; l < NDLI_LANES; l++) {
         int tet = batch * NDLI_LANES + l;
         const int *n = mesh->tets + 4 * (size_t)tet;
@@ -8353,9 +8452,9 @@ static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*
                 d[k][l] = 0;
             continue;
         }
-        u0 = sb_v3_sub(mesh->x[n[0]], mesh->X[n[0]]);
+        u0 = t->way[n[0]];
         for (int a = 0; a < 3; a++) {
-            sb_vec3 u = sb_v3_sub(sb_v3_sub(mesh->x[n[a + 1]], mesh->X[n[a + 1]]), u0);
+            sb_vec3 u = sb_v3_sub(t->way[n[a + 1]], u0);
             d[3 * a][l] = u.x;
             d[3 * a + 1][l] = u.y;
             d[3 * a + 2][l] = u.z;
@@ -8398,20 +8497,18 @@ SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const 
     return 0.5 * sum;
 }
 
-/* 1 when the tet's rotation is further than the lazy angle from that of its stiffness: with e = q - (+-)q_old,
- * |R - R_old| = |e| sqrt(4 - |e|^2). */
-static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
-                                 int l)
+/* far = |R - R_old|^2 of each lane: with e = q - (+-)q_old, |R - R_old| = |e| sqrt(4 - |e|^2). */
+SBI_FORCE_INLINE void ndli_solid_measure_turns(const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
+                                               sb_real *far)
 {
-    sb_real dot = 0, square = 0, sign;
-    for (int k = 0; k < 4; k++)
-        dot += q[k][l] * old[k][l];
-    sign = dot < 0 ? (sb_real)-1 : (sb_real)1;
-    for (int k = 0; k < 4; k++) {
-        sb_real e = q[k][l] - sign * old[k][l];
-        square += e * e;
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_real dot = q[0][l] * old[0][l] + q[1][l] * old[1][l] + q[2][l] * old[2][l] + q[3][l] * old[3][l];
+        sb_real sign = dot < 0 ? (sb_real)-1 : (sb_real)1, square;
+        sb_real e0 = q[0][l] - sign * old[0][l], e1 = q[1][l] - sign * old[1][l];
+        sb_real e2 = q[2][l] - sign * old[2][l], e3 = q[3][l] - sign * old[3][l];
+        square = e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3;
+        far[l] = square * (4 - square);
     }
-    return square * (4 - square) > t->lazy_angle * t->lazy_angle;
 }
 
 NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
@@ -8445,11 +8542,11 @@ static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LA
 {
     sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
     int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
+    sb_real far[NDLI_LANES], limit = t->lazy_angle * t->lazy_angle;
+    ndli_solid_measure_turns(q, (const sb_real(*)[NDLI_LANES])old, far);
     for (int l = 0; l < count; l++) {
         int tet = batch * NDLI_LANES + l;
-        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
-                                         (t->stale_tet[tet] ||
-                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        t->turned[tet] = (t->stale_tet[tet] | (far[l] > limit)) && t->mesh.tets[4 * (size_t)tet] >= 0;
         if (!t->turned[tet])
             continue;
         any = 1;
@@ -8467,7 +8564,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
     sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
     sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
-    ndli_solid_gather(&t->mesh, batch, d);
+    ndli_solid_gather(t, batch, d);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             for (int l = 0; l < NDLI_LANES; l++)
@@ -8511,6 +8608,8 @@ static void ndli_solid_sum_task(void *user, int chunk)
 NDLI_API void ndli_solid_forces(ndl_tissue *t)
 {
     int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
+    for (int i = 0; i < t->mesh.node_end; i++) /* displacements, until the right-hand side needs the place */
+        t->way[i] = sb_v3_sub(t->mesh.x[i], t->mesh.X[i]);
     sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
     sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
     t->elastic = 0;
@@ -8926,38 +9025,79 @@ static void ndli_coarse_measure(ndl_tissue *t)
     }
 }
 
-/* w = M_i^T B M_j with M = (I, -[arm]): what the block B of the nodes i, j adds to their aggregates' block. */
-static void ndli_coarse_project(const sb_real *block, sb_real factor, sb_vec3 arm_i, sb_vec3 arm_j, double w[6][6])
+/* s += B M_j with M = (I, -[arm]). */
+SBI_FORCE_INLINE void ndli_coarse_gather(const sb_real *block, sb_real factor, sb_vec3 arm_j, double s[3][6])
 {
     for (int r = 0; r < 3; r++) {
         sb_vec3 row = sb_v3(factor * block[3 * r], factor * block[3 * r + 1], factor * block[3 * r + 2]);
         sb_vec3 turn = sb_v3_cross(arm_j, row);
-        w[r][0] = (double)row.x, w[r][1] = (double)row.y, w[r][2] = (double)row.z;
-        w[r][3] = (double)turn.x, w[r][4] = (double)turn.y, w[r][5] = (double)turn.z;
-    }
-    for (int c = 0; c < 6; c++) {
-        w[3][c] = (double)arm_i.y * w[2][c] - (double)arm_i.z * w[1][c];
-        w[4][c] = (double)arm_i.z * w[0][c] - (double)arm_i.x * w[2][c];
-        w[5][c] = (double)arm_i.x * w[1][c] - (double)arm_i.y * w[0][c];
+        s[r][0] += (double)row.x, s[r][1] += (double)row.y, s[r][2] += (double)row.z;
+        s[r][3] += (double)turn.x, s[r][4] += (double)turn.y, s[r][5] += (double)turn.z;
     }
 }
 
-/* Adds w to block (I, J) of the lower half, and w^T to (J, I): of that what lies in the lower half. */
+/* w = M_i^T s: what blocks B of node i add to a block of aggregates, s being the sum of their B M_j. */
+SBI_FORCE_INLINE void ndli_coarse_project(const double s[3][6], sb_vec3 arm_i, double w[6][6])
+{
+    double x = (double)arm_i.x, y = (double)arm_i.y, z = (double)arm_i.z;
+    for (int c = 0; c < 6; c++) {
+        w[0][c] = s[0][c];
+        w[1][c] = s[1][c];
+        w[2][c] = s[2][c];
+        w[3][c] = y * s[2][c] - z * s[1][c];
+        w[4][c] = z * s[0][c] - x * s[2][c];
+        w[5][c] = x * s[1][c] - y * s[0][c];
+    }
+}
+
+/* Adds w to block (I, J) of the lower half, or w^T to (J, I); on the diagonal w, or w + w^T, in the lower half. */
 static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const double w[6][6], int twice)
 {
     size_t stride = (size_t)coarse->width + 1;
-    for (int r = 0; r < 6; r++)
-        for (int c = 0; c < 6; c++) {
-            int row = 6 * I + r, column = 6 * J + c;
-            if (I > J) {
-                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] += w[r][c];
-            } else if (I < J) {
-                coarse->factor[(size_t)column * stride + (size_t)(row - column + coarse->width)] += w[r][c];
-            } else if (c <= r) {
-                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] +=
-                    twice ? w[r][c] + w[c][r] : w[r][c];
-            }
+    double *corner = coarse->factor + (size_t)(6 * sbi_max_int(I, J)) * stride +
+                     (size_t)(coarse->width - 6 * (I > J ? I - J : J - I));
+    for (int r = 0; r < 6; r++) {
+        double *to = corner + (size_t)r * (stride - 1); /* row r of the block */
+        if (I > J)
+            for (int c = 0; c < 6; c++)
+                to[c] += w[r][c];
+        else if (I < J)
+            for (int c = 0; c < 6; c++)
+                to[c] += w[c][r];
+        else
+            for (int c = 0; c <= r; c++)
+                to[c] += twice ? w[r][c] + w[c][r] : w[r][c];
+    }
+}
+
+/* Blocks (i, i) and (i, j), i < j; those of one aggregate together. */
+static void ndli_coarse_add_row(ndl_tissue *t, int i)
+{
+    int I = t->aggregate[i], end = t->row_start[i] + t->row_count[i];
+    double own[3][6] = {{0}}, s[3][6] = {{0}}, w[6][6];
+    sb_real block[9];
+    for (int c = 0; c < 9; c++)
+        block[c] = t->scheme.stiffness * t->diagonal[i][c];
+    for (int c = 0; c < 9; c += 4)
+        block[c] += t->scheme.mass * t->mesh.mass[i];
+    ndli_coarse_gather(block, 1, t->arm[i], s);
+    ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
+    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 0);
+    for (int k = t->row_start[i]; k < end; k++) {
+        int j = t->columns[k], J = t->aggregate[j];
+        if (j < i || t->role[j] != NDLI_ROW_FREE)
+            continue;
+        if (J == I) {
+            ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], own);
+            continue;
         }
+        memset(s, 0, sizeof s);
+        ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], s);
+        ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
+        ndli_coarse_add(&t->coarse, I, J, (const double(*)[6])w, 0);
+    }
+    ndli_coarse_project((const double(*)[6])own, t->arm[i], w);
+    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 1);
 }
 
 /* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
@@ -8965,30 +9105,27 @@ static void ndli_coarse_assemble(ndl_tissue *t)
 {
     ndli_solid_coarse *coarse = &t->coarse;
     int reach = 0;
-    double w[6][6];
     for (int i = 0; i < t->mesh.node_end; i++)
         for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
             reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
     coarse->width = 6 * reach + 5;
     memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_real block[9];
-        if (t->role[i] != NDLI_ROW_FREE)
-            continue;
-        for (int c = 0; c < 9; c++)
-            block[c] = t->scheme.stiffness * t->diagonal[i][c];
-        for (int c = 0; c < 9; c += 4)
-            block[c] += t->scheme.mass * t->mesh.mass[i];
-        ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
-        ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
-        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
-            int j = t->columns[k];
-            if (j < i || t->role[j] != NDLI_ROW_FREE)
-                continue;
-            ndli_coarse_project(t->blocks[k], t->scheme.stiffness, t->arm[i], t->arm[j], w);
-            ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[j], (const double(*)[6])w, 1);
-        }
-    }
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] == NDLI_ROW_FREE)
+            ndli_coarse_add_row(t, i);
+}
+
+/* Sum of a_k b_k, in eight parts: compilers make vectors of them, and all the same bits. */
+SBI_FORCE_INLINE double ndli_coarse_dot(const double *a, const double *b, int count)
+{
+    double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    int k = 0;
+    for (; k + 8 <= count; k += 8)
+        for (int c = 0; c < 8; c++)
+            s[c] += a[k + c] * b[k + c];
+    for (int c = 0; k < count; k++, c++)
+        s[c] += a[k] * b[k];
+    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
 }
 
 /* A = L D L^T by rows of the band, 1/D on the diagonal; 0: not positive definite. A mode that nothing resists (all its
@@ -9011,16 +9148,7 @@ static int ndli_coarse_factor(ndli_solid_coarse *coarse)
         for (int j = first; j < i; j++) {
             const double *other = coarse->factor + (size_t)j * stride + width - j;
             int k = sbi_max_int(first, j - width);
-            double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-            for (; k + 4 <= j; k += 4) {
-                s0 += row[k] * other[k];
-                s1 += row[k + 1] * other[k + 1];
-                s2 += row[k + 2] * other[k + 2];
-                s3 += row[k + 3] * other[k + 3];
-            }
-            for (; k < j; k++)
-                s0 += row[k] * other[k];
-            row[j] -= (s0 + s1) + (s2 + s3);
+            row[j] -= ndli_coarse_dot(row + k, other + k, j - k);
         }
         for (int j = first; j < i; j++) {
             double scaled = row[j] * coarse->factor[(size_t)j * stride + (size_t)width];
@@ -9040,24 +9168,19 @@ static void ndli_coarse_solve(const ndli_solid_coarse *coarse, double *b)
     size_t stride = (size_t)width + 1;
     for (int i = 0; i < n; i++) {
         const double *row = coarse->factor + (size_t)i * stride + width - i;
-        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-        int j = sbi_max_int(0, i - width);
-        for (; j + 4 <= i; j += 4) {
-            s0 += row[j] * b[j];
-            s1 += row[j + 1] * b[j + 1];
-            s2 += row[j + 2] * b[j + 2];
-            s3 += row[j + 3] * b[j + 3];
-        }
-        for (; j < i; j++)
-            s0 += row[j] * b[j];
-        b[i] -= (s0 + s1) + (s2 + s3);
+        int first = sbi_max_int(0, i - width);
+        b[i] -= ndli_coarse_dot(row + first, b + first, i - first);
     }
     for (int i = 0; i < n; i++)
         b[i] *= coarse->factor[(size_t)i * stride + (size_t)width];
     for (int i = n - 1; i > 0; i--) {
         const double *SB_RESTRICT row = coarse->factor + (size_t)i * stride + width - i;
         double known = b[i];
-        for (int j = sbi_max_int(0, i - width); j < i; j++)
+        int j = sbi_max_int(0, i - width);
+        for (; j + 8 <= i; j += 8)
+            for (int c = 0; c < 8; c++)
+                b[j + c] -= row[j + c] * known;
+        for (; j < i; j++)
             b[j] -= row[j] * known;
     }
 }
@@ -10197,7 +10320,7 @@ static void ndli_state_join(ndl_tissue *t, int tets, int differs)
     int whole = t->broken;
     for (int e = 0; e < tets; e++) {
         int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
-        if (is && t->turned[e] == NDLI_STATE_NEW)
+        if (is && (t->turned[e] & NDLI_STATE_NEW))
             ndli_solid_measure(t, e);
         else if (e >= mesh->tet_end)
             ndli_state_forget_tet(t, e);
@@ -12727,6 +12850,10 @@ NDLI_API void ndli_line_read(ndli_line *line)
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
         int coupled = ndli_line_is_coupled(line, i);
+        if (coupled && ndli_line_is_slipping(line, i)) { /* its friction is known better than the rows' residual */
+            double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * line->unknown[i][3];
+            balance = ndli_madd(balance, along - ndli_dot(line->tangent[i], balance), line->tangent[i]);
+        }
         line->move[i] = ndli_madd(line->known[i], line->kappa, line->motion[i]);
         line->slip[i] = coupled ? line->kappa * line->unknown[i][3] : 0;
         line->contact[i] = coupled ? balance : none;
@@ -13166,7 +13293,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = rod->node_count - 1;
-    double before[5], here[5];
+    double before[5] = {0, 0, 0, 0, 0}, here[5];
     line->cutting = 0;
     for (int i = line->first; i <= last; i++) {
         int tip = needle->path[i - line->first];
@@ -13723,6 +13850,14 @@ static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *cou
     info->residual = sb_max(info->residual, couple->residual);
 }
 
+static int ndli_step_max_trials(const ndli_stepping *s)
+{
+    int most = 1;
+    for (int k = 0; k < s->count; k++)
+        most = sbi_max_int(most, s->needles[k]->max_trials);
+    return most;
+}
+
 /* The tissue's accelerations and the rods' motion; nothing has moved yet. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
@@ -13735,7 +13870,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, ndli_step_max_trials(s), &couple, s->error);
     s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
     if (result == SB_OK) {
         ndli_step_note_solve(s->info, &couple);
@@ -13831,7 +13966,7 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
 
 /* ---- a step ---- */
 
-enum { NDLI_MOST_SUBSTEPS = 1000 };
+static const double ndli_step_most_substeps = 1000;
 
 /* How far a command takes a needle in the length of half an edge, and in half a radian. */
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
@@ -13881,7 +14016,7 @@ static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *ne
         stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
         most = stride > most ? stride : most;
     }
-    if (!(most < NDLI_MOST_SUBSTEPS))
+    if (!(most < ndli_step_most_substeps))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
                         (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;

@@ -168,6 +168,49 @@ static void test_arcs(void)
     ndl_rod_destroy(rod);
 }
 
+/* The same for a wire that comes out of its clamp straight and is then bent by its rest curvature alone. */
+static void test_curvature(void)
+{
+    unsigned long long seed = 6;
+    enum { COUNT = 31 };
+    double radius = 0.12, h = 0.15 / (COUNT - 1), s[COUNT];
+    sb_vec3 nodes[COUNT];
+    sb_real bends[2 * COUNT], curvature[2];
+    ndl_rod_def def = ndl_default_rod_def();
+    ndl_rod *rod;
+    for (int i = 0; i < COUNT; i++) {
+        nodes[i] = sb_v3(REAL(h * i), 0, 0);
+        bends[2 * i] = REAL(1 / radius);
+        bends[2 * i + 1] = REAL(-0.5 / radius);
+    }
+    def.nodes = nodes;
+    def.node_count = COUNT;
+    def.director = sb_v3(0, 1, 0);
+    def.rest = NDL_REST_CURVATURE;
+    def.rest_curvature = bends;
+    rod = make_rod(&def);
+    CHECK_OK(ndl_rod_solve_static(rod, NULL, NULL));
+    for (int round = 0; round < 50; round++) {
+        int n = ndl_rod_node_count(rod), cells = n - 2;
+        random_stations(s, COUNT, 1, 1 + cells, &seed);
+        memcpy(nodes, ndl_rod_positions(rod), sizeof nodes);
+        for (int i = 2; i < n - 1; i++) { /* on the edges between the old nodes */
+            int k = (int)s[i];
+            double f = s[i] - k;
+            sb_vec3 a = ndl_rod_positions(rod)[k], b = ndl_rod_positions(rod)[k + 1 < n ? k + 1 : k];
+            nodes[i] = sb_v3_add(sb_v3_scale(REAL(1 - f), a), sb_v3_scale(REAL(f), b));
+        }
+        CHECK_OK(ndl_rod_reparameterise(rod, nodes, n, NULL));
+        CHECK_OK(ndl_rod_solve_static(rod, NULL, NULL));
+        for (int i = 1; i < n - 1; i++) {
+            ndl_rod_curvature(rod, i, curvature);
+            CHECK_NEAR((double)curvature[0] * radius, 1, 2e-3);
+            CHECK_NEAR((double)curvature[1] * radius, -0.5, 2e-3);
+        }
+    }
+    ndl_rod_destroy(rod);
+}
+
 /* Curve, rest curvature and stretch that change along the rod. */
 static sb_vec3 on_curve(double s) { return sb_v3(REAL(s), REAL(0.05 * sin(12 * s)), REAL(3 * s * s * s)); }
 
@@ -373,6 +416,7 @@ static void test_scales(void)
 
 CHECK_SUITE(rod_reshape, {"its own nodes change nothing", test_identity},
             {"arcs keep radius, rest curvature and length", test_arcs},
+            {"a rest curvature out of a clamp", test_curvature},
             {"errors fall with the edges", test_convergence},
             {"momentum, and what was uniform", test_motion},
             {"lengths stay above 0", test_monotone},

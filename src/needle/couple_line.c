@@ -383,6 +383,10 @@ NDLI_API void ndli_line_read(ndli_line *line)
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
         int coupled = ndli_line_is_coupled(line, i);
+        if (coupled && ndli_line_is_slipping(line, i)) { /* its friction is known better than the rows' residual */
+            double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * line->unknown[i][3];
+            balance = ndli_madd(balance, along - ndli_dot(line->tangent[i], balance), line->tangent[i]);
+        }
         line->move[i] = ndli_madd(line->known[i], line->kappa, line->motion[i]);
         line->slip[i] = coupled ? line->kappa * line->unknown[i][3] : 0;
         line->contact[i] = coupled ? balance : none;

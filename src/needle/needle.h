@@ -68,7 +68,8 @@ typedef struct ndl_needle_def {
     int membrane_count;
     ndl_cutting cutting;    /* default NULL: by the tables */
     void *cutting_user;
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. The largest of
+                             * all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -108,7 +109,10 @@ typedef struct ndl_step_info {
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;        /* of the remesher */
     sb_real worst_quality; /* of tets about the tips; 1: none */
-    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, or no memory was to be had */
+    int blocked;           /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
+                            * follow it (no operation left sound tets, no memory); then it tries again later */
+    int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
+                            * else could be computed */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
     double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
@@ -150,7 +154,7 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
 NDL_API sb_real ndl_needle_advance(const ndl_needle *needle);
-/* Force (N) that would let the tip go forward now. */
+/* Force (N) that would let the tip go forward now; SB_REAL_MAX while it is held. */
 NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle);
 /* Material point (m) of the tip; 0 when the needle is outside, else 1. */
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);

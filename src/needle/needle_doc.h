@@ -17,57 +17,76 @@
  *
  * WHAT IT DOES NOT DO
  *
- * In this version: needles alone (rods), tissue that moves and whose mesh follows a needle's tip, and steering plans; not
- * yet needles that feel the tissue.
+ * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
+ * side of the tissue is stopped there.
  *
  * A FIRST PROGRAM
  *
- * A brachytherapy stylet, clamped in a hand piece, sags under its weight and a push at its tip; then its hand piece is
- * turned and moved, and the force that a hand feels is read:
+ * A bevelled nitinol needle is pushed 4 cm into a block of gel, turned by half a turn on its way, and drawn out again;
+ * the force that a hand feels is printed:
  *
  *     ```c
  *     #define SB_IMPLEMENTATION
  *     #define NDL_IMPLEMENTATION
  *     #include "needle.h"
+ *     #include <math.h>
  *     #include <stdio.h>
+ *     #include <stdlib.h>
+ *
+ *     static void require(sb_result result, const sb_error *error)
+ *     {
+ *         if (result == SB_OK)
+ *             return;
+ *         fprintf(stderr, "%s\n", error->message);
+ *         exit(1);
+ *     }
  *
  *     int main(void)
  *     {
- *         sb_vec3 nodes[21];
- *         for (int i = 0; i < 21; i++)
- *             nodes[i] = sb_v3(0.01 * i, 0, 0);                       // 20 cm, base first
- *
- *         ndl_rod_def def = ndl_default_rod_def();                    // a straight 18 G stylet, clamped at its base
- *         def.nodes = nodes;
- *         def.node_count = 21;
- *         def.gravity = sb_v3(0, 0, -9.81);
- *         ndl_rod *rod = NULL;
  *         sb_error error;
- *         if (ndl_rod_create(&def, &rod, &error) != SB_OK) {
- *             fprintf(stderr, "%s\n", error.message);
- *             return 1;
- *         }
+ *         sb_mesh mesh;                                                 // a block of 6 x 6 x 6 cm, corner at 0
+ *         require(sb_mesh_beam(SB_TET4, 10, 10, 10, sb_v3(0.06, 0.06, 0.06), NULL, &mesh, &error), &error);
  *
- *         sb_vec3 tip, force, torque;
- *         ndl_rod_info info;
- *         ndl_rod_set_force(rod, 20, sb_v3(0, 0.2, 0));               // N
- *         if (ndl_rod_solve_static(rod, NULL, &info) != SB_OK)
- *             return 1;
- *         ndl_rod_tip(rod, &tip, NULL);
- *         printf("the tip is pushed by %.2f mm and sags by %.2f mm\n", 1e3 * tip.y, -1e3 * tip.z);
+ *         ndl_tissue_material gel = {50e3, 0.45, 1000};                 // Young's modulus, Poisson's ratio, density
+ *         ndl_tissue_def td = ndl_default_tissue_def();
+ *         td.mesh = &mesh, td.materials = &gel, td.material_count = 1;
+ *         ndl_tissue *tissue = NULL;
+ *         require(ndl_tissue_create(&td, &tissue, &error), &error);
+ *         for (int i = 0; i < mesh.node_count; i++)
+ *             if (mesh.nodes[i].z < 1e-6)                               // it stands on a table
+ *                 ndl_tissue_fix(tissue, i);
  *
- *         for (int frame = 1; frame <= 60; frame++) {
- *             sb_vec3 base = sb_v3(0.0005 * frame, 0, 0);             // the hand piece goes forward and turns
- *             sb_real sine, cosine;
- *             sb_sin_cos(0.02 * frame, &sine, &cosine);
- *             ndl_rod_hold_base(rod, base, sb_v3(1, 0, 0), sb_v3(0, cosine, sine), NULL, NULL);
- *             if (ndl_rod_step(rod, 1.0 / 60, &info) != SB_OK)
- *                 fprintf(stderr, "%s\n", info.error.message);        // the step was undone; go on
- *             ndl_rod_base_wrench(rod, &force, &torque);              // what the hand exerts on the needle
+ *         ndl_friction friction = {20, 0, 0.5, 0, 0};                   // 20 N/m along the shaft, 0.5 N to cut
+ *         ndl_needle_def nd = ndl_default_needle_def();
+ *         nd.tissue = tissue;
+ *         nd.base = sb_v3(0.031, 0.029, 0.12), nd.direction = sb_v3(0, 0, -1); // 6 cm above, looking down
+ *         nd.length = 0.058;                                            // tip 2 mm above the skin
+ *         nd.frictions = &friction, nd.friction_count = 1;
+ *         nd.bevel.curvature = 8;                                       // bends with a radius of 12.5 cm
+ *         ndl_rod_section_preset(NDL_NITINOL_083, &nd.section);
+ *         ndl_needle *needle = NULL;
+ *         require(ndl_needle_create(&nd, &needle, &error), &error);
+ *
+ *         sb_vec3 force;
+ *         for (int frame = 0; frame < 280; frame++) {                   // 50 per second
+ *             ndl_command command = {0};
+ *             ndl_step_info info;
+ *             command.insertion = frame < 180 ? 0.0125 : -0.025;        // m/s
+ *             command.twist = frame >= 90 && frame < 100 ? 3.14159265 / 0.2 : 0; // rad/s
+ *             require(ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error), &error);
+ *             ndl_needle_base_wrench(needle, &force, NULL);             // what the hand exerts
+ *             if (frame % 40 == 0) {
+ *                 sb_vec3 tip = ndl_needle_tip(needle).position;
+ *                 printf("tip %.1f %.1f %.1f mm, depth %.1f mm, hand %.2f N\n", 1e3 * tip.x, 1e3 * tip.y, 1e3 * tip.z,
+ *                        1e3 * ndl_needle_depth(needle), -force.z);
+ *             }
  *         }
- *         printf("the hand holds %.4f N and %.5f N m\n", force.z, torque.y);
- *         ndl_rod_destroy(rod);
- *         return 0;
+ *         int out = ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(tissue));
+ *         printf("the mesh is %s\n", out ? "as it was" : "changed");
+ *         ndl_needle_destroy(needle);                                   // before its tissue
+ *         ndl_tissue_destroy(tissue);
+ *         sb_mesh_free(&mesh);
+ *         return out ? 0 : 1;
  *     }
  *     ```
  *
@@ -75,11 +94,29 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * ndl_rod      an elastic rod: a chain of nodes, base first, that stretches, bends and twists. Supports (ndl_rod_hold,
- *              ndl_rod_turn, ndl_rod_hold_base) and loads stay until changed; ndl_rod_step moves it,
- *              ndl_rod_solve_static finds its equilibrium. Straight or pre-bent at rest.
- * frames       each edge has a material frame (m1, m2, t), t along it. A bevel is a direction in the frame of the last
- *              edge: with a free tip it turns with the base.
+ * ndl_tissue   corotated linear tets that move and whose mesh may change: materials by region, supports
+ *              (ndl_tissue_fix, _prescribe), forces, gravity. ndl_tissue_step moves it without needles.
+ * ndl_needle   a needle at one tissue, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
+ *              cuts. ndl_step moves a tissue and all its needles together: one linear system, solved again with other
+ *              states of friction where a node sticks that should slip, or the other way.
+ * contact      each node of a needle that is in tissue lies on a node of its mesh; along the needle it sticks or slips
+ *              (ndl_contact). Friction is a force per length of shaft by region, cutting a force at the tip; membranes
+ *              are faces between regions that take more force to puncture. What a hand feels: ndl_needle_base_wrench.
+ * bevel        puts the tip's cut aside, so that the needle bends: by a curvature (ndl_bevel, circles of that curvature
+ *              in tissue that does not give way; softer tissue gives less) or by an angle, as in the thesis. The side
+ *              turns with the base, later where tissue holds the shaft (twist_stiffness, twist_friction).
+ * remeshing    the mesh follows the tip by moving nodes and splitting tets, and is as it was when the needle is out.
+ *              Inside ndl_step; ndl_remesh is there for other uses of the same.
+ * steering     ndl_plan finds a helix to a target past obstacles, ndl_steer follows it step by step from sensed tips,
+ *              ndl_push moves tissue so that a target comes onto a straight needle's way. They need poses only.
+ * ndl_rod      the elastic rod by itself: a chain of nodes, base first, that stretches, bends and twists; straight or
+ *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed; ndl_rod_step
+ *              moves it, ndl_rod_solve_static finds its equilibrium.
+ * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
+ * state        ndl_tissue_save, ndl_remesh_save, ndl_rod_save and their loads, to the last bit.
+ *
+ * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
+ * beyond its slack asks for more.
  *
  * LICENCE
  *

@@ -144,6 +144,35 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
     return table + ndli_resist_membranes(needle, X);
 }
 
+/* A tip that comes near the skin from inside is stopped: nothing can follow it out, and tets ahead of it get flat. */
+static int ndli_resist_is_at_skin(const ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    int last = needle->rod->node_count - 1 - needle->line.first, tip;
+    sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
+    sb_vec3 way;
+    if (last < 1)
+        return 0;
+    tip = needle->path[last];
+    way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[last - 1]]);
+    return ndl_tissue_mesh_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
+                                mesh->node_star[tip] / 4, NULL) < 0;
+}
+
+/* What the tip has to cut, or what nothing can overcome. */
+static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
+{
+    ndli_line *line = &needle->line;
+    int last = needle->rod->node_count - 1;
+    line->cutting = ndli_resist_cutting(needle, tip, table);
+    if (needle->hold_steps == 0 && !ndli_resist_is_at_skin(needle))
+        return;
+    needle->blocked = 1;
+    line->cutting = (double)SB_REAL_MAX;
+    if (line->state[last] == NDL_DYNAMIC_FORWARD)
+        line->state[last] = NDL_STATIC;
+}
+
 /* ---- all of it ---- */
 
 NDLI_API void ndli_needle_resist(ndl_needle *needle)
@@ -151,7 +180,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = rod->node_count - 1;
-    double before[5], here[5];
+    double before[5] = {0, 0, 0, 0, 0}, here[5];
     line->cutting = 0;
     for (int i = line->first; i <= last; i++) {
         int tip = needle->path[i - line->first];
@@ -161,7 +190,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
         line->friction[i] = 0.5 * (behind + ahead) * here[0];
         line->viscous[i] = 0.5 * (behind + ahead) * here[1];
         if (i == last)
-            line->cutting = ndli_resist_cutting(needle, tip, here[2]);
+            ndli_resist_tip(needle, tip, here[2]);
         if (i > line->first)
             ndl_rod_set_grip(rod, i - 1, (sb_real)(0.5 * behind * (before[3] + here[3])),
                              (sb_real)(0.5 * behind * (before[4] + here[4])));

@@ -39,6 +39,7 @@ struct ndl_needle {
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int blocked, limited; /* in the present step */
+    int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
 
     /* holds nothing between calls */
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */

@@ -212,12 +212,16 @@ static void ndli_step_turn_heading_back(ndl_needle *needle)
         ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
-/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
+enum { NDLI_HOLD_STEPS = 8 };
+
+/* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
+ * it; a collision with another needle is the step's failure. */
 static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
         return SB_OK;
     needle->blocked = 1;
+    needle->hold_steps = NDLI_HOLD_STEPS;
     if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
         return SB_OK;
     if (error)
@@ -257,7 +261,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
-        needle->blocked = 1;
+        result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
     return ndli_step_judge(needle, result, &own, error);
 }
 
@@ -304,6 +308,14 @@ static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *cou
     info->residual = sb_max(info->residual, couple->residual);
 }
 
+static int ndli_step_max_trials(const ndli_stepping *s)
+{
+    int most = 1;
+    for (int k = 0; k < s->count; k++)
+        most = sbi_max_int(most, s->needles[k]->max_trials);
+    return most;
+}
+
 /* The tissue's accelerations and the rods' motion; nothing has moved yet. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
@@ -316,7 +328,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, ndli_step_max_trials(s), &couple, s->error);
     s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
     if (result == SB_OK) {
         ndli_step_note_solve(s->info, &couple);
@@ -390,6 +402,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
             return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
+        needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
     s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
     return SB_OK;
@@ -412,7 +425,10 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
 
 /* ---- a step ---- */
 
-enum { NDLI_MOST_SUBSTEPS = 1000 };
+/* A step too long for linear equations, which fold a rod, is taken again in pieces down to this part. */
+enum { NDLI_FINEST = 64 };
+
+static const double ndli_step_most_substeps = 1000;
 
 /* How far a command takes a needle in the length of half an edge, and in half a radian. */
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
@@ -462,7 +478,7 @@ static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *ne
         stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
         most = stride > most ? stride : most;
     }
-    if (!(most < NDLI_MOST_SUBSTEPS))
+    if (!(most < ndli_step_most_substeps))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
                         (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;
@@ -480,6 +496,37 @@ static void ndli_step_count_states(const ndli_stepping *s)
         s->info->blocked += needle->blocked;
         s->info->limited += needle->limited;
     }
+}
+
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. */
+static int ndli_step_tear_out(const ndli_stepping *s)
+{
+    int torn = 0;
+    for (int k = 0; k < s->count; k++) {
+        ndl_needle *needle = s->needles[k];
+        if (needle->line.first == needle->rod->node_count ||
+            !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+            continue;
+        ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
+        if (ndli_needle_renew_nodes(needle) >= 0)
+            return 0;
+        torn++;
+    }
+    return torn;
+}
+
+static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    s->info->substeps = substeps;
+    for (int i = 0; i < substeps && result == SB_OK; i++)
+        result = ndli_step_substep(s, dt / substeps, substeps - i);
+    if (result != SB_OK)
+        ndli_needle_undo(s->tissue);
+    return result;
 }
 
 NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
@@ -500,22 +547,23 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     s.commands = commands;
     s.count = count;
     s.error = error;
-    s.info->consistent = 1;
-    s.info->worst_quality = 1;
-    s.info->substeps = substeps;
     begin = ndli_step_now(tissue);
-    if (!ndli_needle_keep(tissue))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     for (int k = 0; k < count; k++) {
         s.lines[k] = &needles[k]->line;
         needles[k]->blocked = needles[k]->limited = 0;
     }
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
-    if (result != SB_OK)
-        ndli_needle_undo(tissue);
+    if (!ndli_needle_keep(tissue))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(&s, (double)dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(&s, (double)dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(&s);
+        result = ndli_step_run(&s, (double)dt, substeps);
+        s.info->torn = result == SB_OK ? torn : 0;
+    }
     for (int k = 0; k < count; k++) {
-        needles[k]->base_given = 0;
+        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
         ndli_rod_publish(needles[k]->rod);
     }
     ndli_step_count_states(&s);

@@ -150,6 +150,7 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
                            &rod->old_binormal};
     double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
                         &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
+                        &rod->shape.reference,
                         &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
                         &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
                         &rod->grip_limit, &rod->anchor, &rod->shape.lag};

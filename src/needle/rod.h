@@ -114,8 +114,9 @@ NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real ben
 /* What surrounds an edge holds it against turning about its tangent: a torsion spring of this stiffness (N m/rad, >= 0;
  * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
  * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
- * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per length
- * give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares follow. */
+ * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per
+ * length give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares
+ * follow. */
 NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
 
 /* ---- motion ---- */

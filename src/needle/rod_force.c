@@ -35,24 +35,30 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t)
 
 /* ---- shape ---- */
 
+static void ndli_rod_set_frame(const ndl_rod *rod, int j, const double *theta)
+{
+    const ndli_rod_shape *shape = &rod->shape;
+    ndli_v3 d = shape->director[j], across = ndli_cross(shape->tangent[j], d);
+    double s, c;
+    sbi_dense_sin_cos(theta[j], &s, &c);
+    shape->lag[j] = theta[j] - rod->anchor[j];
+    shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
+    shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
+}
+
 static int ndli_rod_set_edge(const ndl_rod *rod, int j, const ndli_v3 *x, const double *theta)
 {
     const ndli_rod_shape *shape = &rod->shape;
-    ndli_v3 e = ndli_sub(x[j + 1], x[j]), d, across;
-    double length = ndli_norm(e), s, c;
+    ndli_v3 e = ndli_sub(x[j + 1], x[j]);
+    double length = ndli_norm(e);
     if (!(length > 1e-3 * rod->rest_length[j]) || !ndli_is_finite(length))
         return 0;
     shape->length[j] = length;
     shape->tangent[j] = ndli_scale(1 / length, e);
     if (!(1 + ndli_dot(rod->tangent[j], shape->tangent[j]) > ndli_rod_least_chi))
         return 0;
-    d = ndli_rod_transport(rod->tangent[j], shape->tangent[j], rod->director[j]);
-    across = ndli_cross(shape->tangent[j], d);
-    sbi_dense_sin_cos(theta[j], &s, &c);
-    shape->director[j] = d;
-    shape->lag[j] = theta[j] - rod->anchor[j];
-    shape->m1[j] = ndli_madd(ndli_scale(c, d), s, across);
-    shape->m2[j] = ndli_madd(ndli_scale(-s, d), c, across);
+    shape->director[j] = ndli_rod_transport(rod->tangent[j], shape->tangent[j], rod->director[j]);
+    ndli_rod_set_frame(rod, j, theta);
     return 1;
 }
 
@@ -60,15 +66,15 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
 {
     const ndli_rod_shape *shape = &rod->shape;
     ndli_v3 a = shape->tangent[i - 1], b = shape->tangent[i], carried;
-    double chi = 1 + ndli_dot(a, b), reference;
+    double chi = 1 + ndli_dot(a, b);
     if (!(chi > ndli_rod_least_chi))
         return 0;
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    reference = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
-                                ndli_dot(carried, shape->director[i]));
-    shape->twist[i] = theta[i] - theta[i - 1] + reference;
+    shape->reference[i] = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
+                                          ndli_dot(carried, shape->director[i]));
+    shape->twist[i] = theta[i] - theta[i - 1] + shape->reference[i];
     return 1;
 }
 
@@ -81,6 +87,18 @@ NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const doub
         if (!ndli_rod_set_bend(rod, i, theta))
             return i;
     return -1;
+}
+
+NDLI_API void ndli_rod_set_angles(const ndl_rod *rod, const double *theta, int frames)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        if (frames)
+            ndli_rod_set_frame(rod, j, theta);
+        else
+            rod->shape.lag[j] = theta[j] - rod->anchor[j];
+    }
+    for (int i = 1; i < rod->node_count - 1; i++)
+        rod->shape.twist[i] = theta[i] - theta[i - 1] + rod->shape.reference[i];
 }
 
 /* ---- energy ---- */
@@ -251,6 +269,20 @@ static void ndli_rod_plain_bend(const ndl_rod *rod, int i, int flags, const ndli
         ndli_rod_add_curvature_hessian(bend, p, local);
 }
 
+/* Curvature w of node i in the frame of edge i - 1 + f, moment s against it and its stiffness, damping included. */
+static void ndli_rod_frame_moment(const ndl_rod *rod, int i, int f, double w[2], double s[2], double stiff[2])
+{
+    ndli_rod_material_curvature(rod, i, i - 1 + f, w);
+    for (int k = 0; k < 2; k++) {
+        stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
+        s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
+        if (rod->viscous_bend > 0) {
+            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
+            stiff[k] *= 1 + rod->viscous_bend;
+        }
+    }
+}
+
 /* Bending seen from the frame of edge i - 1 + f. Exact second derivatives have two more terms: of the frame's turning
  * with its edge, (kb p^T + p kb^T)/(2 l^2), and of the curvature in the angle. */
 static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, const ndli_rod_bend *bend, int wanted,
@@ -260,15 +292,7 @@ static void ndli_rod_frame_bend(const ndl_rod *rod, int i, int f, int flags, con
     ndli_v3 m1 = rod->shape.m1[j], m2 = rod->shape.m2[j], p, mixed;
     double w[2], s[2], stiff[2];
     ndli_m3 q = ndli_m_zero();
-    ndli_rod_material_curvature(rod, i, j, w);
-    for (int k = 0; k < 2; k++) {
-        stiff[k] = rod->bending[k] / (2 * rod->cell[i]);
-        s[k] = stiff[k] * (w[k] - rod->rest_bend[i][k]);
-        if (rod->viscous_bend > 0) {
-            s[k] += stiff[k] * rod->viscous_bend * (w[k] - rod->old_bend[i][2 * f + k]);
-            stiff[k] *= 1 + rod->viscous_bend;
-        }
-    }
+    ndli_rod_frame_moment(rod, i, f, w, s, stiff);
     p = ndli_madd(ndli_scale(s[0], m2), -s[1], m1);
     for (int e = 0; e < 2; e++)
         local->edge[e] = ndli_add(local->edge[e], ndli_m_tapply(&bend->d[e], p));
@@ -407,6 +431,32 @@ NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradi
                 ndli_rod_frame_bend(rod, i, f, flags, &bend, matrix != NULL, &local);
         ndli_rod_twist_local(rod, i, flags, &bend, matrix != NULL, &local);
         ndli_rod_scatter(&local, i, gradient, turn_gradient, matrix);
+    }
+    if (rod->grips > 0)
+        ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);
+}
+
+NDLI_API void ndli_rod_turn_derivatives(const ndl_rod *rod, int flags, double *turn_gradient, ndli_rod_matrix *matrix)
+{
+    size_t bytes = (size_t)rod->node_count * sizeof(double);
+    memset(turn_gradient, 0, bytes);
+    memset(matrix->turn, 0, bytes);
+    memset(matrix->turn_before, 0, bytes);
+    for (int i = 1; i < rod->node_count - 1; i++) {
+        double k = rod->torsion / rod->cell[i], moment = k * rod->shape.twist[i];
+        for (int f = 0; f < 2; f++) {
+            double gradient = 0, turns = 0, w[2], s[2], stiff[2];
+            if (!rod->plain) {
+                ndli_rod_frame_moment(rod, i, f, w, s, stiff);
+                gradient = s[0] * w[1] - s[1] * w[0];
+                turns = stiff[0] * w[1] * w[1] + stiff[1] * w[0] * w[0];
+                if (flags & NDLI_ROD_EXACT)
+                    turns -= s[0] * w[0] + s[1] * w[1];
+            }
+            turn_gradient[i - 1 + f] += gradient + (f ? moment : -moment);
+            matrix->turn[i - 1 + f] += turns + k;
+        }
+        matrix->turn_before[i] -= k;
     }
     if (rod->grips > 0)
         ndli_rod_add_grip_derivatives(rod, turn_gradient, matrix);

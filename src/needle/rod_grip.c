@@ -137,7 +137,8 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
         double grip = 0, limit = 0, torque = 0;
         for (int j = first; j < ndli_rod_edges(rod) && old_at[j] < at[k + 1]; j++) {
             double from = fmax(at[k], old_at[j]), to = fmin(at[k + 1], old_at[j + 1]);
-            double share = (to - from) / (old_at[j + 1] - old_at[j]), off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
+            double share = (to - from) / (old_at[j + 1] - old_at[j]);
+            double off = 0.5 * (from + to - old_at[j] - old_at[j + 1]);
             if (!(share > 0)) {
                 first = j; /* passed */
                 continue;

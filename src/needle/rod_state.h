@@ -20,6 +20,7 @@ typedef struct ndli_rod_shape {
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
     double *chi;      /* [nodes] 1 + t.t' */
     double *twist;    /* [nodes] (rad) */
+    double *reference; /* [nodes] (rad) of it, what the directors make */
     double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
@@ -122,6 +123,8 @@ NDLI_API ndli_v3 ndli_rod_across(ndli_v3 v, ndli_v3 t);
 /* shape = geometry at x and theta, directors carried from the state's. Returns -1, or the first node at which an edge
  * has no length, has turned back on its neighbour, or turned over since the state: no energy there. */
 NDLI_API int ndli_rod_set_shape(const ndl_rod *rod, const ndli_v3 *x, const double *theta);
+/* The same at other angles, tangents and directors of rod->shape as they are; frames (m1, m2): not only twists. */
+NDLI_API void ndli_rod_set_angles(const ndl_rod *rod, const double *theta, int frames);
 typedef struct ndli_rod_sums {
     double stretch, bend, twist; /* J */
     double grip;                 /* J: of the surroundings' springs, with what slips since the state */
@@ -135,6 +138,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod);
  * second derivatives by the flags above. */
 NDLI_API void ndli_rod_derivatives(const ndl_rod *rod, int flags, ndli_v3 *gradient, double *turn_gradient,
                                    ndli_rod_matrix *matrix);
+/* turn_gradient, matrix->turn and matrix->turn_before of these alone. */
+NDLI_API void ndli_rod_turn_derivatives(const ndl_rod *rod, int flags, double *turn_gradient, ndli_rod_matrix *matrix);
 /* From here on every energy k/2 (w - w_rest)^2 has viscous k/2 (w - w_old)^2 beside it: damping as a potential,
  * which does not see how edges turn. w_old is the state's strain a time `ahead` on at its present rate. With strain
  * rates w_rate' = (2/dt)(w' - w) - w_rate, as Newmark has velocities, viscous is 2 damping/dt and ahead dt/2; with
@@ -162,7 +167,7 @@ NDLI_API void ndli_rod_bend_to(ndl_rod *rod, int i, double curvature1, double cu
 NDLI_API int ndli_rod_static_options_valid(const ndl_rod_static_options *options);
 /* Copies the state to what readings return. */
 NDLI_API void ndli_rod_publish(ndl_rod *rod);
-/* Copies of the state for undo, one deep: positions, motion, frames. */
+/* Copies of the state for undo, one deep: positions, motion, frames, what grips are wound by; not nodes and rests. */
 NDLI_API void ndli_rod_save(ndl_rod *rod);
 NDLI_API void ndli_rod_restore(ndl_rod *rod);
 

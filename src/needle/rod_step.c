@@ -26,7 +26,7 @@ static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, d
 {
     ndli_rod_sums sums;
     double potential;
-    ndli_rod_set_shape(rod, rod->x, theta);
+    ndli_rod_set_angles(rod, theta, !rod->plain); /* the bending of a plain rod does not see its frames */
     sums = ndli_rod_shape_energy(rod);
     potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
     *noise = 4.5e-15 * potential + sums.turn_noise;
@@ -59,7 +59,7 @@ static double ndli_rod_turn_floor(const ndl_rod *rod, int j) { return 1e-9 * rod
 static int ndli_rod_turn_step(ndl_rod *rod, int flags)
 {
     int n = ndli_rod_edges(rod), any_held = ndli_rod_any_turn_held(rod);
-    ndli_rod_derivatives(rod, flags, rod->gradient, rod->turn_gradient, &rod->matrix);
+    ndli_rod_turn_derivatives(rod, flags, rod->turn_gradient, &rod->matrix);
     for (int j = 0; j < n; j++) {
         int known = ndli_rod_turn_known(rod, j, any_held), before = j > 0 && !ndli_rod_turn_known(rod, j - 1, any_held);
         rod->band[2 * j] = !known && before ? rod->matrix.turn_before[j] : 0;
@@ -85,9 +85,11 @@ static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double bef
 NDLI_API void ndli_rod_relax(ndl_rod *rod)
 {
     size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential = ndli_rod_turn_potential(rod, rod->theta, &noise), before = 0;
+    double noise, potential, before = 0;
     /* at worst one more spring begins to slip in each */
     int most = 50 + 2 * rod->grips;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
     for (int iteration = 0; iteration < most; iteration++) {
         double size = 1, largest = 0, next = potential;
         if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
@@ -109,7 +111,7 @@ NDLI_API void ndli_rod_relax(ndl_rod *rod)
             break;
         before = size * largest;
     }
-    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    ndli_rod_set_angles(rod, rod->theta, 1);
 }
 
 /* ---- potential of a step or solve, and its derivatives, in the shape that is tried ---- */

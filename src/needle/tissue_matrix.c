@@ -505,7 +505,7 @@ NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
     t->free_edge = -1;
     for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
         t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once does so without spare places */
+    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once fits again */
         return 0;
     for (int i = mesh->node_end; i < t->node_room; i++) {
         t->role[i] = NDLI_ROW_ABSENT;
@@ -592,8 +592,9 @@ NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
 /* ---- rotations and forces: a batch of tets at a time ---- */
 
 /* Displacements of nodes 1..3 relative to node 0: of them, not of positions, so that rest is exact wherever it is. */
-static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*d)[NDLI_LANES])
+static void ndli_solid_gather(const ndl_tissue *t, int batch, sb_real (*d)[NDLI_LANES])
 {
+    const ndl_tissue_mesh *mesh = &t->mesh;
     for (int l = 0; l < NDLI_LANES; l++) {
         int tet = batch * NDLI_LANES + l;
         const int *n = mesh->tets + 4 * (size_t)tet;
@@ -603,9 +604,9 @@ static void ndli_solid_gather(const ndl_tissue_mesh *mesh, int batch, sb_real (*
                 d[k][l] = 0;
             continue;
         }
-        u0 = sb_v3_sub(mesh->x[n[0]], mesh->X[n[0]]);
+        u0 = t->way[n[0]];
         for (int a = 0; a < 3; a++) {
-            sb_vec3 u = sb_v3_sub(sb_v3_sub(mesh->x[n[a + 1]], mesh->X[n[a + 1]]), u0);
+            sb_vec3 u = sb_v3_sub(t->way[n[a + 1]], u0);
             d[3 * a][l] = u.x;
             d[3 * a + 1][l] = u.y;
             d[3 * a + 2][l] = u.z;
@@ -648,20 +649,18 @@ SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const 
     return 0.5 * sum;
 }
 
-/* 1 when the tet's rotation is further than the lazy angle from that of its stiffness: with e = q - (+-)q_old,
- * |R - R_old| = |e| sqrt(4 - |e|^2). */
-static int ndli_solid_has_turned(const ndl_tissue *t, const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
-                                 int l)
+/* far = |R - R_old|^2 of each lane: with e = q - (+-)q_old, |R - R_old| = |e| sqrt(4 - |e|^2). */
+SBI_FORCE_INLINE void ndli_solid_measure_turns(const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
+                                               sb_real *far)
 {
-    sb_real dot = 0, square = 0, sign;
-    for (int k = 0; k < 4; k++)
-        dot += q[k][l] * old[k][l];
-    sign = dot < 0 ? (sb_real)-1 : (sb_real)1;
-    for (int k = 0; k < 4; k++) {
-        sb_real e = q[k][l] - sign * old[k][l];
-        square += e * e;
+    for (int l = 0; l < NDLI_LANES; l++) {
+        sb_real dot = q[0][l] * old[0][l] + q[1][l] * old[1][l] + q[2][l] * old[2][l] + q[3][l] * old[3][l];
+        sb_real sign = dot < 0 ? (sb_real)-1 : (sb_real)1, square;
+        sb_real e0 = q[0][l] - sign * old[0][l], e1 = q[1][l] - sign * old[1][l];
+        sb_real e2 = q[2][l] - sign * old[2][l], e3 = q[3][l] - sign * old[3][l];
+        square = e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3;
+        far[l] = square * (4 - square);
     }
-    return square * (4 - square) > t->lazy_angle * t->lazy_angle;
 }
 
 NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
@@ -695,11 +694,11 @@ static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LA
 {
     sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
     int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
+    sb_real far[NDLI_LANES], limit = t->lazy_angle * t->lazy_angle;
+    ndli_solid_measure_turns(q, (const sb_real(*)[NDLI_LANES])old, far);
     for (int l = 0; l < count; l++) {
         int tet = batch * NDLI_LANES + l;
-        t->turned[tet] = (unsigned char)(t->mesh.tets[4 * (size_t)tet] >= 0 &&
-                                         (t->stale_tet[tet] ||
-                                          ndli_solid_has_turned(t, q, (const sb_real(*)[NDLI_LANES])old, l)));
+        t->turned[tet] = (t->stale_tet[tet] | (far[l] > limit)) && t->mesh.tets[4 * (size_t)tet] >= 0;
         if (!t->turned[tet])
             continue;
         any = 1;
@@ -717,7 +716,7 @@ static void ndli_solid_batch(ndl_tissue *t, int batch)
     const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
     sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
     sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
-    ndli_solid_gather(&t->mesh, batch, d);
+    ndli_solid_gather(t, batch, d);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             for (int l = 0; l < NDLI_LANES; l++)
@@ -761,6 +760,8 @@ static void ndli_solid_sum_task(void *user, int chunk)
 NDLI_API void ndli_solid_forces(ndl_tissue *t)
 {
     int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
+    for (int i = 0; i < t->mesh.node_end; i++) /* displacements, until the right-hand side needs the place */
+        t->way[i] = sb_v3_sub(t->mesh.x[i], t->mesh.X[i]);
     sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
     sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
     t->elastic = 0;

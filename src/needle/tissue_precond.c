@@ -234,38 +234,79 @@ static void ndli_coarse_measure(ndl_tissue *t)
     }
 }
 
-/* w = M_i^T B M_j with M = (I, -[arm]): what the block B of the nodes i, j adds to their aggregates' block. */
-static void ndli_coarse_project(const sb_real *block, sb_real factor, sb_vec3 arm_i, sb_vec3 arm_j, double w[6][6])
+/* s += B M_j with M = (I, -[arm]). */
+SBI_FORCE_INLINE void ndli_coarse_gather(const sb_real *block, sb_real factor, sb_vec3 arm_j, double s[3][6])
 {
     for (int r = 0; r < 3; r++) {
         sb_vec3 row = sb_v3(factor * block[3 * r], factor * block[3 * r + 1], factor * block[3 * r + 2]);
         sb_vec3 turn = sb_v3_cross(arm_j, row);
-        w[r][0] = (double)row.x, w[r][1] = (double)row.y, w[r][2] = (double)row.z;
-        w[r][3] = (double)turn.x, w[r][4] = (double)turn.y, w[r][5] = (double)turn.z;
-    }
-    for (int c = 0; c < 6; c++) {
-        w[3][c] = (double)arm_i.y * w[2][c] - (double)arm_i.z * w[1][c];
-        w[4][c] = (double)arm_i.z * w[0][c] - (double)arm_i.x * w[2][c];
-        w[5][c] = (double)arm_i.x * w[1][c] - (double)arm_i.y * w[0][c];
+        s[r][0] += (double)row.x, s[r][1] += (double)row.y, s[r][2] += (double)row.z;
+        s[r][3] += (double)turn.x, s[r][4] += (double)turn.y, s[r][5] += (double)turn.z;
     }
 }
 
-/* Adds w to block (I, J) of the lower half, and w^T to (J, I): of that what lies in the lower half. */
+/* w = M_i^T s: what blocks B of node i add to a block of aggregates, s being the sum of their B M_j. */
+SBI_FORCE_INLINE void ndli_coarse_project(const double s[3][6], sb_vec3 arm_i, double w[6][6])
+{
+    double x = (double)arm_i.x, y = (double)arm_i.y, z = (double)arm_i.z;
+    for (int c = 0; c < 6; c++) {
+        w[0][c] = s[0][c];
+        w[1][c] = s[1][c];
+        w[2][c] = s[2][c];
+        w[3][c] = y * s[2][c] - z * s[1][c];
+        w[4][c] = z * s[0][c] - x * s[2][c];
+        w[5][c] = x * s[1][c] - y * s[0][c];
+    }
+}
+
+/* Adds w to block (I, J) of the lower half, or w^T to (J, I); on the diagonal w, or w + w^T, in the lower half. */
 static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const double w[6][6], int twice)
 {
     size_t stride = (size_t)coarse->width + 1;
-    for (int r = 0; r < 6; r++)
-        for (int c = 0; c < 6; c++) {
-            int row = 6 * I + r, column = 6 * J + c;
-            if (I > J) {
-                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] += w[r][c];
-            } else if (I < J) {
-                coarse->factor[(size_t)column * stride + (size_t)(row - column + coarse->width)] += w[r][c];
-            } else if (c <= r) {
-                coarse->factor[(size_t)row * stride + (size_t)(column - row + coarse->width)] +=
-                    twice ? w[r][c] + w[c][r] : w[r][c];
-            }
+    double *corner = coarse->factor + (size_t)(6 * sbi_max_int(I, J)) * stride +
+                     (size_t)(coarse->width - 6 * (I > J ? I - J : J - I));
+    for (int r = 0; r < 6; r++) {
+        double *to = corner + (size_t)r * (stride - 1); /* row r of the block */
+        if (I > J)
+            for (int c = 0; c < 6; c++)
+                to[c] += w[r][c];
+        else if (I < J)
+            for (int c = 0; c < 6; c++)
+                to[c] += w[c][r];
+        else
+            for (int c = 0; c <= r; c++)
+                to[c] += twice ? w[r][c] + w[c][r] : w[r][c];
+    }
+}
+
+/* Blocks (i, i) and (i, j), i < j; those of one aggregate together. */
+static void ndli_coarse_add_row(ndl_tissue *t, int i)
+{
+    int I = t->aggregate[i], end = t->row_start[i] + t->row_count[i];
+    double own[3][6] = {{0}}, s[3][6] = {{0}}, w[6][6];
+    sb_real block[9];
+    for (int c = 0; c < 9; c++)
+        block[c] = t->scheme.stiffness * t->diagonal[i][c];
+    for (int c = 0; c < 9; c += 4)
+        block[c] += t->scheme.mass * t->mesh.mass[i];
+    ndli_coarse_gather(block, 1, t->arm[i], s);
+    ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
+    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 0);
+    for (int k = t->row_start[i]; k < end; k++) {
+        int j = t->columns[k], J = t->aggregate[j];
+        if (j < i || t->role[j] != NDLI_ROW_FREE)
+            continue;
+        if (J == I) {
+            ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], own);
+            continue;
         }
+        memset(s, 0, sizeof s);
+        ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], s);
+        ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
+        ndli_coarse_add(&t->coarse, I, J, (const double(*)[6])w, 0);
+    }
+    ndli_coarse_project((const double(*)[6])own, t->arm[i], w);
+    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 1);
 }
 
 /* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
@@ -273,30 +314,27 @@ static void ndli_coarse_assemble(ndl_tissue *t)
 {
     ndli_solid_coarse *coarse = &t->coarse;
     int reach = 0;
-    double w[6][6];
     for (int i = 0; i < t->mesh.node_end; i++)
         for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
             reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
     coarse->width = 6 * reach + 5;
     memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_real block[9];
-        if (t->role[i] != NDLI_ROW_FREE)
-            continue;
-        for (int c = 0; c < 9; c++)
-            block[c] = t->scheme.stiffness * t->diagonal[i][c];
-        for (int c = 0; c < 9; c += 4)
-            block[c] += t->scheme.mass * t->mesh.mass[i];
-        ndli_coarse_project(block, 1, t->arm[i], t->arm[i], w);
-        ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[i], (const double(*)[6])w, 0);
-        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
-            int j = t->columns[k];
-            if (j < i || t->role[j] != NDLI_ROW_FREE)
-                continue;
-            ndli_coarse_project(t->blocks[k], t->scheme.stiffness, t->arm[i], t->arm[j], w);
-            ndli_coarse_add(coarse, t->aggregate[i], t->aggregate[j], (const double(*)[6])w, 1);
-        }
-    }
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] == NDLI_ROW_FREE)
+            ndli_coarse_add_row(t, i);
+}
+
+/* Sum of a_k b_k, in eight parts: compilers make vectors of them, and all the same bits. */
+SBI_FORCE_INLINE double ndli_coarse_dot(const double *a, const double *b, int count)
+{
+    double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    int k = 0;
+    for (; k + 8 <= count; k += 8)
+        for (int c = 0; c < 8; c++)
+            s[c] += a[k + c] * b[k + c];
+    for (int c = 0; k < count; k++, c++)
+        s[c] += a[k] * b[k];
+    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
 }
 
 /* A = L D L^T by rows of the band, 1/D on the diagonal; 0: not positive definite. A mode that nothing resists (all its
@@ -319,16 +357,7 @@ static int ndli_coarse_factor(ndli_solid_coarse *coarse)
         for (int j = first; j < i; j++) {
             const double *other = coarse->factor + (size_t)j * stride + width - j;
             int k = sbi_max_int(first, j - width);
-            double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-            for (; k + 4 <= j; k += 4) {
-                s0 += row[k] * other[k];
-                s1 += row[k + 1] * other[k + 1];
-                s2 += row[k + 2] * other[k + 2];
-                s3 += row[k + 3] * other[k + 3];
-            }
-            for (; k < j; k++)
-                s0 += row[k] * other[k];
-            row[j] -= (s0 + s1) + (s2 + s3);
+            row[j] -= ndli_coarse_dot(row + k, other + k, j - k);
         }
         for (int j = first; j < i; j++) {
             double scaled = row[j] * coarse->factor[(size_t)j * stride + (size_t)width];
@@ -348,24 +377,19 @@ static void ndli_coarse_solve(const ndli_solid_coarse *coarse, double *b)
     size_t stride = (size_t)width + 1;
     for (int i = 0; i < n; i++) {
         const double *row = coarse->factor + (size_t)i * stride + width - i;
-        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-        int j = sbi_max_int(0, i - width);
-        for (; j + 4 <= i; j += 4) {
-            s0 += row[j] * b[j];
-            s1 += row[j + 1] * b[j + 1];
-            s2 += row[j + 2] * b[j + 2];
-            s3 += row[j + 3] * b[j + 3];
-        }
-        for (; j < i; j++)
-            s0 += row[j] * b[j];
-        b[i] -= (s0 + s1) + (s2 + s3);
+        int first = sbi_max_int(0, i - width);
+        b[i] -= ndli_coarse_dot(row + first, b + first, i - first);
     }
     for (int i = 0; i < n; i++)
         b[i] *= coarse->factor[(size_t)i * stride + (size_t)width];
     for (int i = n - 1; i > 0; i--) {
         const double *SB_RESTRICT row = coarse->factor + (size_t)i * stride + width - i;
         double known = b[i];
-        for (int j = sbi_max_int(0, i - width); j < i; j++)
+        int j = sbi_max_int(0, i - width);
+        for (; j + 8 <= i; j += 8)
+            for (int c = 0; c < 8; c++)
+                b[j + c] -= row[j + c] * known;
+        for (; j < i; j++)
             b[j] -= row[j] * known;
     }
 }
