@@ -25,7 +25,7 @@ static const double outlet_height = 0.01; /* m, of the sleeve over the tissue */
 
 typedef struct settings {
     const char *mesh, *output;
-    double scale, young, poisson, friction, cutting, radius, error, within, speed, dt;
+    double scale, young, poisson, friction, cutting, radius, error, within, force, speed, dt;
     int targets, seed, push, quiet, help;
 } settings;
 
@@ -153,11 +153,27 @@ static int choose_target(trial *t, scene_point *target, double *depth)
     return scene_complain(&t->s, t->set->mesh, "has no room for targets below the middle of its upper side");
 }
 
+/* A line of the table. extra: how wrong the controller is about the needle (%), or what it pushes with (N). */
+static void report(trial *t, int number, scene_point *target, double extra, double distance, int steps,
+                   const char *outcome)
+{
+    const settings *set = t->set;
+    double moved = 1e3 * scene_distance(scene_where(&t->s, target), target->X);
+    double x = 1e3 * (double)target->X.x, y = 1e3 * (double)target->X.y, z = 1e3 * (double)target->X.z;
+    t->distances[number] = 1e3 * distance;
+    t->hits += 1e3 * distance <= set->within;
+    if (!set->quiet)
+        printf("%4d  %7.2f %7.2f %7.2f  %+6.1f  %6.2f  %8.3f  %5d  %s\n", number + 1, x, y, z, extra, moved,
+               1e3 * distance, steps, outcome);
+    if (t->table)
+        fprintf(t->table, "%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%s\n", number + 1, x, y, z, extra, moved, 1e3 * distance,
+                steps, outcome);
+}
+
 static int steer_to_target(trial *t, int number)
 {
     const settings *set = t->set;
     scene_steering g;
-    sb_vec3 moved;
     double depth, error = scene_random_in(&t->seed, -set->error, set->error), known = t->curvature * (1 + error);
     memset(&g, 0, sizeof g);
     if (!scene_start(&t->s, &t->needle) || !choose_target(t, &g.target, &depth))
@@ -168,18 +184,157 @@ static int steer_to_target(trial *t, int number)
     g.dt = set->dt;
     if (!scene_steer(&t->s, &g))
         return 0;
-    moved = scene_where(&t->s, &g.target);
-    t->distances[number] = 1e3 * g.distance;
-    t->hits += t->distances[number] <= set->within;
-    if (!set->quiet)
-        printf("%4d  %7.2f %7.2f %7.2f  %+6.1f  %6.2f  %8.3f  %5d  %s\n", number + 1, 1e3 * (double)g.target.X.x,
-               1e3 * (double)g.target.X.y, 1e3 * (double)g.target.X.z, 100 * error,
-               1e3 * scene_distance(moved, g.target.X), t->distances[number], g.steps, scene_outcome(g.steer.status));
-    if (t->table)
-        fprintf(t->table, "%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%s\n", number + 1, 1e3 * (double)g.target.X.x,
-                1e3 * (double)g.target.X.y, 1e3 * (double)g.target.X.z, 100 * error,
-                1e3 * scene_distance(moved, g.target.X), t->distances[number], g.steps,
-                scene_outcome(g.steer.status));
+    report(t, number, &g.target, 100 * error, g.distance, g.steps, scene_outcome(g.steer.status));
+    return 1;
+}
+
+/* ---- pushing the tissue ---- */
+
+enum { PLACES = 8, MOST_PAD_NODES = 64 };
+static const double pad_radius = 0.015; /* m; what pushes is as wide as a finger */
+
+/* Where the tissue may be pushed: the nodes of its surface under the pad, and the direction into the tissue. */
+typedef struct pad {
+    int nodes[MOST_PAD_NODES], count;
+    sb_vec3 direction;
+} pad;
+
+/* A point beside the needle's path, by 1 to 3 mm. */
+static int choose_aside(trial *t, scene_point *target)
+{
+    for (int attempt = 0; attempt < 1000; attempt++) {
+        double angle = scene_random_in(&t->seed, -pi, pi), aside = scene_random_in(&t->seed, 1e-3, 3e-3);
+        sb_vec3 X = t->entry;
+        X.x += (sb_real)(aside * cos(angle));
+        X.y += (sb_real)(aside * sin(angle));
+        X.z -= (sb_real)(scene_random_in(&t->seed, 0.35, 0.65) * t->height);
+        if (scene_find(&t->s, X, target))
+            return 1;
+    }
+    return scene_complain(&t->s, t->set->mesh, "has no room for targets below the middle of its upper side");
+}
+
+/* The places on the surface round about the target, at its height; returns how many. */
+static int find_pads(trial *t, sb_vec3 target, pad *pads)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(t->s.tissue);
+    double reach = scene_distance(t->s.low, t->s.high);
+    int count = 0;
+    for (int k = 0; k < PLACES; k++) {
+        double angle = 2 * pi * k / PLACES;
+        pad *p = pads + count;
+        sb_vec3 inward = sb_v3((sb_real)-cos(angle), (sb_real)-sin(angle), 0), at;
+        if (!scene_hit(&t->s, sb_v3_sub(target, sb_v3_scale((sb_real)reach, inward)), inward, &at))
+            continue;
+        p->count = 0;
+        p->direction = inward;
+        for (int i = 0; i < mesh->node_end && p->count < MOST_PAD_NODES; i++)
+            if ((mesh->node_flags[i] & NDL_NODE_BOUNDARY) && !ndl_tissue_is_held(t->s.tissue, i) &&
+                scene_distance(mesh->x[i], at) < pad_radius)
+                p->nodes[p->count++] = i;
+        count += p->count > 0;
+    }
+    return count;
+}
+
+static void press(trial *t, const pad *p, sb_vec3 force)
+{
+    for (int k = 0; k < p->count; k++)
+        ndl_tissue_set_force(t->s.tissue, p->nodes[k], sb_v3_scale(1 / (sb_real)p->count, force));
+}
+
+/* How the target follows each pad, from the model of the tissue. Compliance is symmetric: with a force on the target
+ * the pads tell in three solutions what else would take three for each. */
+static int measure_compliances(trial *t, const scene_point *target, const pad *pads, int count, sb_mat3 *compliances)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(t->s.tissue);
+    double force = 1e-3 * t->set->young * pad_radius * pad_radius;
+    sb_real weights[4];
+    int tet = ndl_tissue_mesh_find(mesh, mesh->X, target->X, target->tet, weights), nodes[4];
+    memcpy(nodes, mesh->tets + 4 * (size_t)tet, sizeof nodes);
+    for (int axis = 0; axis < 3; axis++) {
+        sb_vec3 f = sb_v3((sb_real)(axis == 0 ? force : 0), (sb_real)(axis == 1 ? force : 0),
+                          (sb_real)(axis == 2 ? force : 0));
+        for (int c = 0; c < 4; c++)
+            ndl_tissue_set_force(t->s.tissue, nodes[c], sb_v3_scale(weights[c], f));
+        for (int i = 0; i < 15; i++) /* to rest */
+            if (!scene_step(&t->s, t->set->dt, NULL, NULL))
+                return 0;
+        for (int k = 0; k < count; k++) {
+            sb_vec3 mean = sb_v3(0, 0, 0);
+            for (int n = 0; n < pads[k].count; n++)
+                mean = sb_v3_add(mean, sb_v3_sub(mesh->x[pads[k].nodes[n]], mesh->X[pads[k].nodes[n]]));
+            mean = sb_v3_scale((sb_real)(1 / (force * pads[k].count)), mean);
+            compliances[k].m[axis][0] = mean.x;
+            compliances[k].m[axis][1] = mean.y;
+            compliances[k].m[axis][2] = mean.z;
+        }
+    }
+    return 1;
+}
+
+/* Pushes until the target is in the needle's way, then inserts the needle to its height while the push goes on. */
+static int push_and_insert(trial *t, scene_point *target, const pad *p, ndl_push *push, int *steps)
+{
+    const settings *set = t->set;
+    ndl_command command;
+    sb_vec3 force, point;
+    const int patience = 200; /* steps of pushing before the insertion */
+    memset(&command, 0, sizeof command);
+    for (*steps = 0; *steps < 100000; ++*steps) {
+        double left;
+        point = scene_where(&t->s, target);
+        left = (double)(ndl_needle_tip(t->s.needle).position.z - point.z);
+        if (command.insertion == 0 && (push->arrived || *steps >= patience))
+            command.insertion = (sb_real)set->speed;
+        if (command.insertion > 0 && left < 0.01 * set->speed * set->dt)
+            return 1;
+        if (command.insertion > 0)
+            command.insertion = (sb_real)fmin(set->speed, left / set->dt);
+        if (ndl_push_update(push, point, (sb_real)set->dt, &force) != SB_OK)
+            return scene_complain(&t->s, "pushing", "the target is lost");
+        press(t, p, force);
+        if (!scene_step(&t->s, set->dt, &command, NULL))
+            return 0;
+    }
+    return 1;
+}
+
+static int push_to_target(trial *t, int number)
+{
+    const settings *set = t->set;
+    scene_point target;
+    pad pads[PLACES];
+    sb_mat3 compliances[PLACES];
+    sb_vec3 directions[PLACES];
+    ndl_push_def def = ndl_default_push_def();
+    ndl_push push;
+    sb_error error;
+    int count, best, steps, ok;
+    if (!scene_renew(&t->s) || !choose_aside(t, &target))
+        return 0;
+    count = find_pads(t, target.X, pads);
+    if (count == 0)
+        return scene_complain(&t->s, set->mesh, "has no free surface beside the target to push at");
+    if (!measure_compliances(t, &target, pads, count, compliances) || !scene_start(&t->s, &t->needle))
+        return 0;
+    def.line_point = t->entry;
+    def.line_direction = t->needle.direction;
+    def.max_force = (sb_real)set->force;
+    def.integral = 3;
+    def.tolerance = (sb_real)(0.1e-3 * set->within);
+    for (int k = 0; k < count; k++)
+        directions[k] = pads[k].direction;
+    ok = ndl_push_choose(&def, compliances, directions, count, target.X, &best, NULL, NULL, &error) == SB_OK;
+    def.compliance = compliances[ok ? best : 0];
+    def.direction = directions[ok ? best : 0];
+    if (!ok || ndl_push_begin(&def, &push, &error) != SB_OK)
+        return scene_complain(&t->s, "pushing", error.message);
+    if (!push_and_insert(t, &target, pads + best, &push, &steps))
+        return 0;
+    report(t, number, &target, (double)sb_v3_norm(push.force),
+           scene_distance(ndl_needle_tip(t->s.needle).position, scene_where(&t->s, &target)), steps,
+           push.limited ? "limited" : "arrived");
     return 1;
 }
 
@@ -192,12 +347,13 @@ static int run_targets(trial *t)
     if (!set->push && !measure_curvature(t))
         return 0;
     if (!set->quiet)
-        printf("\n      target (mm)              known    moved  distance\n"
-               "   #        x       y       z   to %%  by (mm)      (mm)  steps  outcome\n");
+        printf("      target (mm)               %s    moved  distance\n"
+               "   #        x       y       z  %s  by (mm)      (mm)  steps  outcome\n",
+               set->push ? "force" : "known", set->push ? "   (N)" : "to (%)");
     for (int i = 0; i < set->targets; i++) {
         snprintf(words, sizeof words, "target %d of %d, %d hit", i + 1, set->targets, t->hits);
         progress_show((double)i / set->targets, words);
-        if (!steer_to_target(t, i))
+        if (set->push ? !push_to_target(t, i) : !steer_to_target(t, i))
             return 0;
         fflush(stdout);
     }
@@ -221,6 +377,7 @@ static int parse(settings *set, int argc, char **argv)
         {"--error", "SHARE", OPTION_NUMBER, NULL, &set->error, NULL, 0, 0.5,
          "to which the controller knows the curvature: measured times 1 - SHARE to 1 + SHARE"},
         {"--within", "MM", OPTION_NUMBER, NULL, &set->within, NULL, 0.01, 100, "what counts as hit"},
+        {"--force", "N", OPTION_NUMBER, NULL, &set->force, NULL, 1e-3, 1000, "most that --push may push with"},
         {"--speed", "M/S", OPTION_NUMBER, NULL, &set->speed, NULL, 1e-4, 1, "of insertion"},
         {"--dt", "S", OPTION_NUMBER, NULL, &set->dt, NULL, 1e-3, 1, "step, after which the controller looks again"},
         {"--seed", "N", OPTION_INTEGER, &set->seed, NULL, NULL, 0, 1e9, "of chance"},
@@ -255,7 +412,7 @@ static int run(trial *t, const settings *set)
 
 int main(int argc, char **argv)
 {
-    settings set = {NULL, NULL, 1, 30e3, 0.45, 20, 0.5, 0.1, 0.1, 1.0, 0.02, 0.05, 100, 1, 0, 0, 0};
+    settings set = {NULL, NULL, 1, 10e3, 0.45, 20, 0.5, 0.1, 0.1, 1.0, 10, 0.02, 0.05, 100, 1, 0, 0, 0};
     trial t;
     char path[1024];
     int status;
@@ -277,7 +434,8 @@ int main(int argc, char **argv)
             free(t.distances);
             return SCENE_USAGE;
         }
-        fprintf(t.table, "target,x_mm,y_mm,z_mm,curvature_error_percent,moved_mm,distance_mm,steps,outcome\n");
+        fprintf(t.table, "target,x_mm,y_mm,z_mm,%s,moved_mm,distance_mm,steps,outcome\n",
+                set.push ? "force_n" : "curvature_error_percent");
     }
     status = run(&t, &set);
     if (t.table)

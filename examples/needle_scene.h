@@ -130,10 +130,10 @@ static inline void scene_hold_node(scene *s, int node)
     s->held[s->held_count++] = node;
 }
 
-/* Holds the side of the tissue that is lowest (upper = 0) or highest along an axis: of a mesh from a file a layer. */
+/* Holds the side of the tissue that is lowest (upper = 0) or highest along an axis: of a mesh from a file a quarter. */
 static inline void scene_hold(scene *s, int axis, int upper)
 {
-    double layer = (s->def.mesh ? 0.05 : 1e-6) * scene_extent(s, axis);
+    double layer = (s->def.mesh ? 0.25 : 1e-6) * scene_extent(s, axis);
     for (int i = 0; i < s->mesh.node_count; i++) {
         double at = scene_axis(s->mesh.nodes[i], axis);
         if (upper ? at > scene_axis(s->high, axis) - layer : at < scene_axis(s->low, axis) + layer)
