@@ -364,7 +364,12 @@ NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle-
 NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
 {
     ndl_tip_pose pose;
+    ndli_v3 t, ahead = ndli_needle_heading(needle);
     ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    t = ndli_from(pose.frame.t);
+    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
+    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
+    pose.frame.t = ndli_to(ahead);
     return pose;
 }
 

@@ -79,6 +79,11 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
+/* ---- needle_step ---- */
+
+/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
+
 /* ---- needle_undo ---- */
 
 /* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has grown; 0: there is none. */

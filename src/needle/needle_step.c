@@ -139,6 +139,18 @@ static ndli_v3 ndli_step_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v
 
 static ndli_v3 ndli_step_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
 
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 t = rod->tangent[last - 1], ahead;
+    if (needle->line.first >= last || needle->bevel.law != NDL_BEVEL_CURVATURE)
+        return t;
+    sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
+    ahead = ndli_step_mapped(&f, needle->heading);
+    return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
+}
+
 /* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
  * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
 static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
