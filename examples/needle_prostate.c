@@ -332,13 +332,14 @@ static void draw_needle(const work *w, picture *p)
         picture_add_capsule(p, x[i], x[i + 1], 0.0008, picture_web(0x2f6f9f)); /* twice as thick as it is */
 }
 
-/* The boundary of the tets of a region (-1: of all others than the prostate), coloured by displacement (mm). */
-static int draw_region(const work *w, picture *p, const sb_mesh *copy, int prostate, double limit)
+/* The boundary of the tets of the prostate, in one colour, or of all others, coloured by displacement (mm). 0: no
+ * memory. */
+static int draw_part(const work *w, picture *p, const sb_mesh *copy, int prostate, double limit)
 {
     sb_mesh part = *copy;
     sb_boundary boundary;
-    sb_real *values;
-    int *kept = (int *)malloc(4 * (size_t)copy->element_count * sizeof *kept), drawn = 0;
+    sb_real *values = NULL;
+    int *kept = (int *)malloc(4 * (size_t)copy->element_count * sizeof *kept), first = p->count, drawn = 0;
     part.regions = NULL;
     part.elements = kept;
     part.element_count = 0;
@@ -355,15 +356,19 @@ static int draw_region(const work *w, picture *p, const sb_mesh *copy, int prost
             values[i] = 1000 * sb_v3_norm(w->displacement[boundary.nodes[i]]);
         if (values)
             picture_add_surface(p, &boundary.surface, values, 0, limit);
+        for (int i = first; i < p->count && prostate; i++) {
+            p->triangles[i].is_plain = 1;
+            p->triangles[i].colour = picture_web(0x8fb8b0);
+        }
         drawn = values != NULL;
-        free(values);
         sb_boundary_free(&boundary);
     }
+    free(values);
     free(kept);
     return drawn;
 }
 
-/* The phantom without what lies before the needle, its prostate whole but for the needle's sight. */
+/* The phantom without what lies before the needle. */
 static int draw_picture(work *w)
 {
     const int width = 1280, height = 960;
@@ -379,7 +384,7 @@ static int draw_picture(work *w)
         most = sb_max(most, 1000 * sb_v3_norm(w->displacement[i]));
     limit = most > 0 ? ceil((double)most) : 1;
     picture_begin(&p, width, height);
-    good = draw_region(w, &p, &copy, 0, limit) && draw_region(w, &p, &copy, 1, limit);
+    good = draw_part(w, &p, &copy, 0, limit) && draw_part(w, &p, &copy, 1, limit);
     draw_needle(w, &p);
     picture_render(&p, 14, 24);
     picture_colour_bar(&p, "displacement", "mm", 0, limit, (double)most);
