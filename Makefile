@@ -215,7 +215,7 @@ lint: $(LINT_OK) build/split/tests
 # ---- benchmarks and fuzzing ----------------------------------------------------------------------------------
 
 BENCH_CFLAGS = -O3 -march=native -std=gnu11 -ffp-contract=off -fopenmp -DSB_USE_OPENMP
-build/bench/%: tests/bench/%.c $(HEADERS) $(wildcard tests/bench/*.h)
+build/bench/%: tests/bench/%.c $(HEADERS) $(wildcard tests/bench/*.h examples/*.h)
 	@mkdir -p $(@D)
 	$(CC) $(BENCH_CFLAGS) $(INCLUDES) $< -lm -o $@
 

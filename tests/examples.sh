@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim and cylinder_study as a user would,
-# with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study and needle_prostate as a
+# user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -259,6 +259,56 @@ expect 0 '^cylinder_study \[OPTIONS\]' cylinder_study --help
 expect 2 '--steps needs a whole number' cylinder_study --steps 0
 expect 2 'no-such-case' cylinder_study --quick no-such-case
 expect 2 'no-such-folder' cylinder_study --quick -o no-such-folder/study
+
+# ---- needle_prostate ----
+header='t,tip_x,tip_y,tip_z,base_fx,base_fy,base_fz,base_torque,static,dynamic,trials,iterations,quality,min_dihedral'
+summary='^steps=200 median_ms=[0-9.]* p99_ms=[0-9.]* consistent=[0-9.]*% quality=[0-9.]* topology=restored$'
+count_files() { ls $1 2>/dev/null | wc -l | tr -d ' '; }
+# the mesh is the original one at the end, the tip went in and came back, and the force turned round
+insertion() {
+    awk -F, 'NR == 2 { start = $2 } NR > 1 { if ($2 > deepest || NR == 2) deepest = $2; if ($5 > push) push = $5
+                                             if ($5 < pull) pull = $5; end = $2 }
+             END { exit !(deepest > start + 0.015 && end < start && push > 0.3 && pull < -0.01) }' "$1"
+}
+expect 0 '^usage: needle_prostate' needle_prostate --help
+mkdir -p needle
+expect 0 "$summary" needle_prostate --seconds 4 --csv needle/a.csv -o needle/a
+check "the summary is the last line" eval "tail -n 1 output.txt | grep -q '$summary'"
+check "nothing stood in its way" eval '! grep -q warning output.txt'
+check "the columns of the CSV" [ "$(head -n 1 needle/a.csv)" = "$header,max_dihedral,ms" ]
+check "a line for each step" [ "$(wc -l <needle/a.csv | tr -d ' ')" = 201 ]
+check "the needle went in and out" insertion needle/a.csv
+check "9 frames of the tissue and of the needle" [ "$(count_files 'needle/a_[0-9]*.vtk')$(count_files 'needle/a_needle_*.vtk')" = 99 ]
+for field in 'VECTORS displacement' 'SCALARS region' 'SCALARS quality'; do
+    check "the tissue has $field" grep -a -q "^$field " needle/a_0008.vtk
+done
+check "the needle is a line" grep -q '^LINES 1 ' needle/a_needle_0004.vtk
+check "that slips" grep -q '^[23]$' needle/a_needle_0004.vtk
+check "lists of both" [ "$(cat needle/a.vtk.series needle/a_needle.vtk.series | grep -c '"name": "a_')" = 18 ]
+check "a chart" grep -q '</svg>' needle/a.svg
+check "a picture" is_png needle/a.png
+expect 0 "$summary" needle_prostate --seconds 4 --tip symmetric --csv needle/b.csv -o needle/b
+check "a symmetric tip goes in and out" insertion needle/b.csv
+expect 0 'sags' hello needle/b_0008.vtk
+if [ -n "$data" ]; then
+    expect 0 'topology=restored' needle_prostate --mesh "$data/phantom/phantom_tet4.vtk" --seconds 4 --csv needle/c.csv -o needle/c
+    check "into the phantom and out" insertion needle/c.csv
+    expect 2 'must be a volume of tets with 4 nodes' needle_prostate --mesh "$data/surfaces/liver_a.obj" -o needle/d
+    expect 2 'must be a volume of tets with 4 nodes' needle_prostate --mesh "$data/phantom/phantom_tet10.vtk" -o needle/d
+    expect 2 'nan_coordinate.vtk:9: ' needle_prostate --mesh "$data/bad/nan_coordinate.vtk" -o needle/d
+else
+    skip "no data: needle_prostate --mesh"
+fi
+expect 2 'no-such-file.vtk' needle_prostate --mesh no-such-file.vtk
+expect 2 '--mesh needs a value' needle_prostate --mesh
+expect 2 '--tip needs bevel or symmetric' needle_prostate --tip sharp
+expect 2 '--seconds needs a number from' needle_prostate --seconds 0
+expect 2 '--seconds needs a number from' needle_prostate --seconds long
+expect 2 '--depth is no option' needle_prostate --depth 3
+expect 2 'a.vtk is one word too many' needle_prostate a.vtk
+expect 2 'no-such-folder/x.csv cannot be written' needle_prostate --seconds 1 --csv no-such-folder/x.csv -o needle/d
+expect 2 'no-such-folder/x_0000.vtk' needle_prostate --seconds 1 -o no-such-folder/x
+expect 2 'would be overwritten' needle_prostate --mesh needle/a_0000.vtk --csv needle/a_0000.vtk
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

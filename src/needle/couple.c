@@ -131,20 +131,16 @@ typedef struct ndli_couple_progress {
 static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double first, int max_trials,
                                  ndl_couple_info *info, sb_error *error)
 {
-    double fine = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first, coarse = 100 * fine;
+    double enough = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first;
     ndli_couple_progress progress = {0x7fffffff, 0};
     for (;;) {
-        sb_result result = ndli_solid_cg_run(cg, coarse, error);
+        /* where states hang on little (a needle at rest), what a solve leaves open would turn them over and back */
+        double target = info->trials > 2 ? 0.01 * enough : enough;
+        sb_result result = ndli_solid_cg_run(cg, target, error);
         int wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
-        if (result == SB_OK && !wrong) {
-            result = ndli_solid_cg_run(cg, fine, error);
-            wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
-        }
         info->consistent = !wrong;
-        if (result != SB_OK || !wrong)
+        if (result != SB_OK || !wrong || info->trials >= max_trials)
             return result;
-        if (info->trials >= max_trials)
-            break;
         progress.stalled = wrong < progress.fewest ? 0 : progress.stalled + 1;
         progress.fewest = sbi_min_int(progress.fewest, wrong);
         ndli_couple_flip(c, progress.stalled < 3);
@@ -153,7 +149,6 @@ static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double
             return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
         ndli_solid_cg_begin(cg);
     }
-    return ndli_solid_cg_run(cg, fine, error);
 }
 
 NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,

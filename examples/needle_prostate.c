@@ -1,0 +1,569 @@
+/* needle_prostate: a flexible needle goes into a prostate phantom, is turned, goes on, and is drawn out again.
+ *
+ *     needle_prostate [--mesh FILE] [--tip bevel|symmetric] [--seconds S] [--csv FILE] [-o PREFIX]
+ *
+ * The needle is fed at 1 cm/s through a template that stands before the block; steps of 20 ms. A bevelled tip curves
+ * upwards until the base is turned by half a turn, then downwards. Written are PREFIX_0000.vtk and so on (tissue), those
+ * with _needle in their names (the needle), lists of both for ParaView (PREFIX.vtk.series, PREFIX_needle.vtk.series),
+ * PREFIX.svg (forces, tip, angles of the mesh) and PREFIX.png (the phantom cut open where the needle is deepest).
+ * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory or a step failed. */
+#include "system.h"
+
+#if defined(_OPENMP)
+#define SB_USE_OPENMP
+#endif
+#define SB_IMPLEMENTATION
+#define NDL_IMPLEMENTATION
+#include "softbody.h"
+
+#include "needle.h"
+
+#include "options.h"
+#include "phantom.h"
+#include "picture.h"
+#include "plot.h"
+
+#define REAL(x) ((sb_real)(x))
+
+enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024, FRAME_STEPS = 25 };
+static const double STEP = 0.02, SPEED = 0.01, BEVEL = 7; /* s, m/s, 1/m */
+
+typedef struct settings {
+    const char *mesh, *tip, *csv, *prefix;
+    double seconds;
+    int help;
+} settings;
+
+/* Curves of the chart: one value per step each. */
+enum { TIME, TIP_X, TIP_Y, TIP_Z, FORCE_X, FORCE_Y, FORCE_Z, MIN_ANGLE, MAX_ANGLE, MILLISECONDS, CURVES };
+
+typedef struct work {
+    const settings *set;
+    phantom phantom;
+    int steps, done, cycles, frames;
+    double *curves[CURVES]; /* [steps] */
+    double deepest;         /* m fed at the end of the insertions */
+    int consistent, blocked;
+    double worst_quality;
+    FILE *csv;
+    /* compact copy of the tissue for files and pictures */
+    int *number;            /* of each node slot, or -1 */
+    sb_vec3 *points, *displacement;
+    int *tets, *regions, room;
+    sb_real *quality;
+} work;
+
+/* ---- messages -------------------------------------------------------------------------------------------------- */
+
+static int complain(const sb_error *error)
+{
+    progress_end();
+    if (error->file[0] && error->line > 0)
+        fprintf(stderr, "needle_prostate: %s:%d: %s\n", error->file, error->line, error->message);
+    else if (error->file[0])
+        fprintf(stderr, "needle_prostate: %s: %s\n", error->file, error->message);
+    else
+        fprintf(stderr, "needle_prostate: %s\n", error->message);
+    return error->result == SB_ERROR_MEMORY ? EXIT_SOLVE : EXIT_USAGE;
+}
+
+static int complain_memory(void)
+{
+    progress_end();
+    fputs("needle_prostate: not enough memory\n", stderr);
+    return EXIT_SOLVE;
+}
+
+static int complain_file(const char *path)
+{
+    progress_end();
+    fprintf(stderr, "needle_prostate: %s cannot be written\n", path);
+    return EXIT_USAGE;
+}
+
+/* PREFIX and what follows it. */
+static void name_file(const work *w, const char *ending, char path[PATH_SIZE])
+{
+    snprintf(path, PATH_SIZE, "%s%s", w->set->prefix, ending);
+}
+
+/* ---- the scene ------------------------------------------------------------------------------------------------- */
+
+static int make_mesh(work *w)
+{
+    sb_error error;
+    sb_result result = w->set->mesh ? sb_mesh_load(&w->phantom.mesh, w->set->mesh, NULL, &error)
+                                    : phantom_make_mesh(&w->phantom.mesh, &error);
+    if (result == SB_OK)
+        result = phantom_survey(&w->phantom, &error);
+    if (result == SB_OK)
+        return 0;
+    if (w->set->mesh && !error.file[0])
+        snprintf(error.file, sizeof error.file, "%.200s", w->set->mesh);
+    return complain(&error);
+}
+
+static int make_scene(work *w)
+{
+    ndl_tissue_def def = ndl_default_tissue_def();
+    sb_error error;
+    def.clock = seconds_now;
+#if defined(SB_USE_OPENMP)
+    def.jobs = sb_jobs_openmp();
+#endif
+    if (phantom_make_tissue(&w->phantom, &def, &error) != SB_OK ||
+        phantom_make_needle(&w->phantom, REAL(strcmp(w->set->tip, "bevel") == 0 ? BEVEL : 0), sb_v3(0, 0, 0), &error) !=
+            SB_OK)
+        return complain(&error);
+    printf("tissue         %d nodes, %d tets, %.0f x %.0f x %.0f mm%s\n", w->phantom.mesh.node_count,
+           w->phantom.mesh.element_count, 1e3 * (double)(w->phantom.high.x - w->phantom.low.x),
+           1e3 * (double)(w->phantom.high.y - w->phantom.low.y), 1e3 * (double)(w->phantom.high.z - w->phantom.low.z),
+           w->phantom.prostate >= 0 ? ", with a prostate" : "");
+    return 0;
+}
+
+/* The needle goes in and out as often as needed to fill the time without going further than three quarters through. */
+static int plan_run(work *w)
+{
+    double through = 0.75 * (double)(w->phantom.high.x - w->phantom.low.x) + (double)w->phantom.free_length;
+    double most = through / (0.5 * SPEED);
+    w->cycles = (int)ceil(w->set->seconds / most);
+    w->steps = (int)(w->set->seconds / STEP + 0.5);
+    w->worst_quality = 1;
+    for (int c = 0; c < CURVES; c++) {
+        w->curves[c] = (double *)malloc((size_t)w->steps * sizeof *w->curves[c]);
+        if (!w->curves[c])
+            return complain_memory();
+    }
+    if (!w->set->csv)
+        return 0;
+    w->csv = fopen(w->set->csv, "w");
+    if (!w->csv)
+        return complain_file(w->set->csv);
+    fputs("t,tip_x,tip_y,tip_z,base_fx,base_fy,base_fz,base_torque,static,dynamic,trials,iterations,quality,"
+          "min_dihedral,max_dihedral,ms\n",
+          w->csv);
+    return 0;
+}
+
+/* What the needle is to do at a time: in, half a turn, further in, half a turn back, out. */
+static ndl_command command_at(work *w, double time)
+{
+    const double pi = 3.14159265358979, span = w->set->seconds / w->cycles;
+    const double at = time / span - floor(time / span), fed = (double)ndl_needle_fed(w->phantom.needle);
+    ndl_command command;
+    memset(&command, 0, sizeof command);
+    if (at < 0.3 || (at >= 0.35 && at < 0.55)) {
+        command.insertion = REAL(SPEED);
+        w->deepest = fed + SPEED * STEP;
+    } else if (at < 0.6) {
+        command.twist = REAL((at < 0.35 ? pi : -pi) / (0.05 * span));
+    } else if (fed > -0.002) {
+        command.insertion = REAL(-(w->deepest + 0.004) / (0.35 * span));
+    }
+    return command;
+}
+
+/* ---- files ----------------------------------------------------------------------------------------------------- */
+
+/* Room for the tissue as it is now, without the slots that are not in use. */
+static int reserve_copy(work *w)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->phantom.tissue);
+    size_t nodes = (size_t)mesh->node_capacity, tets = (size_t)mesh->tet_capacity;
+    if (w->room >= mesh->tet_capacity)
+        return 1;
+    free(w->number), free(w->points), free(w->displacement), free(w->tets), free(w->regions), free(w->quality);
+    w->number = (int *)malloc(nodes * sizeof *w->number);
+    w->points = (sb_vec3 *)malloc(nodes * sizeof *w->points);
+    w->displacement = (sb_vec3 *)malloc(nodes * sizeof *w->displacement);
+    w->tets = (int *)malloc(tets * 4 * sizeof *w->tets);
+    w->regions = (int *)malloc(tets * sizeof *w->regions);
+    w->quality = (sb_real *)malloc(tets * sizeof *w->quality);
+    w->room = mesh->tet_capacity;
+    return w->number && w->points && w->displacement && w->tets && w->regions && w->quality;
+}
+
+/* Copies what is in use; of the tets only those without a node before the plane y = `before`. Returns 0 without memory. */
+static int copy_tissue(work *w, sb_real before, sb_mesh *copy)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->phantom.tissue);
+    int nodes = 0, tets = 0;
+    if (!reserve_copy(w))
+        return 0;
+    for (int i = 0; i < mesh->node_end; i++)
+        w->number[i] = -1;
+    for (int t = 0; t < mesh->tet_end; t++) {
+        const int *n = mesh->tets + 4 * (size_t)t;
+        if (n[0] < 0 || mesh->x[n[0]].y < before || mesh->x[n[1]].y < before || mesh->x[n[2]].y < before ||
+            mesh->x[n[3]].y < before)
+            continue;
+        for (int c = 0; c < 4; c++) {
+            if (w->number[n[c]] < 0) {
+                w->points[nodes] = mesh->x[n[c]];
+                w->displacement[nodes] = sb_v3_sub(mesh->x[n[c]], mesh->X[n[c]]);
+                w->number[n[c]] = nodes++;
+            }
+            w->tets[4 * tets + c] = w->number[n[c]];
+        }
+        w->regions[tets] = mesh->regions[t];
+        w->quality[tets++] = mesh->qualities[t];
+    }
+    memset(copy, 0, sizeof *copy);
+    copy->element_type = SB_TET4;
+    copy->nodes = w->points;
+    copy->node_count = nodes;
+    copy->elements = w->tets;
+    copy->element_count = tets;
+    copy->regions = w->regions;
+    return 1;
+}
+
+static int write_tissue(work *w, int frame)
+{
+    char path[PATH_SIZE], ending[32];
+    sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL}, {"quality", SB_FIELD_ELEMENTS, 1, NULL}};
+    sb_mesh copy;
+    sb_error error;
+    if (!copy_tissue(w, -SB_REAL_MAX, &copy))
+        return complain_memory();
+    fields[0].values = &w->displacement[0].x;
+    fields[1].values = w->quality;
+    snprintf(ending, sizeof ending, "_%04d.vtk", frame);
+    name_file(w, ending, path);
+    return sb_mesh_save_vtk_binary(path, &copy, fields, 2, &error) == SB_OK ? 0 : complain(&error);
+}
+
+/* The needle as a line, with what the tissue does to its nodes: 0 free, 1 sticks, 2 slips inwards, 3 outwards. */
+static int write_needle(work *w, int frame)
+{
+    const ndl_needle *needle = w->phantom.needle;
+    const ndl_rod *rod = ndl_needle_rod(needle);
+    int n = ndl_rod_node_count(rod), good;
+    char path[PATH_SIZE], ending[32];
+    FILE *file;
+    snprintf(ending, sizeof ending, "_needle_%04d.vtk", frame);
+    name_file(w, ending, path);
+    file = fopen(path, "w");
+    if (!file)
+        return complain_file(path);
+    fprintf(file, "# vtk DataFile Version 3.0\nneedle\nASCII\nDATASET POLYDATA\nPOINTS %d double\n", n);
+    for (int i = 0; i < n; i++) {
+        sb_vec3 x = ndl_rod_positions(rod)[i];
+        fprintf(file, "%.9g %.9g %.9g\n", (double)x.x, (double)x.y, (double)x.z);
+    }
+    fprintf(file, "LINES 1 %d\n%d", n + 1, n);
+    for (int i = 0; i < n; i++)
+        fprintf(file, " %d", i);
+    fprintf(file, "\nPOINT_DATA %d\nSCALARS contact int 1\nLOOKUP_TABLE default\n", n);
+    for (int i = 0; i < n; i++)
+        fprintf(file, "%d\n", (int)ndl_needle_contact(needle, i));
+    fprintf(file, "VECTORS force double\n");
+    for (int i = 0; i < n; i++) {
+        sb_vec3 f = ndl_needle_contact_force(needle, i);
+        fprintf(file, "%.9g %.9g %.9g\n", (double)f.x, (double)f.y, (double)f.z);
+    }
+    good = !ferror(file);
+    good = fclose(file) == 0 && good;
+    return good ? 0 : complain_file(path);
+}
+
+static int write_frame(work *w)
+{
+    int status = write_tissue(w, w->frames);
+    if (!status)
+        status = write_needle(w, w->frames);
+    w->frames++;
+    return status;
+}
+
+/* ParaView's list of the files with their times; `kind` is "" or "_needle". */
+static int write_series(const work *w, const char *kind)
+{
+    char path[PATH_SIZE], ending[32];
+    const char *name = w->set->prefix;
+    FILE *file;
+    int good;
+    for (const char *c = name; *c; c++)
+        if (*c == '/' || *c == '\\')
+            name = c + 1;
+    snprintf(ending, sizeof ending, "%s.vtk.series", kind);
+    name_file(w, ending, path);
+    file = fopen(path, "w");
+    if (!file)
+        return complain_file(path);
+    fprintf(file, "{\"file-series-version\": \"1.0\", \"files\": [\n");
+    for (int i = 0; i < w->frames; i++)
+        fprintf(file, "  {\"name\": \"%s%s_%04d.vtk\", \"time\": %.6g}%s\n", name, kind, i, i * FRAME_STEPS * STEP,
+                i + 1 < w->frames ? "," : "");
+    fprintf(file, "]}\n");
+    good = !ferror(file);
+    good = fclose(file) == 0 && good;
+    return good ? 0 : complain_file(path);
+}
+
+static int write_chart(const work *w)
+{
+    static plot p;
+    char path[PATH_SIZE];
+    plot_panel *force, *tip, *angles;
+    plot_begin(&p, "A flexible needle in a prostate phantom");
+    force = plot_add_panel(&p, "force on the base of the needle", "time (s)", "force (N)");
+    plot_add_curve(force, "along (x)", w->curves[TIME], w->curves[FORCE_X], w->done);
+    plot_add_curve(force, "aside (y)", w->curves[TIME], w->curves[FORCE_Y], w->done);
+    plot_add_curve(force, "upwards (z)", w->curves[TIME], w->curves[FORCE_Z], w->done);
+    tip = plot_add_panel(&p, "way of the tip", "x (mm)", "y, z from the start (mm)");
+    plot_add_curve(tip, "y", w->curves[TIP_X], w->curves[TIP_Y], w->done);
+    plot_add_curve(tip, "z", w->curves[TIP_X], w->curves[TIP_Z], w->done);
+    angles = plot_add_panel(&p, "dihedral angles of the mesh", "time (s)", "angle (degrees)");
+    plot_add_curve(angles, "smallest", w->curves[TIME], w->curves[MIN_ANGLE], w->done);
+    plot_add_curve(angles, "largest", w->curves[TIME], w->curves[MAX_ANGLE], w->done);
+    name_file(w, ".svg", path);
+    return plot_save_svg(&p, path) ? 0 : complain_file(path);
+}
+
+/* ---- picture --------------------------------------------------------------------------------------------------- */
+
+static void draw_needle(const work *w, picture *p)
+{
+    const ndl_rod *rod = ndl_needle_rod(w->phantom.needle);
+    const sb_vec3 *x = ndl_rod_positions(rod);
+    for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
+        picture_add_capsule(p, x[i], x[i + 1], 0.0008, picture_web(0x2f6f9f)); /* twice as thick as it is */
+}
+
+/* The boundary of the tets of the prostate, in one colour, or of all others, coloured by displacement (mm). 0: no
+ * memory. */
+static int draw_part(const work *w, picture *p, const sb_mesh *copy, int prostate, double limit)
+{
+    sb_mesh part = *copy;
+    sb_boundary boundary;
+    sb_real *values = NULL;
+    int *kept = (int *)malloc(4 * (size_t)copy->element_count * sizeof *kept), first = p->count, drawn = 0;
+    part.regions = NULL;
+    part.elements = kept;
+    part.element_count = 0;
+    for (int e = 0; kept && e < copy->element_count; e++)
+        if ((copy->regions[e] == w->phantom.prostate) == prostate)
+            memcpy(kept + 4 * (size_t)part.element_count++, copy->elements + 4 * (size_t)e, 4 * sizeof *kept);
+    if (kept && part.element_count == 0) {
+        free(kept);
+        return 1;
+    }
+    if (kept && sb_mesh_boundary(&part, 1, NULL, &boundary, NULL) == SB_OK) {
+        values = (sb_real *)malloc((size_t)boundary.surface.node_count * sizeof *values);
+        for (int i = 0; values && i < boundary.surface.node_count; i++)
+            values[i] = 1000 * sb_v3_norm(w->displacement[boundary.nodes[i]]);
+        if (values)
+            picture_add_surface(p, &boundary.surface, values, 0, limit);
+        for (int i = first; i < p->count && prostate; i++) {
+            p->triangles[i].is_plain = 1;
+            p->triangles[i].colour = picture_web(0x8fb8b0);
+        }
+        drawn = values != NULL;
+        sb_boundary_free(&boundary);
+    }
+    free(values);
+    free(kept);
+    return drawn;
+}
+
+/* The phantom without what lies before the needle. */
+static int draw_picture(work *w)
+{
+    const int width = 1280, height = 960;
+    char path[PATH_SIZE], details[160];
+    sb_mesh copy;
+    picture p;
+    sb_real most = 0, front = w->phantom.target.y - REAL(0.02) * (w->phantom.high.y - w->phantom.low.y);
+    double limit;
+    int good;
+    if (!copy_tissue(w, front, &copy))
+        return complain_memory();
+    for (int i = 0; i < copy.node_count; i++)
+        most = sb_max(most, 1000 * sb_v3_norm(w->displacement[i]));
+    limit = most > 0 ? ceil((double)most) : 1;
+    picture_begin(&p, width, height);
+    good = draw_part(w, &p, &copy, 0, limit) && draw_part(w, &p, &copy, 1, limit);
+    draw_needle(w, &p);
+    picture_render(&p, 14, 24);
+    picture_colour_bar(&p, "displacement", "mm", 0, limit, (double)most);
+    picture_length_bar(&p);
+    picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), "A needle in a prostate phantom");
+    snprintf(details, sizeof details, "%s tip, %.0f mm deep, cut open at the needle", w->set->tip,
+             1e3 * (double)ndl_needle_depth(w->phantom.needle));
+    picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
+    name_file(w, ".png", path);
+    good = good ? picture_save_png(&p, path) : PICTURE_NO_MEMORY;
+    picture_end(&p);
+    return good == PICTURE_OK ? 0 : good == PICTURE_NO_MEMORY ? complain_memory() : complain_file(path);
+}
+
+/* ---- the run --------------------------------------------------------------------------------------------------- */
+
+static void note_step(work *w, const ndl_step_info *info)
+{
+    const ndl_needle *needle = w->phantom.needle;
+    sb_vec3 force, torque, tip = ndl_needle_tip(needle).position;
+    sb_real quality, smallest, largest;
+    double values[CURVES];
+    ndl_needle_base_wrench(needle, &force, &torque);
+    ndl_tissue_mesh_quality(ndl_tissue_get_mesh(w->phantom.tissue), &quality, &smallest, &largest);
+    values[TIME] = (w->done + 1) * STEP;
+    values[TIP_X] = 1e3 * (double)tip.x;
+    values[TIP_Y] = 1e3 * (double)(tip.y - w->phantom.target.y);
+    values[TIP_Z] = 1e3 * (double)(tip.z - w->phantom.target.z);
+    values[FORCE_X] = (double)force.x, values[FORCE_Y] = (double)force.y, values[FORCE_Z] = (double)force.z;
+    values[MIN_ANGLE] = (double)smallest, values[MAX_ANGLE] = (double)largest;
+    values[MILLISECONDS] = 1e3 * info->seconds_total;
+    for (int c = 0; c < CURVES; c++)
+        w->curves[c][w->done] = values[c];
+    w->consistent += info->consistent;
+    w->blocked += info->blocked;
+    w->worst_quality = fmin(w->worst_quality, (double)quality);
+    if (w->csv)
+        fprintf(w->csv, "%.6g,%.9g,%.9g,%.9g,%.6g,%.6g,%.6g,%.6g,%d,%d,%d,%d,%.5g,%.5g,%.5g,%.4g\n", values[TIME],
+                (double)tip.x, (double)tip.y, (double)tip.z, values[FORCE_X], values[FORCE_Y], values[FORCE_Z],
+                (double)torque.x, info->static_nodes, info->dynamic_nodes, info->trials, info->iterations,
+                (double)quality, values[MIN_ANGLE], values[MAX_ANGLE], values[MILLISECONDS]);
+}
+
+static int make_step(work *w)
+{
+    ndl_command command = command_at(w, w->done * STEP);
+    ndl_step_info info;
+    sb_error error;
+    char words[64];
+    if (ndl_step(w->phantom.tissue, &w->phantom.needle, 1, REAL(STEP), &command, &info, &error) != SB_OK) {
+        progress_end();
+        fprintf(stderr, "needle_prostate: step %d: %s\n", w->done + 1, error.message);
+        return EXIT_SOLVE;
+    }
+    note_step(w, &info);
+    w->done++;
+    snprintf(words, sizeof words, "step %d of %d, %.0f mm deep, %.1f ms", w->done, w->steps,
+             1e3 * (double)ndl_needle_depth(w->phantom.needle), 1e3 * info.seconds_total);
+    progress_show((double)w->done / w->steps, words);
+    return 0;
+}
+
+static int run_steps(work *w)
+{
+    int picture_step = (int)(0.55 * w->steps / w->cycles), status = write_frame(w);
+    while (w->done < w->steps && !status) {
+        status = make_step(w);
+        if (!status && w->done % FRAME_STEPS == 0)
+            status = write_frame(w);
+        if (!status && w->done == (picture_step > 0 ? picture_step : 1))
+            status = draw_picture(w);
+    }
+    progress_end();
+    return status;
+}
+
+static int write_lists(work *w)
+{
+    int status = write_series(w, "");
+    if (!status)
+        status = write_series(w, "_needle");
+    return status ? status : write_chart(w);
+}
+
+static int close_csv(work *w)
+{
+    int good = 1;
+    if (w->csv) {
+        good = !ferror(w->csv);
+        good = fclose(w->csv) == 0 && good;
+        w->csv = NULL;
+    }
+    return good ? 0 : complain_file(w->set->csv);
+}
+
+static int compare_numbers(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static int print_summary(work *w)
+{
+    double *ms = w->curves[MILLISECONDS];
+    qsort(ms, (size_t)w->done, sizeof *ms, compare_numbers);
+    printf("written        %s_0000.vtk to _%04d.vtk and %s_needle_...; ParaView opens %s.vtk.series\n", w->set->prefix,
+           w->frames - 1, w->set->prefix, w->set->prefix);
+    printf("chart, picture %s.svg, %s.png\n", w->set->prefix, w->set->prefix);
+    if (w->blocked > 0)
+        fprintf(stderr, "needle_prostate: warning: in %d steps the tip could not follow: no sound tets were found\n",
+                w->blocked);
+    printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done,
+           ms[w->done / 2], ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
+           ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(w->phantom.tissue)) ? "restored" : "changed");
+    return 0;
+}
+
+static void release(work *w)
+{
+    close_csv(w);
+    phantom_free(&w->phantom);
+    for (int c = 0; c < CURVES; c++)
+        free(w->curves[c]);
+    free(w->number), free(w->points), free(w->displacement), free(w->tets), free(w->regions), free(w->quality);
+}
+
+static int run(const settings *set)
+{
+    static int (*const stages[])(work *) = {make_mesh, make_scene, plan_run, run_steps, write_lists, close_csv,
+                                            print_summary};
+    work w;
+    int status = 0;
+    memset(&w, 0, sizeof w);
+    w.set = set;
+    for (size_t i = 0; i < sizeof stages / sizeof stages[0] && !status; i++)
+        status = stages[i](&w);
+    release(&w);
+    return status;
+}
+
+/* 1 when the arguments go together. */
+static int check_settings(const settings *s)
+{
+    if (strcmp(s->tip, "bevel") != 0 && strcmp(s->tip, "symmetric") != 0)
+        return options_complain("needle_prostate", "--tip", "needs bevel or symmetric");
+    if (strlen(s->prefix) > PATH_SIZE - 64)
+        return options_complain("needle_prostate", "-o", "needs a shorter prefix");
+    if (s->mesh && s->csv && is_same_file(s->mesh, s->csv))
+        return options_complain("needle_prostate", s->mesh, "would be overwritten");
+    return 1;
+}
+
+int main(int argc, char **argv)
+{
+    static settings s;
+    s.tip = "bevel";
+    s.prefix = "needle_prostate";
+    s.seconds = 18;
+    const option options[] = {
+        {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
+         "tissue of tets in metres, the highest region is the prostate (VTK, gmsh, TetGen); default: made here"},
+        {"--tip", "KIND", OPTION_TEXT, NULL, NULL, &s.tip, 0, 0, "bevel or symmetric"},
+        {"--seconds", "S", OPTION_NUMBER, NULL, &s.seconds, NULL, 0.5, 1e5, "length of the run, steps are of 0.02 s"},
+        {"--csv", "FILE", OPTION_TEXT, NULL, NULL, &s.csv, 0, 0, "a line for each step"},
+        {"-o", "PREFIX", OPTION_TEXT, NULL, NULL, &s.prefix, 0, 0, "files are named PREFIX_0000.vtk, PREFIX.png, ..."},
+        {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
+        {"-h", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, NULL},
+    };
+    const int count = (int)(sizeof options / sizeof options[0]);
+    if (!options_parse("needle_prostate", options, count, NULL, 0, argc, argv))
+        return EXIT_USAGE;
+    if (s.help) {
+        printf("usage: needle_prostate [OPTIONS]\n\n"
+               "A flexible needle goes into a prostate phantom, is turned by half a turn, goes on, and is drawn out again.\n"
+               "Writes the tissue and the needle as VTK series, a chart (SVG) and a picture (PNG).\n\n");
+        options_print(options, count);
+        printf("\nThe last line: steps, median and 99th percentile of their time (ms), the share of steps whose friction\n"
+               "states were consistent, the worst quality of a tet, and whether the mesh is the original one again.\n");
+        return 0;
+    }
+    return check_settings(&s) ? run(&s) : EXIT_USAGE;
+}

@@ -1,0 +1,143 @@
+/* bench_needle: whole steps of a needle in tissue.
+ *
+ *     needle_prostate   the phantom that examples/needle_prostate.c makes (13,295 tets, 2,840 nodes; see
+ *                       examples/phantom.h), a nitinol needle with a bevel fed at 1 cm/s for 8 s, dt 20 ms, residual 1e-3
+ *     needle_program    the same, for 6 s, then turned by half a turn at rest, fed for 2 s and drawn out
+ *
+ * One line per workload:
+ *     name n_dof median_ms min_ms p99_ms iterations bytes checksum | tissue couple needle remesh (mean ms); trials mean/max;
+ *     consistent %
+ * without the first 50 steps; iterations per step; the checksum is the sum of |u| at the end, at the tolerance of the
+ * workload. Asserts nothing. */
+#define SB_IMPLEMENTATION
+#define NDL_IMPLEMENTATION
+#include "softbody.h"
+
+#include "needle.h"
+
+#include "examples/phantom.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static double now(void)
+{
+    struct timespec t;
+    timespec_get(&t, TIME_UTC);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static size_t bytes_given;
+static void *count_alloc(void *user, size_t bytes)
+{
+    (void)user;
+    bytes_given += bytes;
+    return malloc(bytes);
+}
+static void count_release(void *user, void *pointer)
+{
+    (void)user;
+    free(pointer);
+}
+
+static int compare(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+enum { WARM = 50, MOST_STEPS = 1000 };
+
+static int make_scene(phantom *p)
+{
+    ndl_tissue_def def = ndl_default_tissue_def();
+    sb_error error;
+    memset(p, 0, sizeof *p);
+    def.clock = now;
+    def.allocator.alloc = count_alloc;
+    def.allocator.release = count_release;
+#if defined(SB_USE_OPENMP)
+    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
+        def.jobs = sb_jobs_openmp();
+#endif
+    bytes_given = 0;
+    return phantom_make_mesh(&p->mesh, &error) == SB_OK && phantom_survey(p, &error) == SB_OK &&
+           phantom_make_tissue(p, &def, &error) == SB_OK &&
+           phantom_make_needle(p, 7, sb_v3(0, 0, 0), &error) == SB_OK;
+}
+
+static ndl_command insert(int step)
+{
+    ndl_command command;
+    (void)step;
+    memset(&command, 0, sizeof command);
+    command.insertion = (sb_real)0.01;
+    return command;
+}
+
+static ndl_command program(int step)
+{
+    ndl_command command = insert(step);
+    if (step >= 300 && step < 340) {
+        command.insertion = 0;
+        command.twist = (sb_real)(3.14159265358979 / 0.8);
+    } else if (step >= 440) {
+        command.insertion = (sb_real)-0.012;
+    }
+    return command;
+}
+
+static double sum_displacements(const phantom *p)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(p->tissue);
+    double sum = 0;
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->node_flags[i])
+            sum += (double)sb_v3_norm(sb_v3_sub(mesh->x[i], mesh->X[i]));
+    return sum;
+}
+
+static void run(const char *name, ndl_command (*command_at)(int step), int steps)
+{
+    static double times[MOST_STEPS];
+    double phases[4] = {0, 0, 0, 0};
+    int iterations = 0, trials = 0, most = 0, consistent = 0, counted = steps - WARM;
+    phantom p;
+    if (!make_scene(&p)) {
+        printf("%s: no scene\n", name);
+        return;
+    }
+    for (int k = 0; k < steps; k++) {
+        ndl_command command = command_at(k);
+        ndl_step_info info;
+        sb_error error;
+        if (ndl_step(p.tissue, &p.needle, 1, (sb_real)0.02, &command, &info, &error) != SB_OK)
+            printf("%s: step %d: %s\n", name, k, error.message);
+        if (k < WARM)
+            continue;
+        times[k - WARM] = 1e3 * info.seconds_total;
+        phases[0] += 1e3 * info.seconds_tissue / counted;
+        phases[1] += 1e3 * info.seconds_couple / counted;
+        phases[2] += 1e3 * info.seconds_needle / counted;
+        phases[3] += 1e3 * info.seconds_remesh / counted;
+        iterations += info.iterations;
+        trials += info.trials;
+        most = info.trials > most ? info.trials : most;
+        consistent += info.consistent;
+    }
+    qsort(times, (size_t)counted, sizeof times[0], compare);
+    printf("%s %d %.3f %.3f %.3f %.1f %lu %.9g | %.3f %.3f %.3f %.3f; %.2f/%d; %.2f\n", name, 3 * p.mesh.node_count,
+           times[counted / 2], times[0], times[counted * 99 / 100], (double)iterations / counted,
+           (unsigned long)bytes_given, sum_displacements(&p), phases[0], phases[1], phases[2], phases[3],
+           (double)trials / counted, most, 100.0 * consistent / counted);
+    phantom_free(&p);
+}
+
+int main(void)
+{
+    run("needle_prostate", insert, 400);
+    run("needle_program", program, 800);
+    return 0;
+}
