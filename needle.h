@@ -1254,7 +1254,8 @@ typedef struct ndl_needle_def {
     int membrane_count;
     ndl_cutting cutting;    /* default NULL: by the tables */
     void *cutting_user;
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. Of several
+                             * needles the largest counts */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -1308,9 +1309,11 @@ typedef struct ndl_step_info {
  * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
  * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
+ * are, is said), or more of a needle is in the tissue than its capacity has nodes for; SB_ERROR_DIVERGED (node named);
+ * SB_ERROR_MEMORY.
  * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
- * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
+ * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator, but
+ * NDL_NEWMARK with beta 0.3025 and gamma 0.6, or nodes that needles lead would never come to rest. */
 NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 
@@ -7641,6 +7644,7 @@ struct ndl_tissue {
     /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
      * and steps with more take Euler, which damps. */
     int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
+    int led;                /* 1: needles lead nodes in the present step */
     int ledger_open;
     double ledger, next_ledger; /* J, before and after the present step is committed */
     double work;            /* J, of gravity, forces and supports in the last step */
@@ -9189,15 +9193,18 @@ static double ndli_solid_now(const ndl_tissue *t) { return t->clock ? t->clock()
 
 /* ---- the step's terms ---- */
 
+/* With gamma 1/2 a node that a needle leads keeps an acceleration that turns over in each step, and needles would shake
+ * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of 0.05 (w dt)^2. */
 static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
 {
     ndli_solid_scheme *s = &t->scheme;
     sb_real mass = s->mass, stiffness = s->stiffness;
     int newmark = t->integrator == NDL_NEWMARK && !t->calm;
+    sb_real gamma = t->led ? (sb_real)0.6 : (sb_real)0.5, root = (sb_real)0.5 * ((sb_real)0.5 + gamma);
     s->dt = dt;
-    s->beta = newmark ? (sb_real)0.25 : (sb_real)1;
-    s->c0 = newmark ? (sb_real)0.25 : (sb_real)0;
-    s->gamma = newmark ? (sb_real)0.5 : (sb_real)1;
+    s->beta = newmark ? root * root : (sb_real)1;
+    s->c0 = newmark ? (sb_real)0.5 - s->beta : (sb_real)0;
+    s->gamma = newmark ? gamma : (sb_real)1;
     s->mass = 1 + s->gamma * dt * t->damping_mass;
     s->stiffness = s->beta * dt * dt + s->gamma * dt * t->damping_stiffness;
     if (s->mass != mass || s->stiffness != stiffness)
@@ -12981,7 +12988,7 @@ struct ndli_site {
     double mean_edge;  /* of the undeformed tissue (m) */
     int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
     int coupled_count;
-    int coupled_room;
+    size_t coupled_room;
     unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
     size_t undo_room;
 };
@@ -13000,7 +13007,8 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle);
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
- * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
+ * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
+ * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* ---- needle_undo ---- */
@@ -13660,15 +13668,15 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
+    int last = rod->node_count - 1;
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    needle->advance = needle->line.slip[last];
+    needle->advance = needle->line.slip[last]; /* where states came out inconsistent its sign, not the state's, counts */
     if (needle->advance == 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (!forward) {
+    if (needle->advance < 0) {
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
         return ndli_step_judge(needle, result, &own, error);
@@ -13728,14 +13736,19 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
     ndl_couple_info couple;
     double begin, middle;
+    int max_trials = 1;
     sb_result result;
+    for (int k = 0; k < s->count; k++)
+        max_trials = sbi_max_int(max_trials, s->needles[k]->max_trials);
     ndli_step_couple_nodes(s);
     begin = ndli_step_now(s->tissue);
+    s->tissue->led = 1;
     result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
+    s->tissue->led = 0;
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, max_trials, &couple, s->error);
     s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
     if (result == SB_OK) {
         ndli_step_note_solve(s->info, &couple);
@@ -13773,11 +13786,22 @@ static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *err
     return SB_OK;
 }
 
+/* The rod's nodes on those of the path. */
+static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
+{
+    int bad = ndli_needle_renew_nodes(needle);
+    if (bad < 0)
+        return SB_OK;
+    if (bad >= needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
+                        "tissue", needle->index, needle->rod->capacity);
+    return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+}
+
 static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
 {
     ndl_remesh_info done;
     sb_result result;
-    int bad;
     double begin = ndli_step_now(s->tissue), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
@@ -13792,11 +13816,9 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
     if (result != SB_OK)
         return result;
-    bad = ndli_needle_renew_nodes(needle);
+    result = ndli_step_renew(needle, s->error);
     s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
-    if (bad >= 0)
-        return sbi_fail_node(s->error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
-    return SB_OK;
+    return result;
 }
 
 static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
@@ -13805,8 +13827,9 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     double begin = ndli_step_now(s->tissue);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (!ndli_needle_is_threaded(needle) && ndli_needle_renew_nodes(needle) >= 0)
-            return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
+        sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
+        if (result != SB_OK)
+            return result;
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
     }
@@ -13934,7 +13957,7 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     if (result != SB_OK)
         ndli_needle_undo(tissue);
     for (int k = 0; k < count; k++) {
-        needles[k]->base_given = 0;
+        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
         ndli_rod_publish(needles[k]->rod);
     }
     ndli_step_count_states(&s);
@@ -13997,18 +14020,22 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
     return SB_OK;
 }
 
-/* Room for the coupled nodes of all needles. */
+/* Room for the coupled nodes of all needles and one more. */
 static int ndli_site_reserve(ndl_tissue *tissue, int more)
 {
     struct ndli_site *site = tissue->site;
-    int *grown = (int *)sbi_alloc(&tissue->allocator, (size_t)(site->coupled_room + more), sizeof(int));
+    size_t room = (size_t)more;
+    int *grown;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (room <= site->coupled_room)
+        return 1;
+    grown = (int *)sbi_alloc(&tissue->allocator, room, sizeof(int));
     if (!grown)
         return 0;
-    if (site->coupled_count)
-        memcpy(grown, site->coupled, (size_t)site->coupled_count * sizeof(int));
-    sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site->coupled); /* holds nothing between steps */
     site->coupled = grown;
-    site->coupled_room += more;
+    site->coupled_room = room;
     return 1;
 }
 

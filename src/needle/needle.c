@@ -53,18 +53,22 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
     return SB_OK;
 }
 
-/* Room for the coupled nodes of all needles. */
+/* Room for the coupled nodes of all needles and one more. */
 static int ndli_site_reserve(ndl_tissue *tissue, int more)
 {
     struct ndli_site *site = tissue->site;
-    int *grown = (int *)sbi_alloc(&tissue->allocator, (size_t)(site->coupled_room + more), sizeof(int));
+    size_t room = (size_t)more;
+    int *grown;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (room <= site->coupled_room)
+        return 1;
+    grown = (int *)sbi_alloc(&tissue->allocator, room, sizeof(int));
     if (!grown)
         return 0;
-    if (site->coupled_count)
-        memcpy(grown, site->coupled, (size_t)site->coupled_count * sizeof(int));
-    sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site->coupled); /* holds nothing between steps */
     site->coupled = grown;
-    site->coupled_room += more;
+    site->coupled_room = room;
     return 1;
 }
 

@@ -68,7 +68,8 @@ typedef struct ndl_needle_def {
     int membrane_count;
     ndl_cutting cutting;    /* default NULL: by the tables */
     void *cutting_user;
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10 */
+    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. Of several
+                             * needles the largest counts */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -122,9 +123,11 @@ typedef struct ndl_step_info {
  * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
  * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
+ * are, is said), or more of a needle is in the tissue than its capacity has nodes for; SB_ERROR_DIVERGED (node named);
+ * SB_ERROR_MEMORY.
  * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
- * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
+ * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator, but
+ * NDL_NEWMARK with beta 0.3025 and gamma 0.6, or nodes that needles lead would never come to rest. */
 NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 

@@ -56,7 +56,7 @@ struct ndli_site {
     double mean_edge;  /* of the undeformed tissue (m) */
     int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
     int coupled_count;
-    int coupled_room;
+    size_t coupled_room;
     unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
     size_t undo_room;
 };
@@ -75,7 +75,8 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle);
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
- * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
+ * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
+ * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* ---- needle_undo ---- */

@@ -229,15 +229,15 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
+    int last = rod->node_count - 1;
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    needle->advance = needle->line.slip[last];
+    needle->advance = needle->line.slip[last]; /* where states came out inconsistent its sign, not the state's, counts */
     if (needle->advance == 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (!forward) {
+    if (needle->advance < 0) {
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
         return ndli_step_judge(needle, result, &own, error);
@@ -297,14 +297,19 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
     ndl_couple_info couple;
     double begin, middle;
+    int max_trials = 1;
     sb_result result;
+    for (int k = 0; k < s->count; k++)
+        max_trials = sbi_max_int(max_trials, s->needles[k]->max_trials);
     ndli_step_couple_nodes(s);
     begin = ndli_step_now(s->tissue);
+    s->tissue->led = 1;
     result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
+    s->tissue->led = 0;
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, s->needles[0]->max_trials, &couple, s->error);
+        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, max_trials, &couple, s->error);
     s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
     if (result == SB_OK) {
         ndli_step_note_solve(s->info, &couple);
@@ -342,11 +347,22 @@ static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *err
     return SB_OK;
 }
 
+/* The rod's nodes on those of the path. */
+static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
+{
+    int bad = ndli_needle_renew_nodes(needle);
+    if (bad < 0)
+        return SB_OK;
+    if (bad >= needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
+                        "tissue", needle->index, needle->rod->capacity);
+    return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+}
+
 static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
 {
     ndl_remesh_info done;
     sb_result result;
-    int bad;
     double begin = ndli_step_now(s->tissue), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
@@ -361,11 +377,9 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
     if (result != SB_OK)
         return result;
-    bad = ndli_needle_renew_nodes(needle);
+    result = ndli_step_renew(needle, s->error);
     s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
-    if (bad >= 0)
-        return sbi_fail_node(s->error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
-    return SB_OK;
+    return result;
 }
 
 static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
@@ -374,8 +388,9 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     double begin = ndli_step_now(s->tissue);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (!ndli_needle_is_threaded(needle) && ndli_needle_renew_nodes(needle) >= 0)
-            return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
+        sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
+        if (result != SB_OK)
+            return result;
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
     }
@@ -503,7 +518,7 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     if (result != SB_OK)
         ndli_needle_undo(tissue);
     for (int k = 0; k < count; k++) {
-        needles[k]->base_given = 0;
+        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
         ndli_rod_publish(needles[k]->rod);
     }
     ndli_step_count_states(&s);
