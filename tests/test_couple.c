@@ -87,8 +87,8 @@ static void test_viscous(void)
 
 /* ---- sticking ---- */
 
-/* Moves the sleeve by `way` (m) in `steps` steps; writes place and push after each. */
-static void slide(needle_scene *s, double way, int steps, double *place, double *push)
+/* Moves the sleeve by `way` (m) in `steps` steps; writes place, push and depth after each. place[-1]: where it is. */
+static void slide(needle_scene *s, double way, int steps, double *place, double *push, double *depth)
 {
     ndl_command command = needle_command(0, 0);
     double at = place[-1];
@@ -98,6 +98,7 @@ static void slide(needle_scene *s, double way, int steps, double *place, double 
         at += way / steps;
         place[i] = at;
         push[i] = needle_push(s);
+        depth[i] = (double)ndl_needle_depth(s->needles[0]);
     }
 }
 
@@ -115,34 +116,31 @@ static double loop_area(const double *place, const double *push, int count)
 /* To and fro: it sticks while less than the friction is needed, then slips at it, each way. */
 static void test_stick_slip(void)
 {
-    enum { LEG = 40 };
+    enum { LEG = 40, LAST = 3 * LEG }; /* legs: out by 2 mm, then in and out by 4 mm, twice */
     needle_scene s = slow_scene();
-    double place[5 * LEG + 1] = {0}, push[5 * LEG + 1] = {0}, *x = place + 1, *f = push + 1, limit;
+    double place[5 * LEG + 1] = {0}, f[5 * LEG], depth[5 * LEG], *x = place + 1;
     s.frictions[0].cutting = 0;
     s.frictions[0].friction = 60;
     if (needle_scene_make(&s) && needle_scene_run(&s, dt, 120, needle_command(speed, 0))) {
+        double limit = 60 * 0.023, loop, slope;
         int stuck = 0;
-        limit = 60 * (double)ndl_needle_depth(s.needles[0]);
-        slide(&s, -0.002, LEG, x, f);
-        for (int leg = 1; leg < 5; leg++)
-            slide(&s, leg % 2 ? 0.004 : -0.004, LEG, x + leg * LEG, f + leg * LEG);
+        for (int leg = 0; leg < 5; leg++)
+            slide(&s, leg == 0 ? -0.002 : leg % 2 ? 0.004 : -0.004, LEG, x + leg * LEG, f + leg * LEG, depth + leg * LEG);
         for (int i = 0; i < 5 * LEG; i++)
-            CHECK(fabs(f[i]) < 1.02 * limit + 0.1);
-        CHECK_NEAR(f[2 * LEG - 1], limit, 0.04 * limit);
-        CHECK_NEAR(f[3 * LEG - 1], -limit, 0.04 * limit);
-        /* after a reversal it sticks: push and way are in proportion, up to part of the limit each way */
-        CHECK_NEAR(f[3 * LEG + 1] - f[3 * LEG - 1], 2 * (f[3 * LEG] - f[3 * LEG - 1]),
-                   0.1 * (f[3 * LEG + 1] - f[3 * LEG - 1]));
-        for (int i = 3 * LEG; i < 4 * LEG; i++) {
-            CHECK(f[i] > f[i - 1] - 1e-3 * limit);
-            stuck += f[i] > -0.8 * limit && f[i] < 0.8 * limit;
-        }
-        CHECK(stuck > 2); /* it takes a way to turn the push round */
-        CHECK(fabs(f[4 * LEG - 1] - f[4 * LEG - 6]) < 0.03 * limit); /* and then it slips */
+            CHECK(fabs(f[i]) < 60 * depth[i] + 0.03 * limit);
+        for (int leg = 1; leg < 5; leg++)
+            CHECK_NEAR(f[leg * LEG + LEG - 1], (leg % 2 ? 60 : -60) * depth[leg * LEG + LEG - 1], 0.01 * limit);
+        /* after a reversal it sticks: push and way are in proportion; once it slips the push hardly changes */
+        slope = (f[LAST + 8] - f[LAST]) / (x[LAST + 8] - x[LAST]);
+        CHECK_NEAR((f[LAST + 4] - f[LAST]) / (x[LAST + 4] - x[LAST]), slope, 0.1 * slope);
+        CHECK(fabs((f[LAST + LEG - 1] - f[LAST + LEG - 9]) / (x[LAST + LEG - 1] - x[LAST + LEG - 9])) < 0.06 * slope);
+        for (int i = LAST; i < LAST + LEG; i++)
+            stuck += fabs(f[i]) < 0.8 * limit;
+        CHECK(stuck > 5);
         for (int i = 0; i < LEG; i++) /* the second round is the first again */
-            CHECK_NEAR(f[4 * LEG + i], f[2 * LEG + i], 0.05 * limit);
-        CHECK(loop_area(x + 2 * LEG, f + 2 * LEG, 2 * LEG) > 0.5 * 2 * limit * 0.004);
-        CHECK(loop_area(x + 2 * LEG, f + 2 * LEG, 2 * LEG) < 2 * limit * 0.004);
+            CHECK_NEAR(f[LAST + i], f[LEG + i], 0.05 * limit);
+        loop = loop_area(x + 2 * LEG, f + 2 * LEG, 2 * LEG); /* of a rigid needle in rigid tissue: 2 limits times the way */
+        CHECK(loop > 0.5 * 2 * limit * 0.004 && loop < 2 * limit * 0.004);
     }
     needle_scene_free(&s);
 }
@@ -151,7 +149,7 @@ static void test_stick_slip(void)
 static void test_sticks_below_the_limit(void)
 {
     needle_scene s = slow_scene();
-    double place[41] = {0}, push[41] = {0};
+    double place[21] = {0}, push[21], depth[21];
     s.frictions[0].friction = 2000; /* 40 N at 2 cm */
     s.frictions[0].cutting = 0;
     if (needle_scene_make(&s) && needle_scene_run(&s, dt, 120, needle_command(speed, 0)) &&
@@ -159,9 +157,9 @@ static void test_sticks_below_the_limit(void)
         double advance = 0;
         needle_scene_run(&s, dt, 50, needle_command(0, 0));
         CHECK_INT(s.info.dynamic_nodes, 0);
-        slide(&s, 1e-4, 10, place + 1, push + 1);
+        slide(&s, 1e-4, 10, place + 1, push + 1, depth);
         CHECK_INT(s.info.dynamic_nodes, 0);
-        slide(&s, -1e-4, 10, place + 11, push + 11);
+        slide(&s, -1e-4, 10, place + 11, push + 11, depth);
         CHECK_INT(s.info.dynamic_nodes, 0);
         needle_scene_run(&s, dt, 100, needle_command(0, 0));
         advance = fabs((double)ndl_needle_advance(s.needles[0]));
@@ -201,15 +199,15 @@ static void test_membranes(void)
     r.count = 0;
     if (needle_scene_make(&s)) {
         for (int i = 0; i < 200; i++) {
-            sb_vec3 X = sb_v3(0, 0, REAL(0.04));
+            sb_vec3 X = sb_v3(0, 0, REAL(0.05)); /* where the tip cuts in this step */
+            ndl_needle_tip_material(s.needles[0], &X);
             if (!needle_scene_run(&s, dt, 1, needle_command(speed, 0)))
                 break;
-            ndl_needle_tip_material(s.needles[0], &X);
             r.z[r.count] = (double)X.z;
             r.push[r.count++] = needle_push(&s);
         }
-        CHECK_NEAR(largest_push(&r, 0.0394, 0.05), 4.2, 0.1);
-        CHECK(largest_push(&r, 0.030, 0.0385) < 0.6);  /* the drop after it */
+        CHECK_NEAR(largest_push(&r, 0.0395, 0.0405), 4.2, 0.1);
+        CHECK(largest_push(&r, 0.030, 0.0394) < 0.6);  /* the drop after it */
         CHECK_NEAR(largest_push(&r, 0.0195, 0.0206), 3.3, 0.15);
         CHECK(largest_push(&r, 0.005, 0.019) < 0.6);
         CHECK(r.z[r.count - 1] < 0.012);
@@ -304,7 +302,7 @@ static void test_lateral(void)
         }
         CHECK(moved > 30);
         CHECK(with > 10 * against);
-        CHECK(most > 3e-4 && most < 3e-3);
+        CHECK(most > 1e-4 && most < 1e-3);
         CHECK(needle_drift(&s, s.needles[0]) < scene_tolerance(1e-6, 1000));
     }
     needle_scene_free(&s);
@@ -367,19 +365,30 @@ static void check_contact(const needle_scene *s, const sb_vec3 *before, int coun
     }
 }
 
+/* The tissue nodes of the needle but for the tip's; returns how many there are. */
+static int list_path(const ndl_needle *needle, int *nodes)
+{
+    int n = ndl_rod_node_count(ndl_needle_rod(needle)), first = ndl_needle_entry(needle);
+    for (int i = first; i < n - 1; i++)
+        nodes[i - first] = ndl_needle_tissue_node(needle, i);
+    return n - first - 1;
+}
+
 /* Every node that sticks is within its limit, every one that slips feels just it, against its slip. */
 static void test_states_fit_forces(void)
 {
     needle_scene s = slow_scene();
     sb_vec3 before[128];
-    int sticks = 0, slips = 0;
+    int nodes[2][128], sticks = 0, slips = 0;
     if (needle_scene_make(&s) && needle_scene_run(&s, dt, 110, needle_command(speed, 0)))
         for (int i = 0; i < 60; i++) {
             const ndl_rod *rod = ndl_needle_rod(s.needles[0]);
-            int n = ndl_rod_node_count(rod);
+            int n = ndl_rod_node_count(rod), count = list_path(s.needles[0], nodes[0]);
             memcpy(before, ndl_rod_positions(rod), (size_t)n * sizeof *before);
-            needle_scene_run(&s, dt, 1, needle_command(0.0004 * (i % 20 - 10), 0));
-            if (!s.info.consistent || n != ndl_rod_node_count(rod) || s.info.operations)
+            needle_scene_run(&s, dt, 1, needle_command(0.004 * (i % 20 - 10), 0));
+            if (!s.info.consistent || s.info.substeps > 1 || n != ndl_rod_node_count(rod) ||
+                count != list_path(s.needles[0], nodes[1]) ||
+                memcmp(nodes[0], nodes[1], (size_t)count * sizeof(int)) != 0)
                 continue;
             for (int k = ndl_needle_entry(s.needles[0]); k < n; k++)
                 check_contact(&s, before, n, k);
