@@ -1295,7 +1295,8 @@ typedef struct ndl_step_info {
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;        /* of the remesher */
     sb_real worst_quality; /* of tets about the tips; 1: none */
-    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, or no memory was to be had */
+    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, no memory was to be had, or it
+                            * is at the far skin, which it does not leave by */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
     double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
@@ -1339,7 +1340,7 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
 NDL_API sb_real ndl_needle_advance(const ndl_needle *needle);
-/* Force (N) that would let the tip go forward now. */
+/* Force (N) that would let the tip go forward now; SB_REAL_MAX: none, it has come to the far skin. */
 NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle);
 /* Material point (m) of the tip; 0 when the needle is outside, else 1. */
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
@@ -12970,6 +12971,7 @@ struct ndl_needle {
                            * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int stopped;          /* 1: the tip came to the far skin and cannot go forward, until it has gone back */
     int blocked, limited; /* in the present step */
 
     /* holds nothing between calls */
@@ -13167,6 +13169,14 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
     return table + ndli_resist_membranes(needle, X);
 }
 
+/* Nothing lets the tip go forward. */
+static void ndli_resist_stop(ndli_line *line, int tip)
+{
+    line->cutting = (double)SB_REAL_MAX;
+    if (line->state[tip] == NDL_DYNAMIC_FORWARD)
+        line->state[tip] = NDL_STATIC;
+}
+
 /* ---- all of it ---- */
 
 NDLI_API void ndli_needle_resist(ndl_needle *needle)
@@ -13183,7 +13193,9 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
         ndli_resist_at(needle, tip, here);
         line->friction[i] = 0.5 * (behind + ahead) * here[0];
         line->viscous[i] = 0.5 * (behind + ahead) * here[1];
-        if (i == last)
+        if (i == last && needle->stopped)
+            ndli_resist_stop(line, i);
+        else if (i == last)
             line->cutting = ndli_resist_cutting(needle, tip, here[2]);
         if (i > line->first)
             ndl_rod_set_grip(rod, i - 1, (sb_real)(0.5 * behind * (before[3] + here[3])),
@@ -13673,10 +13685,12 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     sb_error own;
     sb_result result;
     needle->advance = needle->line.slip[last]; /* where states came out inconsistent its sign, not the state's, counts */
+    needle->blocked = needle->stopped;
     if (needle->advance == 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) {
+        needle->blocked = needle->stopped = 0;
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
         return ndli_step_judge(needle, result, &own, error);
@@ -13684,7 +13698,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
-        needle->blocked = 1;
+        needle->blocked = needle->stopped = 1;
     return ndli_step_judge(needle, result, &own, error);
 }
 

@@ -109,7 +109,8 @@ typedef struct ndl_step_info {
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;        /* of the remesher */
     sb_real worst_quality; /* of tets about the tips; 1: none */
-    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, or no memory was to be had */
+    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, no memory was to be had, or it
+                            * is at the far skin, which it does not leave by */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
     double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
@@ -153,7 +154,7 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
 NDL_API sb_real ndl_needle_advance(const ndl_needle *needle);
-/* Force (N) that would let the tip go forward now. */
+/* Force (N) that would let the tip go forward now; SB_REAL_MAX: none, it has come to the far skin. */
 NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle);
 /* Material point (m) of the tip; 0 when the needle is outside, else 1. */
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);

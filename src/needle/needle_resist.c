@@ -144,6 +144,14 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
     return table + ndli_resist_membranes(needle, X);
 }
 
+/* Nothing lets the tip go forward. */
+static void ndli_resist_stop(ndli_line *line, int tip)
+{
+    line->cutting = (double)SB_REAL_MAX;
+    if (line->state[tip] == NDL_DYNAMIC_FORWARD)
+        line->state[tip] = NDL_STATIC;
+}
+
 /* ---- all of it ---- */
 
 NDLI_API void ndli_needle_resist(ndl_needle *needle)
@@ -160,7 +168,9 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
         ndli_resist_at(needle, tip, here);
         line->friction[i] = 0.5 * (behind + ahead) * here[0];
         line->viscous[i] = 0.5 * (behind + ahead) * here[1];
-        if (i == last)
+        if (i == last && needle->stopped)
+            ndli_resist_stop(line, i);
+        else if (i == last)
             line->cutting = ndli_resist_cutting(needle, tip, here[2]);
         if (i > line->first)
             ndl_rod_set_grip(rod, i - 1, (sb_real)(0.5 * behind * (before[3] + here[3])),

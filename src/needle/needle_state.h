@@ -38,6 +38,7 @@ struct ndl_needle {
                            * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int stopped;          /* 1: the tip came to the far skin and cannot go forward, until it has gone back */
     int blocked, limited; /* in the present step */
 
     /* holds nothing between calls */

@@ -234,10 +234,12 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     sb_error own;
     sb_result result;
     needle->advance = needle->line.slip[last]; /* where states came out inconsistent its sign, not the state's, counts */
+    needle->blocked = needle->stopped;
     if (needle->advance == 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) {
+        needle->blocked = needle->stopped = 0;
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
         return ndli_step_judge(needle, result, &own, error);
@@ -245,7 +247,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
-        needle->blocked = 1;
+        needle->blocked = needle->stopped = 1;
     return ndli_step_judge(needle, result, &own, error);
 }
 
