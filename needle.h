@@ -1943,6 +1943,9 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
 /* ---- rod_step ---- */
 
+/* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0: Newton
+ * found none, and the state is as before. */
+NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt);
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
 
@@ -4031,6 +4034,21 @@ static int ndli_rod_keep_ledger(ndl_rod *rod)
         rod->ledger_open = 1;
     }
     return !busy;
+}
+
+NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt)
+{
+    ndl_rod_info info;
+    sb_result result;
+    memset(&info, 0, sizeof info);
+    ndli_rod_save(rod);
+    result = ndli_rod_try_step(rod, dt, 1, &info);
+    if (result == SB_OK)
+        ndli_rod_read_reactions(rod);
+    ndli_rod_set_viscous(rod, 0, 0, 0);
+    if (result != SB_OK)
+        ndli_rod_restore(rod);
+    return result == SB_OK;
 }
 
 NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
@@ -7742,6 +7760,7 @@ struct ndl_tissue {
     /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
      * and steps with more take Euler, which damps. */
     int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
+    int led;                /* 1: needles lead nodes in the present step */
     int ledger_open;
     double ledger, next_ledger; /* J, before and after the present step is committed */
     double work;            /* J, of gravity, forces and supports in the last step */
@@ -9315,15 +9334,18 @@ static double ndli_solid_now(const ndl_tissue *t) { return t->clock ? t->clock()
 
 /* ---- the step's terms ---- */
 
+/* With gamma 1/2 a node that a needle leads keeps an acceleration that turns over in each step, and needles would shake
+ * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of 0.05 (w dt)^2. */
 static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
 {
     ndli_solid_scheme *s = &t->scheme;
     sb_real mass = s->mass, stiffness = s->stiffness;
     int newmark = t->integrator == NDL_NEWMARK && !t->calm;
+    sb_real gamma = t->led ? (sb_real)0.6 : (sb_real)0.5, root = (sb_real)0.5 * ((sb_real)0.5 + gamma);
     s->dt = dt;
-    s->beta = newmark ? (sb_real)0.25 : (sb_real)1;
-    s->c0 = newmark ? (sb_real)0.25 : (sb_real)0;
-    s->gamma = newmark ? (sb_real)0.5 : (sb_real)1;
+    s->beta = newmark ? root * root : (sb_real)1;
+    s->c0 = newmark ? (sb_real)0.5 - s->beta : (sb_real)0;
+    s->gamma = newmark ? gamma : (sb_real)1;
     s->mass = 1 + s->gamma * dt * t->damping_mass;
     s->stiffness = s->beta * dt * dt + s->gamma * dt * t->damping_stiffness;
     if (s->mass != mass || s->stiffness != stiffness)
@@ -12362,7 +12384,7 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 /* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
- * Rod node i >= first sits on the tissue's node path[i - first]. The unknowns are accelerations of the tissue, a, and in
+ * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of the tissue, a, and in
  * the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along its tangent t and the
  * motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
  *
@@ -12389,8 +12411,9 @@ typedef struct ndli_line {
     void *memory;
 
     /* set by the room above before a solve */
-    int first;       /* rod node of path[0]; node_count: the rod is not in tissue */
-    const int *path; /* [node_count - first] tissue nodes */
+    int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
+                       * may follow: a tip that is hardly in has none of its own in the tissue */
+    const int *path; /* [count] tissue nodes */
     unsigned char *state; /* [nodes] ndl_contact; as found after it */
     double *friction; /* [nodes] N: limit of static friction, and dynamic friction */
     double *viscous;  /* [nodes] N s/m: friction per slip speed */
@@ -12424,10 +12447,12 @@ SB_INLINE int ndli_line_sign(const ndli_line *line, int i)
 {
     return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1;
 }
+/* The last coupled node: what holds the tip acts there. */
+SB_INLINE int ndli_line_foremost(const ndli_line *line) { return line->first + line->count - 1; }
 /* Largest friction against slip of that sign (N). */
 SB_INLINE double ndli_line_limit(const ndli_line *line, int i, int sign)
 {
-    return line->friction[i] + (sign > 0 && i == line->rod->node_count - 1 ? line->cutting : 0);
+    return line->friction[i] + (sign > 0 && i == ndli_line_foremost(line) ? line->cutting : 0);
 }
 
 /* The rod's part of the system at its present shape, after ndli_solid_begin: kappa H, tangents, known displacements
@@ -12524,7 +12549,10 @@ NDLI_API void ndli_line_free(ndli_line *line)
 
 /* ---- the rod's rows ---- */
 
-static int ndli_line_is_coupled(const ndli_line *line, int i) { return i >= line->first; }
+static int ndli_line_is_coupled(const ndli_line *line, int i)
+{
+    return i >= line->first && i < line->first + line->count;
+}
 
 /* Tissue node of a coupled rod node when its accelerations are unknowns, else -1. */
 static int ndli_line_partner(const ndli_line *line, int i)
@@ -12954,7 +12982,7 @@ static int ndli_couple_count_wrong(const ndli_couple *c)
     int wrong = 0;
     for (int k = 0; k < c->count; k++) {
         ndli_line_read(c->lines[k]);
-        for (int i = c->lines[k]->first; i < c->lines[k]->rod->node_count; i++)
+        for (int i = c->lines[k]->first; i <= ndli_line_foremost(c->lines[k]); i++)
             wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
     }
     return wrong;
@@ -12964,7 +12992,7 @@ static int ndli_couple_count_wrong(const ndli_couple *c)
 static void ndli_couple_flip(const ndli_couple *c, int all)
 {
     for (int k = c->count - 1; k >= 0; k--)
-        for (int i = c->lines[k]->rod->node_count - 1; i >= c->lines[k]->first; i--) {
+        for (int i = ndli_line_foremost(c->lines[k]); i >= c->lines[k]->first; i--) {
             int wanted = ndli_couple_wanted(c->lines[k], i);
             if (wanted == c->lines[k]->state[i])
                 continue;
@@ -12997,20 +13025,16 @@ typedef struct ndli_couple_progress {
 static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double first, int max_trials,
                                  ndl_couple_info *info, sb_error *error)
 {
-    double fine = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first, coarse = 100 * fine;
+    double enough = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first;
     ndli_couple_progress progress = {0x7fffffff, 0};
     for (;;) {
-        sb_result result = ndli_solid_cg_run(cg, coarse, error);
+        /* where states hang on little (a needle at rest), what a solve leaves open would turn them over and back */
+        double target = info->trials > 2 ? 0.01 * enough : enough;
+        sb_result result = ndli_solid_cg_run(cg, target, error);
         int wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
-        if (result == SB_OK && !wrong) {
-            result = ndli_solid_cg_run(cg, fine, error);
-            wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
-        }
         info->consistent = !wrong;
-        if (result != SB_OK || !wrong)
+        if (result != SB_OK || !wrong || info->trials >= max_trials)
             return result;
-        if (info->trials >= max_trials)
-            break;
         progress.stalled = wrong < progress.fewest ? 0 : progress.stalled + 1;
         progress.fewest = sbi_min_int(progress.fewest, wrong);
         ndli_couple_flip(c, progress.stalled < 3);
@@ -13019,7 +13043,6 @@ static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double
             return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
         ndli_solid_cg_begin(cg);
     }
-    return ndli_solid_cg_run(cg, fine, error);
 }
 
 NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,
@@ -13112,12 +13135,16 @@ struct ndli_site {
     double mean_edge;  /* of the undeformed tissue (m) */
     int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
     int coupled_count;
-    int coupled_room;
+    size_t coupled_room;
     unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
     size_t undo_room;
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node there. Tets between such a tip
+ * and the skin would be flat. */
+SB_INLINE int ndli_needle_is_shallow(const ndl_needle *needle) { return needle->line.count == 1; }
+
 /* ---- needle_resist ---- */
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
@@ -13131,8 +13158,14 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle);
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
- * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
+ * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
+ * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+
+/* ---- needle_step ---- */
+
+/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
 
 /* ---- needle_undo ---- */
 
@@ -13282,7 +13315,8 @@ static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
 {
-    sb_vec3 X = needle->tissue->mesh.X[tip];
+    sb_vec3 X;
+    ndl_needle_tip_material(needle, &X);
     if (needle->cutting_at) {
         sb_real force = needle->cutting_at(needle->cutting_user, X, ndli_resist_region_ahead(needle, tip));
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
@@ -13294,7 +13328,7 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
 static int ndli_resist_is_at_skin(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int last = needle->rod->node_count - 1 - needle->line.first, tip;
+    int last = needle->line.count - 1, tip;
     sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
     sb_vec3 way;
     if (last < 1)
@@ -13309,7 +13343,7 @@ static int ndli_resist_is_at_skin(const ndl_needle *needle)
 static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
 {
     ndli_line *line = &needle->line;
-    int last = needle->rod->node_count - 1;
+    int last = ndli_line_foremost(line);
     line->cutting = ndli_resist_cutting(needle, tip, table);
     if (needle->hold_steps == 0 && !ndli_resist_is_at_skin(needle))
         return;
@@ -13325,16 +13359,19 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
-    int last = rod->node_count - 1;
+    int last = ndli_line_foremost(line), ends = rod->node_count - 1;
     double before[5] = {0, 0, 0, 0, 0}, here[5];
     line->cutting = 0;
     for (int i = line->first; i <= last; i++) {
         int tip = needle->path[i - line->first];
         double behind = i > line->first ? ndli_norm(ndli_sub(rod->x[i], rod->x[i - 1])) : 0;
-        double ahead = i < last ? ndli_norm(ndli_sub(rod->x[i + 1], rod->x[i])) : 0;
+        double ahead = i < ends ? ndli_norm(ndli_sub(rod->x[i + 1], rod->x[i])) : 0;
+        double length = 0.5 * (behind + ahead) + (i == last ? 0.5 * ahead : 0); /* a shallow tip has no node */
         ndli_resist_at(needle, tip, here);
-        line->friction[i] = 0.5 * (behind + ahead) * here[0];
-        line->viscous[i] = 0.5 * (behind + ahead) * here[1];
+        line->friction[i] = length * here[0];
+        line->viscous[i] = length * here[1];
+        if (i == last && i < ends)
+            ndl_rod_set_grip(rod, i, (sb_real)(ahead * here[3]), (sb_real)(ahead * here[4]));
         if (i == last)
             ndli_resist_tip(needle, tip, here[2]);
         if (i > line->first)
@@ -13342,7 +13379,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
                              (sb_real)(0.5 * behind * (before[4] + here[4])));
         memcpy(before, here, sizeof before);
     }
-    for (int j = 0; j < sbi_min_int(line->first, last); j++)
+    for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
 }
 
@@ -13417,6 +13454,14 @@ static void ndli_nodes_outside(const ndl_needle *needle, ndli_places *list, ndli
     ndli_nodes_reach(list, end, ndli_nodes_tangent(rod, end_index), longest);
 }
 
+/* How far the tip is beyond the entry; edges are no shorter than a part of the usual. */
+static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
+{
+    const ndl_rod *rod = needle->rod;
+    return ndli_dot(ndli_sub(rod->x[rod->node_count - 1], entry), rod->tangent[rod->node_count - 2]);
+}
+static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->tissue->site->mean_edge; }
+
 /* ---- what belongs to coupled nodes ---- */
 
 /* The old node that a new one is: that of the same tissue node, for a new tip the old tip, else -1. */
@@ -13458,7 +13503,7 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+    for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
         ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
         if (ndli_dot(gap, gap) > 0)
             return 0;
@@ -13471,7 +13516,7 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int old_first = line->first, old_count = rod->node_count - old_first, count, first, bad;
+    int old_first = line->first, old_count = line->count, count, first, bad;
     const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
     ndli_places list = {needle->places, needle->place_tangents, 0, rod->capacity - sbi_max_int(count - 1, 0)};
@@ -13486,6 +13531,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     list.capacity = rod->capacity;
     for (int k = 1; k < count; k++)
         ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
+    if (count == 1 && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
+        ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
     for (int k = 0; k < count; k++)
         needle->path[k] = path[k];
     for (int k = 0; k < count; k++)
@@ -13493,9 +13540,11 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     bad = ndli_rod_reparameterise(rod, list.x, list.count);
     if (bad >= 0)
         return bad;
-    for (int i = 0; i < (count > 0 ? first : rod->node_count); i++)
-        line->state[i] = NDL_FREE;
+    for (int i = 0; i < rod->node_count; i++)
+        if (count == 0 || i < first || i >= first + count)
+            line->state[i] = NDL_FREE;
     line->first = count > 0 ? first : rod->node_count;
+    line->count = count;
     return -1;
 }
 
@@ -13730,6 +13779,19 @@ static ndli_v3 ndli_step_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v
 
 static ndli_v3 ndli_step_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
 
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 t = rod->tangent[last - 1], ahead;
+    sb_mat3 f;
+    if (needle->line.count < 2 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+        return t;
+    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
+    ahead = ndli_step_mapped(&f, needle->heading);
+    return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
+}
+
 /* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
  * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
 static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
@@ -13762,8 +13824,6 @@ static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
     if (!(sb_m3_det(f) > 0) || !(edge > 0))
         return X;
     inverse = sb_m3_inverse(f);
-    if (last == needle->line.first)
-        needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, rod->tangent[last - 1]));
     heading = ndli_step_unit(ndli_step_mapped(&f, needle->heading));
     aside = ndli_step_aside(needle, needle->advance, edge, &heading);
     needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, heading));
@@ -13820,21 +13880,71 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
 }
 
-static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+/* Depths (m) at which a tip gets a node of its own, and loses it. */
+static double ndli_step_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
+static double ndli_step_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+
+/* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
+static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, entry = needle->path[0];
+    ndli_v3 t = rod->tangent[last - 1];
+    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), t);
+    sb_vec3 X;
+    sb_mat3 f;
+    sb_error own;
+    if (depth < 0) {
+        ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+        return SB_OK;
+    }
+    if (depth < ndli_step_deep(needle) || needle->hold_steps > 0)
+        return SB_OK;
+    f = ndli_step_gradient(mesh, entry);
+    if (!(sb_m3_det(f) > 0))
+        return SB_OK;
+    f = sb_m3_inverse(f);
+    needle->heading = ndli_step_unit(ndli_step_mapped(&f, t));
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    return ndli_step_judge(needle, ndl_remesh_penetrate(remesh, needle->index, X, done, &own), &own, error);
+}
+
+/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
+static void ndli_step_make_shallow(ndl_needle *needle)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first, count;
+    const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
+    double back = needle->tissue->site->mean_edge;
+    sb_vec3 entry;
+    ndl_surface_hit hit;
+    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
+                       ndli_step_shallow(needle)))
+        return;
+    entry = mesh->x[path[0]];
+    ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
+    if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
+                            ndli_to(rod->x[rod->node_count - 1]), &hit))
+        ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
+}
+
+static sb_result ndli_step_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
+    int last = rod->node_count - 1;
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    needle->advance = needle->line.slip[last];
-    if (needle->advance == 0)
-        return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (!forward) {
+    if (needle->advance < 0) { /* where states came out inconsistent its sign, not the state's, counts */
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
+        ndli_step_make_shallow(needle);
         return ndli_step_judge(needle, result, &own, error);
     }
     X = ndli_step_bevelled(needle, X);
@@ -13842,6 +13952,15 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
     return ndli_step_judge(needle, result, &own, error);
+}
+
+static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
+    if (needle->advance == 0)
+        return SB_OK;
+    return ndli_needle_is_shallow(needle) ? ndli_step_cut_shallow(needle, done, error)
+                                          : ndli_step_cut_deep(needle, done, error);
 }
 
 /* ---- a substep ---- */
@@ -13862,7 +13981,7 @@ static void ndli_step_couple_nodes(const ndli_stepping *s)
     struct ndli_site *site = s->tissue->site;
     site->coupled_count = 0;
     for (int k = 0; k < s->count; k++)
-        for (int i = s->lines[k]->first; i < s->lines[k]->rod->node_count; i++) {
+        for (int i = s->lines[k]->first; i <= ndli_line_foremost(s->lines[k]); i++) {
             int node = s->lines[k]->path[i - s->lines[k]->first];
             if (s->tissue->role[node] != NDLI_ROW_FREE)
                 continue;
@@ -13903,7 +14022,9 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     sb_result result;
     ndli_step_couple_nodes(s);
     begin = ndli_step_now(s->tissue);
+    s->tissue->led = 1;
     result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
+    s->tissue->led = 0;
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
@@ -13937,40 +14058,80 @@ static double ndli_step_strain(const ndl_rod *rod)
     return most;
 }
 
-/* Needles break at strains of a few percent; linear equations stretch edges that they turn too far. */
-static const double ndli_step_most_strain = 0.1;
+/* Linear equations stretch edges that they turn far; needles break at such strains. */
+static const double ndli_step_most_strain = 0.01;
 
-static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
+/* As the linear system has found it. Returns -1, or the node at which the rod would fold. */
+static int ndli_step_move_linear(ndl_needle *needle, double dt)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
-    double before = ndli_step_strain(rod), after;
-    int bad;
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
-    after = ndli_step_strain(rod);
-    if (!(after <= fmax(ndli_step_most_strain, before)))
-        return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d would be stretched by %g %%", needle->index, 100 * after);
-    bad = ndli_rod_moved(rod);
-    if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+    return ndli_rod_moved(rod);
+}
+
+/* Newton's method for the nodes outside, those in the tissue where the linear system has them; from the state before.
+ * 0: not found. */
+static int ndli_step_move_nonlinear(ndl_needle *needle, double dt)
+{
+    ndl_rod *rod = needle->rod;
+    const ndli_line *line = &needle->line;
+    int done;
+    for (int i = line->first; i < line->first + line->count; i++) {
+        rod->held[i] = 1;
+        rod->has_velocity[i] = 0;
+        rod->target[i] = ndli_add(rod->x[i], line->move[i]);
+    }
+    done = ndli_rod_step_euler(rod, dt);
+    for (int i = line->first; i < line->first + line->count; i++)
+        rod->held[i] = 0;
+    for (int i = 0; i < 2 && done; i++)
+        line->reaction[i] = rod->reaction[i];
+    return done;
+}
+
+static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
+{
+    ndl_rod *rod = needle->rod;
+    double before = ndli_step_strain(rod);
+    int linear = needle->line.count > 0; /* alone, a rod needs no linear system */
+    if (linear) {
+        ndli_rod_save(rod);
+        linear = ndli_step_move_linear(needle, dt) < 0 && ndli_step_strain(rod) <= before + ndli_step_most_strain;
+        if (!linear)
+            ndli_rod_restore(rod);
+    }
+    if (!linear && !ndli_step_move_nonlinear(needle, dt))
+        return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d: no motion of the rod was found", needle->index);
     ndli_step_read_base(needle);
     return SB_OK;
+}
+
+/* The rod's nodes on those of the path. */
+static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
+{
+    int bad = ndli_needle_renew_nodes(needle);
+    if (bad < 0)
+        return SB_OK;
+    if (bad >= needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
+                        "tissue", needle->index, needle->rod->capacity);
+    return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
 }
 
 static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
 {
     ndl_remesh_info done;
     sb_result result;
-    int bad;
     double begin = ndli_step_now(s->tissue), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
     needle->advance = 0;
-    if (needle->line.first == needle->rod->node_count)
+    if (needle->line.count == 0)
         result = ndli_step_enter(needle, &done, s->error);
     else
         result = ndli_step_cut(needle, &done, s->error);
@@ -13980,11 +14141,9 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
     if (result != SB_OK)
         return result;
-    bad = ndli_needle_renew_nodes(needle);
+    result = ndli_step_renew(needle, s->error);
     s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
-    if (bad >= 0)
-        return sbi_fail_node(s->error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
-    return SB_OK;
+    return result;
 }
 
 static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
@@ -13993,8 +14152,9 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     double begin = ndli_step_now(s->tissue);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (!ndli_needle_is_threaded(needle) && ndli_needle_renew_nodes(needle) >= 0)
-            return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
+        sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
+        if (result != SB_OK)
+            return result;
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
@@ -14084,7 +14244,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
 {
     for (int k = 0; k < s->count; k++) {
         const ndl_needle *needle = s->needles[k];
-        for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+        for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
             s->info->dynamic_nodes += ndli_line_is_slipping(&needle->line, i);
             s->info->static_nodes += !ndli_line_is_slipping(&needle->line, i);
         }
@@ -14099,8 +14259,7 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     int torn = 0;
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (needle->line.first == needle->rod->node_count ||
-            !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
             continue;
         ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
         if (ndli_needle_renew_nodes(needle) >= 0)
@@ -14221,18 +14380,22 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
     return SB_OK;
 }
 
-/* Room for the coupled nodes of all needles. */
+/* Room for the coupled nodes of all needles and one more. */
 static int ndli_site_reserve(ndl_tissue *tissue, int more)
 {
     struct ndli_site *site = tissue->site;
-    int *grown = (int *)sbi_alloc(&tissue->allocator, (size_t)(site->coupled_room + more), sizeof(int));
+    size_t room = (size_t)more;
+    int *grown;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (room <= site->coupled_room)
+        return 1;
+    grown = (int *)sbi_alloc(&tissue->allocator, room, sizeof(int));
     if (!grown)
         return 0;
-    if (site->coupled_count)
-        memcpy(grown, site->coupled, (size_t)site->coupled_count * sizeof(int));
-    sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site->coupled); /* holds nothing between steps */
     site->coupled = grown;
-    site->coupled_room += more;
+    site->coupled_room = room;
     return 1;
 }
 
@@ -14532,7 +14695,12 @@ NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle-
 NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
 {
     ndl_tip_pose pose;
+    ndli_v3 t, ahead = ndli_needle_heading(needle);
     ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    t = ndli_from(pose.frame.t);
+    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
+    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
+    pose.frame.t = ndli_to(ahead);
     return pose;
 }
 
@@ -14548,7 +14716,7 @@ NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle->line.fir
 
 static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
 {
-    return node >= needle->line.first && node < needle->rod->node_count;
+    return node >= needle->line.first && node < needle->line.first + needle->line.count;
 }
 
 NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
@@ -14580,10 +14748,13 @@ NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return (sb_real)n
 
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 {
-    int last = needle->rod->node_count - 1;
-    if (!ndli_needle_is_coupled(needle, last))
+    if (needle->line.count == 0)
         return 0;
-    *X = needle->tissue->mesh.X[needle->path[last - needle->line.first]];
+    if (ndli_needle_is_shallow(needle))
+        ndl_remesh_material_point(needle->tissue->site->remesh, needle->index,
+                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
+    else
+        *X = needle->tissue->mesh.X[needle->path[needle->line.count - 1]];
     return 1;
 }
 

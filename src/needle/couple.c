@@ -88,7 +88,7 @@ static int ndli_couple_count_wrong(const ndli_couple *c)
     int wrong = 0;
     for (int k = 0; k < c->count; k++) {
         ndli_line_read(c->lines[k]);
-        for (int i = c->lines[k]->first; i < c->lines[k]->rod->node_count; i++)
+        for (int i = c->lines[k]->first; i <= ndli_line_foremost(c->lines[k]); i++)
             wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
     }
     return wrong;
@@ -98,7 +98,7 @@ static int ndli_couple_count_wrong(const ndli_couple *c)
 static void ndli_couple_flip(const ndli_couple *c, int all)
 {
     for (int k = c->count - 1; k >= 0; k--)
-        for (int i = c->lines[k]->rod->node_count - 1; i >= c->lines[k]->first; i--) {
+        for (int i = ndli_line_foremost(c->lines[k]); i >= c->lines[k]->first; i--) {
             int wanted = ndli_couple_wanted(c->lines[k], i);
             if (wanted == c->lines[k]->state[i])
                 continue;

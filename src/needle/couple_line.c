@@ -54,7 +54,10 @@ NDLI_API void ndli_line_free(ndli_line *line)
 
 /* ---- the rod's rows ---- */
 
-static int ndli_line_is_coupled(const ndli_line *line, int i) { return i >= line->first; }
+static int ndli_line_is_coupled(const ndli_line *line, int i)
+{
+    return i >= line->first && i < line->first + line->count;
+}
 
 /* Tissue node of a coupled rod node when its accelerations are unknowns, else -1. */
 static int ndli_line_partner(const ndli_line *line, int i)

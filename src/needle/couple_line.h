@@ -1,7 +1,7 @@
 /* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
- * Rod node i >= first sits on the tissue's node path[i - first]. The unknowns are accelerations of the tissue, a, and in
+ * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of the tissue, a, and in
  * the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along its tangent t and the
  * motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
  *
@@ -31,8 +31,9 @@ typedef struct ndli_line {
     void *memory;
 
     /* set by the room above before a solve */
-    int first;       /* rod node of path[0]; node_count: the rod is not in tissue */
-    const int *path; /* [node_count - first] tissue nodes */
+    int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
+                       * may follow: a tip that is hardly in has none of its own in the tissue */
+    const int *path; /* [count] tissue nodes */
     unsigned char *state; /* [nodes] ndl_contact; as found after it */
     double *friction; /* [nodes] N: limit of static friction, and dynamic friction */
     double *viscous;  /* [nodes] N s/m: friction per slip speed */
@@ -66,10 +67,12 @@ SB_INLINE int ndli_line_sign(const ndli_line *line, int i)
 {
     return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1;
 }
+/* The last coupled node: what holds the tip acts there. */
+SB_INLINE int ndli_line_foremost(const ndli_line *line) { return line->first + line->count - 1; }
 /* Largest friction against slip of that sign (N). */
 SB_INLINE double ndli_line_limit(const ndli_line *line, int i, int sign)
 {
-    return line->friction[i] + (sign > 0 && i == line->rod->node_count - 1 ? line->cutting : 0);
+    return line->friction[i] + (sign > 0 && i == ndli_line_foremost(line) ? line->cutting : 0);
 }
 
 /* The rod's part of the system at its present shape, after ndli_solid_begin: kappa H, tangents, known displacements

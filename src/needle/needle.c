@@ -53,18 +53,22 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
     return SB_OK;
 }
 
-/* Room for the coupled nodes of all needles. */
+/* Room for the coupled nodes of all needles and one more. */
 static int ndli_site_reserve(ndl_tissue *tissue, int more)
 {
     struct ndli_site *site = tissue->site;
-    int *grown = (int *)sbi_alloc(&tissue->allocator, (size_t)(site->coupled_room + more), sizeof(int));
+    size_t room = (size_t)more;
+    int *grown;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (room <= site->coupled_room)
+        return 1;
+    grown = (int *)sbi_alloc(&tissue->allocator, room, sizeof(int));
     if (!grown)
         return 0;
-    if (site->coupled_count)
-        memcpy(grown, site->coupled, (size_t)site->coupled_count * sizeof(int));
-    sbi_free(&tissue->allocator, site->coupled);
+    sbi_free(&tissue->allocator, site->coupled); /* holds nothing between steps */
     site->coupled = grown;
-    site->coupled_room += more;
+    site->coupled_room = room;
     return 1;
 }
 
@@ -385,7 +389,7 @@ NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle->line.fir
 
 static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
 {
-    return node >= needle->line.first && node < needle->rod->node_count;
+    return node >= needle->line.first && node < needle->line.first + needle->line.count;
 }
 
 NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
@@ -417,9 +421,12 @@ NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return (sb_real)n
 
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 {
-    int last = needle->rod->node_count - 1;
-    if (!ndli_needle_is_coupled(needle, last))
+    if (needle->line.count == 0)
         return 0;
-    *X = needle->tissue->mesh.X[needle->path[last - needle->line.first]];
+    if (ndli_needle_is_shallow(needle))
+        ndl_remesh_material_point(needle->tissue->site->remesh, needle->index,
+                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
+    else
+        *X = needle->tissue->mesh.X[needle->path[needle->line.count - 1]];
     return 1;
 }

@@ -69,6 +69,14 @@ static void ndli_nodes_outside(const ndl_needle *needle, ndli_places *list, ndli
     ndli_nodes_reach(list, end, ndli_nodes_tangent(rod, end_index), longest);
 }
 
+/* How far the tip is beyond the entry; edges are no shorter than a part of the usual. */
+static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
+{
+    const ndl_rod *rod = needle->rod;
+    return ndli_dot(ndli_sub(rod->x[rod->node_count - 1], entry), rod->tangent[rod->node_count - 2]);
+}
+static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->tissue->site->mean_edge; }
+
 /* ---- what belongs to coupled nodes ---- */
 
 /* The old node that a new one is: that of the same tissue node, for a new tip the old tip, else -1. */
@@ -110,7 +118,7 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+    for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
         ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
         if (ndli_dot(gap, gap) > 0)
             return 0;
@@ -123,7 +131,7 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int old_first = line->first, old_count = rod->node_count - old_first, count, first, bad;
+    int old_first = line->first, old_count = line->count, count, first, bad;
     const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
     ndli_places list = {needle->places, needle->place_tangents, 0, rod->capacity - sbi_max_int(count - 1, 0)};
@@ -138,6 +146,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     list.capacity = rod->capacity;
     for (int k = 1; k < count; k++)
         ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
+    if (count == 1 && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
+        ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
     for (int k = 0; k < count; k++)
         needle->path[k] = path[k];
     for (int k = 0; k < count; k++)
@@ -145,8 +155,10 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     bad = ndli_rod_reparameterise(rod, list.x, list.count);
     if (bad >= 0)
         return bad;
-    for (int i = 0; i < (count > 0 ? first : rod->node_count); i++)
-        line->state[i] = NDL_FREE;
+    for (int i = 0; i < rod->node_count; i++)
+        if (count == 0 || i < first || i >= first + count)
+            line->state[i] = NDL_FREE;
     line->first = count > 0 ? first : rod->node_count;
+    line->count = count;
     return -1;
 }

@@ -136,7 +136,8 @@ static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
 {
-    sb_vec3 X = needle->tissue->mesh.X[tip];
+    sb_vec3 X;
+    ndl_needle_tip_material(needle, &X);
     if (needle->cutting_at) {
         sb_real force = needle->cutting_at(needle->cutting_user, X, ndli_resist_region_ahead(needle, tip));
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
@@ -148,7 +149,7 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
 static int ndli_resist_is_at_skin(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int last = needle->rod->node_count - 1 - needle->line.first, tip;
+    int last = needle->line.count - 1, tip;
     sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
     sb_vec3 way;
     if (last < 1)
@@ -163,7 +164,7 @@ static int ndli_resist_is_at_skin(const ndl_needle *needle)
 static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
 {
     ndli_line *line = &needle->line;
-    int last = needle->rod->node_count - 1;
+    int last = ndli_line_foremost(line);
     line->cutting = ndli_resist_cutting(needle, tip, table);
     if (needle->hold_steps == 0 && !ndli_resist_is_at_skin(needle))
         return;
@@ -179,16 +180,19 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
-    int last = rod->node_count - 1;
+    int last = ndli_line_foremost(line), ends = rod->node_count - 1;
     double before[5] = {0, 0, 0, 0, 0}, here[5];
     line->cutting = 0;
     for (int i = line->first; i <= last; i++) {
         int tip = needle->path[i - line->first];
         double behind = i > line->first ? ndli_norm(ndli_sub(rod->x[i], rod->x[i - 1])) : 0;
-        double ahead = i < last ? ndli_norm(ndli_sub(rod->x[i + 1], rod->x[i])) : 0;
+        double ahead = i < ends ? ndli_norm(ndli_sub(rod->x[i + 1], rod->x[i])) : 0;
+        double length = 0.5 * (behind + ahead) + (i == last ? 0.5 * ahead : 0); /* a shallow tip has no node */
         ndli_resist_at(needle, tip, here);
-        line->friction[i] = 0.5 * (behind + ahead) * here[0];
-        line->viscous[i] = 0.5 * (behind + ahead) * here[1];
+        line->friction[i] = length * here[0];
+        line->viscous[i] = length * here[1];
+        if (i == last && i < ends)
+            ndl_rod_set_grip(rod, i, (sb_real)(ahead * here[3]), (sb_real)(ahead * here[4]));
         if (i == last)
             ndli_resist_tip(needle, tip, here[2]);
         if (i > line->first)
@@ -196,6 +200,6 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
                              (sb_real)(0.5 * behind * (before[4] + here[4])));
         memcpy(before, here, sizeof before);
     }
-    for (int j = 0; j < sbi_min_int(line->first, last); j++)
+    for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
 }

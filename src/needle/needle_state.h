@@ -57,12 +57,16 @@ struct ndli_site {
     double mean_edge;  /* of the undeformed tissue (m) */
     int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
     int coupled_count;
-    int coupled_room;
+    size_t coupled_room;
     unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
     size_t undo_room;
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node there. Tets between such a tip
+ * and the skin would be flat. */
+SB_INLINE int ndli_needle_is_shallow(const ndl_needle *needle) { return needle->line.count == 1; }
+
 /* ---- needle_resist ---- */
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
@@ -76,7 +80,8 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle);
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
- * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
+ * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
+ * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* ---- needle_step ---- */

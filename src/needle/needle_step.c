@@ -144,9 +144,10 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
-    if (needle->line.first >= last || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    sb_mat3 f;
+    if (needle->line.count < 2 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
-    sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
+    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
     ahead = ndli_step_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
 }
@@ -183,8 +184,6 @@ static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
     if (!(sb_m3_det(f) > 0) || !(edge > 0))
         return X;
     inverse = sb_m3_inverse(f);
-    if (last == needle->line.first)
-        needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, rod->tangent[last - 1]));
     heading = ndli_step_unit(ndli_step_mapped(&f, needle->heading));
     aside = ndli_step_aside(needle, needle->advance, edge, &heading);
     needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, heading));
@@ -241,21 +240,71 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
 }
 
-static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+/* Depths (m) at which a tip gets a node of its own, and loses it. */
+static double ndli_step_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
+static double ndli_step_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+
+/* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
+static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, entry = needle->path[0];
+    ndli_v3 t = rod->tangent[last - 1];
+    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), t);
+    sb_vec3 X;
+    sb_mat3 f;
+    sb_error own;
+    if (depth < 0) {
+        ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+        return SB_OK;
+    }
+    if (depth < ndli_step_deep(needle) || needle->hold_steps > 0)
+        return SB_OK;
+    f = ndli_step_gradient(mesh, entry);
+    if (!(sb_m3_det(f) > 0))
+        return SB_OK;
+    f = sb_m3_inverse(f);
+    needle->heading = ndli_step_unit(ndli_step_mapped(&f, t));
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    return ndli_step_judge(needle, ndl_remesh_penetrate(remesh, needle->index, X, done, &own), &own, error);
+}
+
+/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
+static void ndli_step_make_shallow(ndl_needle *needle)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first, count;
+    const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
+    double back = needle->tissue->site->mean_edge;
+    sb_vec3 entry;
+    ndl_surface_hit hit;
+    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
+                       ndli_step_shallow(needle)))
+        return;
+    entry = mesh->x[path[0]];
+    ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
+    if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
+                            ndli_to(rod->x[rod->node_count - 1]), &hit))
+        ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
+}
+
+static sb_result ndli_step_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, forward = needle->line.state[last] == NDL_DYNAMIC_FORWARD;
+    int last = rod->node_count - 1;
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    needle->advance = needle->line.slip[last];
-    if (needle->advance == 0)
-        return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (!forward) {
+    if (needle->advance < 0) { /* where states came out inconsistent its sign, not the state's, counts */
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
+        ndli_step_make_shallow(needle);
         return ndli_step_judge(needle, result, &own, error);
     }
     X = ndli_step_bevelled(needle, X);
@@ -263,6 +312,15 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
     return ndli_step_judge(needle, result, &own, error);
+}
+
+static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
+    if (needle->advance == 0)
+        return SB_OK;
+    return ndli_needle_is_shallow(needle) ? ndli_step_cut_shallow(needle, done, error)
+                                          : ndli_step_cut_deep(needle, done, error);
 }
 
 /* ---- a substep ---- */
@@ -283,7 +341,7 @@ static void ndli_step_couple_nodes(const ndli_stepping *s)
     struct ndli_site *site = s->tissue->site;
     site->coupled_count = 0;
     for (int k = 0; k < s->count; k++)
-        for (int i = s->lines[k]->first; i < s->lines[k]->rod->node_count; i++) {
+        for (int i = s->lines[k]->first; i <= ndli_line_foremost(s->lines[k]); i++) {
             int node = s->lines[k]->path[i - s->lines[k]->first];
             if (s->tissue->role[node] != NDLI_ROW_FREE)
                 continue;
@@ -324,7 +382,9 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     sb_result result;
     ndli_step_couple_nodes(s);
     begin = ndli_step_now(s->tissue);
+    s->tissue->led = 1;
     result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
+    s->tissue->led = 0;
     middle = ndli_step_now(s->tissue);
     s->info->seconds_tissue += middle - begin;
     if (result == SB_OK)
@@ -358,40 +418,80 @@ static double ndli_step_strain(const ndl_rod *rod)
     return most;
 }
 
-/* Needles break at strains of a few percent; linear equations stretch edges that they turn too far. */
-static const double ndli_step_most_strain = 0.1;
+/* Linear equations stretch edges that they turn far; needles break at such strains. */
+static const double ndli_step_most_strain = 0.01;
 
-static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
+/* As the linear system has found it. Returns -1, or the node at which the rod would fold. */
+static int ndli_step_move_linear(ndl_needle *needle, double dt)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
-    double before = ndli_step_strain(rod), after;
-    int bad;
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
-    after = ndli_step_strain(rod);
-    if (!(after <= fmax(ndli_step_most_strain, before)))
-        return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d would be stretched by %g %%", needle->index, 100 * after);
-    bad = ndli_rod_moved(rod);
-    if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
+    return ndli_rod_moved(rod);
+}
+
+/* Newton's method for the nodes outside, those in the tissue where the linear system has them; from the state before.
+ * 0: not found. */
+static int ndli_step_move_nonlinear(ndl_needle *needle, double dt)
+{
+    ndl_rod *rod = needle->rod;
+    const ndli_line *line = &needle->line;
+    int done;
+    for (int i = line->first; i < line->first + line->count; i++) {
+        rod->held[i] = 1;
+        rod->has_velocity[i] = 0;
+        rod->target[i] = ndli_add(rod->x[i], line->move[i]);
+    }
+    done = ndli_rod_step_euler(rod, dt);
+    for (int i = line->first; i < line->first + line->count; i++)
+        rod->held[i] = 0;
+    for (int i = 0; i < 2 && done; i++)
+        line->reaction[i] = rod->reaction[i];
+    return done;
+}
+
+static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
+{
+    ndl_rod *rod = needle->rod;
+    double before = ndli_step_strain(rod);
+    int linear = needle->line.count > 0; /* alone, a rod needs no linear system */
+    if (linear) {
+        ndli_rod_save(rod);
+        linear = ndli_step_move_linear(needle, dt) < 0 && ndli_step_strain(rod) <= before + ndli_step_most_strain;
+        if (!linear)
+            ndli_rod_restore(rod);
+    }
+    if (!linear && !ndli_step_move_nonlinear(needle, dt))
+        return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d: no motion of the rod was found", needle->index);
     ndli_step_read_base(needle);
     return SB_OK;
+}
+
+/* The rod's nodes on those of the path. */
+static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
+{
+    int bad = ndli_needle_renew_nodes(needle);
+    if (bad < 0)
+        return SB_OK;
+    if (bad >= needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
+                        "tissue", needle->index, needle->rod->capacity);
+    return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
 }
 
 static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
 {
     ndl_remesh_info done;
     sb_result result;
-    int bad;
     double begin = ndli_step_now(s->tissue), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
     needle->advance = 0;
-    if (needle->line.first == needle->rod->node_count)
+    if (needle->line.count == 0)
         result = ndli_step_enter(needle, &done, s->error);
     else
         result = ndli_step_cut(needle, &done, s->error);
@@ -401,11 +501,9 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
     if (result != SB_OK)
         return result;
-    bad = ndli_needle_renew_nodes(needle);
+    result = ndli_step_renew(needle, s->error);
     s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
-    if (bad >= 0)
-        return sbi_fail_node(s->error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
-    return SB_OK;
+    return result;
 }
 
 static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
@@ -414,8 +512,9 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     double begin = ndli_step_now(s->tissue);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (!ndli_needle_is_threaded(needle) && ndli_needle_renew_nodes(needle) >= 0)
-            return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
+        sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
+        if (result != SB_OK)
+            return result;
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
@@ -505,7 +604,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
 {
     for (int k = 0; k < s->count; k++) {
         const ndl_needle *needle = s->needles[k];
-        for (int i = needle->line.first; i < needle->rod->node_count; i++) {
+        for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
             s->info->dynamic_nodes += ndli_line_is_slipping(&needle->line, i);
             s->info->static_nodes += !ndli_line_is_slipping(&needle->line, i);
         }
@@ -520,8 +619,7 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     int torn = 0;
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (needle->line.first == needle->rod->node_count ||
-            !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
             continue;
         ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
         if (ndli_needle_renew_nodes(needle) >= 0)

@@ -173,6 +173,9 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
 /* ---- rod_step ---- */
 
+/* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0: Newton
+ * found none, and the state is as before. */
+NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt);
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
 

@@ -619,6 +619,21 @@ static int ndli_rod_keep_ledger(ndl_rod *rod)
     return !busy;
 }
 
+NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt)
+{
+    ndl_rod_info info;
+    sb_result result;
+    memset(&info, 0, sizeof info);
+    ndli_rod_save(rod);
+    result = ndli_rod_try_step(rod, dt, 1, &info);
+    if (result == SB_OK)
+        ndli_rod_read_reactions(rod);
+    ndli_rod_set_viscous(rod, 0, 0, 0);
+    if (result != SB_OK)
+        ndli_rod_restore(rod);
+    return result == SB_OK;
+}
+
 NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
 {
     ndl_rod_info local;

@@ -129,6 +129,7 @@ struct ndl_tissue {
     /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
      * and steps with more take Euler, which damps. */
     int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
+    int led;                /* 1: needles lead nodes in the present step */
     int ledger_open;
     double ledger, next_ledger; /* J, before and after the present step is committed */
     double work;            /* J, of gravity, forces and supports in the last step */

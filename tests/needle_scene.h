@@ -1,0 +1,260 @@
+/* needle_scene.h: what tests of needles in tissue share: a block of gel, a needle above it, runs of steps. */
+#ifndef NEEDLE_SCENE_H
+#define NEEDLE_SCENE_H
+
+#include "needle.h"
+#include "scene.h"
+
+/* A block from the origin to `size`, held at its four sides; the needle comes from above (z), along -z. */
+typedef struct needle_scene {
+    int cells[3];
+    sb_vec3 size;                  /* m */
+    double shake;                  /* of the inner nodes, in cells */
+    int layered;                   /* 1: region 1 below half of the height */
+    int turned;                    /* 1: all of it turned and shifted */
+    ndl_tissue_material materials[2];
+    ndl_tissue_def tissue_def;
+    ndl_friction frictions[2];
+    ndl_needle_def needle_def;     /* base above the middle of the top */
+    sb_mesh mesh;
+    ndl_tissue *tissue;
+    ndl_needle *needles[NDL_MAX_NEEDLES];
+    int count;
+    ndl_step_info info;
+    sb_error error;
+} needle_scene;
+
+/* 4 x 4 x 4 cm of 50 kPa in 4 cells each way, and a needle with its tip 1 mm above. */
+static inline needle_scene needle_scene_default(void)
+{
+    needle_scene s;
+    memset(&s, 0, sizeof s);
+    s.cells[0] = s.cells[1] = s.cells[2] = 4;
+    s.size = sb_v3(REAL(0.04), REAL(0.04), REAL(0.04));
+    s.shake = 0.1;
+    for (int i = 0; i < 2; i++) {
+        s.materials[i].young = 50000;
+        s.materials[i].poisson = REAL(0.4);
+        s.materials[i].density = 1000;
+        s.frictions[i].friction = 20;
+        s.frictions[i].cutting = REAL(0.5);
+    }
+    s.tissue_def = ndl_default_tissue_def();
+    s.needle_def = ndl_default_needle_def();
+    s.needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
+    s.needle_def.direction = sb_v3(0, 0, -1);
+    s.needle_def.director = sb_v3(1, 0, 0);
+    s.needle_def.length = REAL(0.05);
+    return s;
+}
+
+/* The rigid motion of `turned` scenes. */
+static inline sb_mat3 needle_scene_rotation(void)
+{
+    sb_real s, c;
+    sb_mat3 a = sb_m3_identity(), b = sb_m3_identity();
+    sb_sin_cos(REAL(0.9), &s, &c);
+    a.m[0][0] = a.m[1][1] = c, a.m[0][1] = -s, a.m[1][0] = s;
+    sb_sin_cos(REAL(-2.1), &s, &c);
+    b.m[1][1] = b.m[2][2] = c, b.m[1][2] = -s, b.m[2][1] = s;
+    return sb_m3_mul(a, b);
+}
+static inline sb_vec3 needle_scene_turned(sb_vec3 x) { return sb_m3_apply(needle_scene_rotation(), x); }
+static inline sb_vec3 needle_scene_placed(sb_vec3 x)
+{
+    return sb_v3_add(needle_scene_turned(x), sb_v3(REAL(0.07), REAL(-0.03), REAL(0.11)));
+}
+
+static inline int needle_scene_is_side(const needle_scene *s, sb_vec3 x)
+{
+    sb_real edge = REAL(1e-5) * s->size.x;
+    return x.x < edge || x.y < edge || x.x > s->size.x - edge || x.y > s->size.y - edge;
+}
+
+static inline int needle_scene_make_mesh(needle_scene *s, int *fixed)
+{
+    int count = 0;
+    for (int i = 0; i < s->mesh.node_count; i++)
+        if (needle_scene_is_side(s, s->mesh.nodes[i]))
+            fixed[count++] = i;
+    if (s->layered)
+        for (int e = 0; e < s->mesh.element_count; e++) {
+            sb_real z = 0;
+            for (int c = 0; c < 4; c++)
+                z += s->mesh.nodes[s->mesh.elements[4 * e + c]].z;
+            s->mesh.regions[e] = z < 2 * s->size.z;
+        }
+    for (int i = 0; i < s->mesh.node_count && s->turned; i++)
+        s->mesh.nodes[i] = needle_scene_placed(s->mesh.nodes[i]);
+    return count;
+}
+
+static inline void needle_scene_free(needle_scene *s)
+{
+    for (int i = 0; i < s->count; i++)
+        ndl_needle_destroy(s->needles[i]);
+    ndl_tissue_destroy(s->tissue);
+    sb_mesh_free(&s->mesh);
+    s->tissue = NULL;
+    s->count = 0;
+}
+
+/* The tissue alone; 0 (with a failed check) when it cannot be made. */
+static inline int needle_scene_make_tissue(needle_scene *s)
+{
+    int *fixed;
+    s->mesh = scene_box(SB_TET4, s->cells[0], s->cells[1], s->cells[2], s->size, s->shake);
+    if (s->layered && !s->mesh.regions)
+        s->mesh.regions = (int *)malloc((size_t)s->mesh.element_count * sizeof(int)); /* freed as the others are */
+    fixed = (int *)malloc((size_t)s->mesh.node_count * sizeof(int));
+    if (!CHECK(fixed && s->mesh.node_count > 0 && (!s->layered || s->mesh.regions))) {
+        free(fixed);
+        return 0;
+    }
+    s->tissue_def.fixed_count = needle_scene_make_mesh(s, fixed);
+    s->tissue_def.fixed_nodes = fixed;
+    s->tissue_def.mesh = &s->mesh;
+    s->tissue_def.materials = s->materials;
+    s->tissue_def.material_count = s->layered ? 2 : 1;
+    if (ndl_tissue_create(&s->tissue_def, &s->tissue, &s->error) != SB_OK)
+        printf("%s\n", s->error.message);
+    free(fixed);
+    s->tissue_def.fixed_nodes = NULL;
+    return CHECK(s->tissue != NULL);
+}
+
+/* A needle by needle_def, moved aside by `shift`; NULL (with a failed check) when it cannot be made. */
+static inline ndl_needle *needle_scene_add(needle_scene *s, sb_vec3 shift)
+{
+    ndl_needle_def def = s->needle_def;
+    ndl_needle *needle = NULL;
+    def.tissue = s->tissue;
+    def.base = sb_v3_add(def.base, shift);
+    if (s->turned) {
+        def.base = needle_scene_placed(def.base);
+        def.direction = needle_scene_turned(def.direction);
+        def.director = needle_scene_turned(def.director);
+    }
+    if (!def.frictions) {
+        def.frictions = s->frictions;
+        def.friction_count = s->layered ? 2 : 1;
+    }
+    if (ndl_needle_create(&def, &needle, &s->error) != SB_OK)
+        printf("%s\n", s->error.message);
+    else
+        s->needles[s->count++] = needle;
+    CHECK(needle != NULL);
+    return needle;
+}
+
+/* Tissue and one needle. */
+static inline int needle_scene_make(needle_scene *s)
+{
+    return needle_scene_make_tissue(s) && needle_scene_add(s, sb_v3(0, 0, 0)) != NULL;
+}
+
+static inline ndl_command needle_command(double insertion, double twist)
+{
+    ndl_command command;
+    memset(&command, 0, sizeof command);
+    command.insertion = REAL(insertion);
+    command.twist = REAL(twist);
+    return command;
+}
+
+/* `steps` steps with one command for all needles; 1 when all went well. */
+static inline int needle_scene_run(needle_scene *s, double dt, int steps, ndl_command command)
+{
+    ndl_command commands[NDL_MAX_NEEDLES];
+    for (int k = 0; k < NDL_MAX_NEEDLES; k++)
+        commands[k] = command;
+    for (int i = 0; i < steps; i++)
+        if (!CHECK_OK(ndl_step(s->tissue, s->needles, s->count, REAL(dt), commands, &s->info, &s->error))) {
+            printf("step %d of %d: %s\n", i, steps, s->error.message);
+            return 0;
+        }
+    return 1;
+}
+
+/* Of the first needle: what the sleeve pushes with along the needle (N). */
+static inline double needle_push(const needle_scene *s)
+{
+    sb_vec3 force;
+    sb_vec3 along = s->turned ? needle_scene_turned(s->needle_def.direction) : s->needle_def.direction;
+    ndl_needle_base_wrench(s->needles[0], &force, NULL);
+    return (double)sb_v3_dot(force, along);
+}
+
+static inline sb_vec3 needle_tip(const ndl_needle *needle) { return ndl_needle_tip(needle).position; }
+
+/* Bits of positions and velocities of the tissue and of all needles. */
+static inline unsigned long long needle_scene_bits(const needle_scene *s)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(s->tissue);
+    unsigned long long hash = 0;
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->node_flags[i])
+            hash = hash * 31 + (scene_hash(mesh->x + i, sizeof(sb_vec3)) ^ 3 * scene_hash(mesh->v + i, sizeof(sb_vec3)) ^
+                                5 * scene_hash(mesh->X + i, sizeof(sb_vec3)));
+    for (int t = 0; t < mesh->tet_end; t++)
+        if (mesh->tets[4 * t] >= 0)
+            hash = hash * 31 + scene_hash(mesh->tets + 4 * t, 4 * sizeof(int));
+    for (int k = 0; k < s->count; k++) {
+        const ndl_rod *rod = ndl_needle_rod(s->needles[k]);
+        size_t bytes = (size_t)ndl_rod_node_count(rod) * sizeof(sb_vec3);
+        sb_vec3 wrench[2];
+        ndl_needle_base_wrench(s->needles[k], wrench, wrench + 1);
+        hash = hash * 31 + (scene_hash(ndl_rod_positions(rod), bytes) ^ 7 * scene_hash(ndl_rod_velocities(rod), bytes) ^
+                            11 * scene_hash(wrench, sizeof wrench));
+    }
+    return hash;
+}
+
+/* Sum of the forces of the tissue on a needle (N). */
+static inline sb_vec3 needle_contact_sum(const ndl_needle *needle)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int i = 0; i < ndl_rod_node_count(ndl_needle_rod(needle)); i++)
+        sum = sb_v3_add(sum, ndl_needle_contact_force(needle, i));
+    return sum;
+}
+
+/* All of tissue and needles finite, and the mesh sound. */
+static inline int needle_scene_is_sound(const needle_scene *s)
+{
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(s->tissue);
+    sb_error error;
+    int ok = ndl_tissue_mesh_check(mesh, &error) == SB_OK;
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->node_flags[i])
+            ok = ok && sb_v3_is_finite(mesh->x[i]) && sb_v3_is_finite(mesh->v[i]);
+    for (int k = 0; k < s->count; k++) {
+        const ndl_rod *rod = ndl_needle_rod(s->needles[k]);
+        sb_vec3 force, torque;
+        ndl_needle_base_wrench(s->needles[k], &force, &torque);
+        ok = ok && scene_all_finite(ndl_rod_positions(rod), ndl_rod_node_count(rod)) &&
+             scene_all_finite(ndl_rod_velocities(rod), ndl_rod_node_count(rod)) && sb_v3_is_finite(force) &&
+             sb_v3_is_finite(torque);
+    }
+    return ok;
+}
+
+/* Largest distance of a coupled rod node from its tissue node over the mean edge in the tissue; -1: nodes differ in
+ * kind (coupled without tissue node, or the other way round). */
+static inline double needle_drift(const needle_scene *s, const ndl_needle *needle)
+{
+    const ndl_rod *rod = ndl_needle_rod(needle);
+    const sb_vec3 *x = ndl_rod_positions(rod), *tissue = ndl_tissue_positions(s->tissue);
+    int n = ndl_rod_node_count(rod), first = ndl_needle_entry(needle);
+    double drift = 0, spacing = n - first > 1 ? (double)ndl_needle_depth(needle) / (n - first - 1) : 1;
+    for (int i = 0; i < n; i++) {
+        int node = ndl_needle_tissue_node(needle, i);
+        if ((node >= 0) != (i >= first) || (ndl_needle_contact(needle, i) != NDL_FREE) != (i >= first))
+            return -1;
+        if (node >= 0)
+            drift = fmax(drift, (double)sb_v3_norm(sb_v3_sub(x[i], tissue[node])) / spacing);
+    }
+    return drift;
+}
+
+#endif /* NEEDLE_SCENE_H */
