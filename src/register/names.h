@@ -15,6 +15,15 @@
 #define reg_rigid_inverse reg_rigid_inverse_f32
 #define reg_rigid_angle reg_rigid_angle_f32
 #define reg_rigid_fit reg_rigid_fit_f32
+#define reg_default_cpd_options reg_default_cpd_options_f32
+#define reg_cpd_fit reg_cpd_fit_f32
+#define reg_cpd_destroy reg_cpd_destroy_f32
+#define reg_cpd_get_info reg_cpd_get_info_f32
+#define reg_cpd_moved reg_cpd_moved_f32
+#define reg_cpd_partners reg_cpd_partners_f32
+#define reg_cpd_probabilities reg_cpd_probabilities_f32
+#define reg_cpd_linear reg_cpd_linear_f32
+#define reg_cpd_apply reg_cpd_apply_f32
 #endif
 #endif
 
