@@ -63,7 +63,7 @@ static int regi_cpd_find_near(const regi_cpd_expectation *e, const regi_cpd_box 
             limit = most < limit ? most : limit;
         }
         limit += width * share;
-        if (e->outlier > 0) {
+        if (e->outlier > 0 && e->outlier < 1) { /* a point that is near has most of its probability */
             double alone = width * (share - sbi_dense_log(e->outlier));
             limit = alone < limit ? alone : limit;
         }
