@@ -172,8 +172,8 @@ REG_API sb_result reg_rigid_fit(const sb_vec3 *from, const sb_vec3 *to, const sb
  * The target's points are taken for draws from Gaussians of one width sigma around the moved source points, mixed with
  * a uniform share of outliers; expectation-maximisation lowers the negative log-likelihood of that, which never rises
  * (Myronenko and Song 2010). The clouds may differ in size. Each is first brought to mean 0 and root mean square
- * distance 1 from it, where beta, lambda and sigma^2 of the paper are at home; results are in the caller's units. Inside,
- * all is computed in double, in a float build, too: sigma^2 falls below what float resolves.
+ * distance 1 from it, where beta, lambda and sigma^2 of the paper are at home; results are in the caller's units.
+ * All is computed in double, in a float build, too: sigma^2 falls below what float resolves.
  *
  * The Gram matrix of the Gaussian kernel is factored once, G = L L^T by Cholesky with the largest remaining diagonal
  * entry as pivot, until none is above kernel_tolerance. That entry bounds every entry of G - L L^T; eigenpairs would do
@@ -215,13 +215,16 @@ typedef struct reg_cpd_info {
 typedef struct reg_cpd_options {
     reg_cpd_kind kind;        /* default non-rigid */
     sb_real outliers;         /* w: expected share of target points without partner, in [0, 1); default 0.1 */
-    sb_real beta;             /* width of the kernel over the source's rms size, > 0; default 2: smaller is less stiff */
-    sb_real lambda;           /* price of deformation, > 0; default 3 */
+    sb_real beta;             /* width of the kernel over the source's rms size, in [1e-6, 1e6]; default 2, the paper's:
+                               * smaller is less stiff */
+    sb_real lambda;           /* price of deformation, in [1e-12, 1e12]; default 3, the paper's. For organs of a few
+                               * thousand points beta 0.7 and lambda 1000 did best */
     int shared_frame;         /* 1: both clouds are measured by the source's mean and size, which keeps a rough
                                * alignment as start (take it for partial clouds). 0 (default): each by its own; kind
                                * rigid takes the source's size for both in any case */
-    sb_real start_sigma;      /* m; 0 (default): from the mean squared distance of all pairs */
-    sb_real kernel_tolerance; /* in (1e-12, 1); default 1e-6 */
+    sb_real start_sigma;      /* m; 0 (default): from the mean squared distance of all pairs. That lets a soft source
+                               * collapse and unfold another way round: after a rough alignment take what it left */
+    sb_real kernel_tolerance; /* in (1e-12, 1); default 1e-4 */
     int max_rank;             /* columns of the kernel's factor at most; default 1000. With a smaller number than the
                                * tolerance needs, deformation is made of the smoothest modes */
     sb_real sum_tolerance;    /* share of each target point's probability that sums may leave out, in [0, 0.1]; 0: none
@@ -276,8 +279,8 @@ REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit);
 /* x -> linear x + translation (m) of kinds rigid, similarity and affine; of non-rigid what the frames of the clouds
  * make of a point far from the source. */
 REG_API void reg_cpd_linear(const reg_cpd *fit, sb_mat3 *linear, sb_vec3 *translation);
-/* moved[count]: where the points (m) go; in place is fine. `rank` exponentials for each point. Nothing happens for NULL.
- * Points that are not finite give NaN. Thread-safe. */
+/* moved[count]: where the points (m) go; in place is fine. `rank` exponentials for each point. Nothing happens for
+ * NULL. Points that are not finite give NaN. Thread-safe. */
 REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count, sb_vec3 *moved);
 
 #endif /* REG_CPD_H */
@@ -964,8 +967,8 @@ static void regi_cpd_assemble(regi_cpd_kernel *kernel, const double *p, double r
         kernel->system[(size_t)k * kernel->stride + (size_t)k] += ridge;
 }
 
-/* Row i of the factor between columns from and to, whose rows up to i are done and whose sums with columns before `from`
- * are subtracted. The ridge keeps every pivot above 0: at least that much is left of it. */
+/* Row i of the factor between columns from and to; rows up to i are done, and the sums with columns before `from` are
+ * subtracted. The ridge keeps every pivot above 0: at least that much is left of it. */
 static void regi_cpd_finish_row(double *a, size_t stride, int i, int from, int to, double ridge)
 {
     double *row = a + (size_t)i * stride;
@@ -1118,7 +1121,7 @@ REG_API reg_cpd_options reg_default_cpd_options(void)
     options.outliers = (sb_real)0.1;
     options.beta = 2;
     options.lambda = 3;
-    options.kernel_tolerance = (sb_real)1e-6;
+    options.kernel_tolerance = (sb_real)1e-4;
     options.max_rank = 1000;
     options.sum_tolerance = (sb_real)1e-5;
     options.tolerance = (sb_real)1e-6;
@@ -1143,7 +1146,7 @@ static sb_result regi_cpd_check_options(const reg_cpd_options *o, sb_error *erro
     if (!(o->start_sigma >= 0) || !sb_is_finite(o->start_sigma))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "start_sigma is %g", (double)o->start_sigma);
     if (!(o->kernel_tolerance > (sb_real)1e-12) || !(o->kernel_tolerance < 1) || o->max_rank < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the kernel's tolerance %g is not in (1e-12, 1), or its rank %d below 1",
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "kernel_tolerance %g is not in (1e-12, 1), or max_rank %d below 1",
                         (double)o->kernel_tolerance, o->max_rank);
     if (!(o->sum_tolerance >= 0) || !(o->sum_tolerance <= (sb_real)0.1) || !(o->tolerance >= 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sum_tolerance is %g, not in [0, 0.1], or tolerance %g below 0",

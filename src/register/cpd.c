@@ -67,7 +67,7 @@ REG_API reg_cpd_options reg_default_cpd_options(void)
     options.outliers = (sb_real)0.1;
     options.beta = 2;
     options.lambda = 3;
-    options.kernel_tolerance = (sb_real)1e-6;
+    options.kernel_tolerance = (sb_real)1e-4;
     options.max_rank = 1000;
     options.sum_tolerance = (sb_real)1e-5;
     options.tolerance = (sb_real)1e-6;
@@ -92,7 +92,7 @@ static sb_result regi_cpd_check_options(const reg_cpd_options *o, sb_error *erro
     if (!(o->start_sigma >= 0) || !sb_is_finite(o->start_sigma))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "start_sigma is %g", (double)o->start_sigma);
     if (!(o->kernel_tolerance > (sb_real)1e-12) || !(o->kernel_tolerance < 1) || o->max_rank < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the kernel's tolerance %g is not in (1e-12, 1), or its rank %d below 1",
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "kernel_tolerance %g is not in (1e-12, 1), or max_rank %d below 1",
                         (double)o->kernel_tolerance, o->max_rank);
     if (!(o->sum_tolerance >= 0) || !(o->sum_tolerance <= (sb_real)0.1) || !(o->tolerance >= 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sum_tolerance is %g, not in [0, 0.1], or tolerance %g below 0",

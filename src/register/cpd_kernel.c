@@ -244,8 +244,8 @@ static void regi_cpd_assemble(regi_cpd_kernel *kernel, const double *p, double r
         kernel->system[(size_t)k * kernel->stride + (size_t)k] += ridge;
 }
 
-/* Row i of the factor between columns from and to, whose rows up to i are done and whose sums with columns before `from`
- * are subtracted. The ridge keeps every pivot above 0: at least that much is left of it. */
+/* Row i of the factor between columns from and to; rows up to i are done, and the sums with columns before `from` are
+ * subtracted. The ridge keeps every pivot above 0: at least that much is left of it. */
 static void regi_cpd_finish_row(double *a, size_t stride, int i, int from, int to, double ridge)
 {
     double *row = a + (size_t)i * stride;
