@@ -157,8 +157,9 @@ static void test_exact_motions(void)
     }
 }
 
-/* A quarter of the target is outliers (a ninth for motions with more freedom, which collapse with many), a quarter of the source is not seen, the rest 1 mm off in each coordinate: the motion is found to 1 mm, with more
- * freedom to 1.5 mm. */
+/* A quarter of the target is outliers (a ninth for motions with more freedom, which collapse with many), a quarter of
+ * the source is not seen, the rest 1 mm off in each coordinate: the motion is found to 1 mm, with more freedom to
+ * 1.5 mm. */
 static void test_noisy_motions(void)
 {
     static cpd_cloud source, target;
