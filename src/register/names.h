@@ -35,6 +35,15 @@
 #define reg_default_icp_options reg_default_icp_options_f32
 #define reg_icp_stop_string reg_icp_stop_string_f32
 #define reg_icp reg_icp_f32
+#define reg_default_cpd_options reg_default_cpd_options_f32
+#define reg_cpd_fit reg_cpd_fit_f32
+#define reg_cpd_destroy reg_cpd_destroy_f32
+#define reg_cpd_get_info reg_cpd_get_info_f32
+#define reg_cpd_moved reg_cpd_moved_f32
+#define reg_cpd_partners reg_cpd_partners_f32
+#define reg_cpd_probabilities reg_cpd_probabilities_f32
+#define reg_cpd_linear reg_cpd_linear_f32
+#define reg_cpd_apply reg_cpd_apply_f32
 #endif
 #endif
 
