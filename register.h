@@ -1230,10 +1230,10 @@ static sb_real regi_field_omega(const regi_field_grid *grid)
     return 2 / (1 + s);
 }
 
-/* Until no corner changes by more than 1e-5 cells in a sweep, which is far below what the grid resolves. */
+/* Until no corner changes by more than 1e-4 cells in a sweep, which is far below what the grid resolves. */
 static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
 {
-    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-5 * grid->cell, change = enough + 1;
+    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-4 * grid->cell, change = enough + 1;
     for (grid->sweeps = 0; grid->sweeps < 2000 && change > enough; grid->sweeps++) {
         change = regi_field_relax(grid, held, 0, omega);
         change = sb_max(change, regi_field_relax(grid, held, 1, omega));
@@ -1441,13 +1441,13 @@ REG_API reg_match_def reg_default_match_def(void)
     def.method = REG_PBSM;
     def.cells = 64;
     def.partial = SB_AUTO;
-    def.reach = (sb_real)0.1;
-    def.last_reach = (sb_real)0.03;
+    def.reach = (sb_real)0.05;
+    def.last_reach = (sb_real)0.02;
     def.least_cosine = (sb_real)0.5;
     def.least_active = (sb_real)0.1;
     def.sampling = (sb_real)0.015;
-    def.first_charge = (sb_real)0.05;
-    def.last_charge = 20;
+    def.first_charge = (sb_real)0.2;
+    def.last_charge = 100;
     def.least_growth = (sb_real)1.15;
     def.most_growth = 2;
     def.landmark_stiffness = 50;
@@ -1974,15 +1974,17 @@ static void regi_match_feel_distance(const reg_match *match, regi_match_charge *
     charge->energy = size < r ? (sb_real)0.5 * d * d / r : size - (sb_real)0.5 * r;
 }
 
-/* Laplace's: the gradient of the grid, stiff along the organ's normal as far as the potential is curved there. */
+/* Laplace's: the slope along the organ's normal. What the grid's gradient has across it is noise of the cells, against
+ * which nothing would hold the charge. */
 static int regi_match_feel_grid(const reg_match *match, regi_match_charge *charge, sb_vec3 normal)
 {
     reg_field_sample sample;
-    if (!reg_field_at(match->field, charge->point, -1, &charge->energy, &charge->force) ||
-        !reg_field_along(match->field, charge->point, normal, 2 * match->rounding, -1, &sample))
+    if (!reg_field_along(match->field, charge->point, normal, 2 * match->rounding, -1, &sample))
         return 0;
     charge->line = normal;
-    charge->stiffness = sb_max(sample.phi_nn, 0);
+    charge->energy = sample.phi;
+    charge->force = sb_v3_scale(sample.phi_n, normal);
+    charge->stiffness = sb_max(sample.phi_nn, sb_abs(sample.phi_n) / sb_max(match->rounding, charge->distance));
     return 1;
 }
 
@@ -2042,7 +2044,8 @@ static double regi_match_look(reg_match *match)
 
 /* ---- the system ---- */
 
-/* Adds `scale` line line^T of one charge to the element's stiffness. */
+/* Adds `scale` line line^T of one charge to the element's stiffness, of which the blocks from the diagonal to the right
+ * are kept. */
 static void regi_match_add_line(sb_real *local, int width, const sb_real *weights, sb_vec3 line, sb_real scale)
 {
     sb_real v[3 * SB_MAX_ELEMENT_NODES];
@@ -2053,9 +2056,9 @@ static void regi_match_add_line(sb_real *local, int width, const sb_real *weight
         v[3 * a + 2] = weights[a] * line.z;
     }
     for (int i = 0; i < size; i++) {
-        sb_real s = scale * v[i];
-        for (int j = 0; j < size; j++)
-            local[i * size + j] += s * v[j];
+        sb_real s = scale * v[i], *SB_RESTRICT row = local + i * size;
+        for (int j = i - i % 3; j < size; j++)
+            row[j] += s * v[j];
     }
 }
 
@@ -2074,11 +2077,16 @@ static void regi_match_scatter(reg_match *match, int index)
     const int *nodes = regi_match_nodes(match, index);
     size_t size = 3 * (size_t)match->width;
     for (int a = 0; a < match->width; a++)
-        for (int b = 0; b < match->width; b++) {
-            sb_real *block = matrix->blocks[sb_matrix_find(matrix, nodes[a], nodes[b])];
+        for (int b = a; b < match->width; b++) {
+            int at = sb_matrix_find(matrix, nodes[a], nodes[b]);
+            sb_real *block = matrix->blocks[at], *mirror = matrix->blocks[matrix->transpose[at]];
             const sb_real *from = match->local + 3 * (size_t)a * size + 3 * (size_t)b;
-            for (int i = 0; i < 9; i++)
-                block[i] += from[(size_t)(i / 3) * size + (size_t)(i % 3)];
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    block[3 * i + j] += from[(size_t)i * size + (size_t)j];
+                    if (b != a)
+                        mirror[3 * j + i] += from[(size_t)i * size + (size_t)j];
+                }
         }
 }
 

@@ -318,10 +318,10 @@ static sb_real regi_field_omega(const regi_field_grid *grid)
     return 2 / (1 + s);
 }
 
-/* Until no corner changes by more than 1e-5 cells in a sweep, which is far below what the grid resolves. */
+/* Until no corner changes by more than 1e-4 cells in a sweep, which is far below what the grid resolves. */
 static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
 {
-    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-5 * grid->cell, change = enough + 1;
+    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-4 * grid->cell, change = enough + 1;
     for (grid->sweeps = 0; grid->sweeps < 2000 && change > enough; grid->sweeps++) {
         change = regi_field_relax(grid, held, 0, omega);
         change = sb_max(change, regi_field_relax(grid, held, 1, omega));

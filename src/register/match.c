@@ -17,13 +17,13 @@ REG_API reg_match_def reg_default_match_def(void)
     def.method = REG_PBSM;
     def.cells = 64;
     def.partial = SB_AUTO;
-    def.reach = (sb_real)0.1;
-    def.last_reach = (sb_real)0.03;
+    def.reach = (sb_real)0.05;
+    def.last_reach = (sb_real)0.02;
     def.least_cosine = (sb_real)0.5;
     def.least_active = (sb_real)0.1;
     def.sampling = (sb_real)0.015;
-    def.first_charge = (sb_real)0.05;
-    def.last_charge = 20;
+    def.first_charge = (sb_real)0.2;
+    def.last_charge = 100;
     def.least_growth = (sb_real)1.15;
     def.most_growth = 2;
     def.landmark_stiffness = 50;

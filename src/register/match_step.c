@@ -57,15 +57,17 @@ static void regi_match_feel_distance(const reg_match *match, regi_match_charge *
     charge->energy = size < r ? (sb_real)0.5 * d * d / r : size - (sb_real)0.5 * r;
 }
 
-/* Laplace's: the gradient of the grid, stiff along the organ's normal as far as the potential is curved there. */
+/* Laplace's: the slope along the organ's normal. What the grid's gradient has across it is noise of the cells, against
+ * which nothing would hold the charge. */
 static int regi_match_feel_grid(const reg_match *match, regi_match_charge *charge, sb_vec3 normal)
 {
     reg_field_sample sample;
-    if (!reg_field_at(match->field, charge->point, -1, &charge->energy, &charge->force) ||
-        !reg_field_along(match->field, charge->point, normal, 2 * match->rounding, -1, &sample))
+    if (!reg_field_along(match->field, charge->point, normal, 2 * match->rounding, -1, &sample))
         return 0;
     charge->line = normal;
-    charge->stiffness = sb_max(sample.phi_nn, 0);
+    charge->energy = sample.phi;
+    charge->force = sb_v3_scale(sample.phi_n, normal);
+    charge->stiffness = sb_max(sample.phi_nn, sb_abs(sample.phi_n) / sb_max(match->rounding, charge->distance));
     return 1;
 }
 
@@ -125,7 +127,8 @@ static double regi_match_look(reg_match *match)
 
 /* ---- the system ---- */
 
-/* Adds `scale` line line^T of one charge to the element's stiffness. */
+/* Adds `scale` line line^T of one charge to the element's stiffness, of which the blocks from the diagonal to the right
+ * are kept. */
 static void regi_match_add_line(sb_real *local, int width, const sb_real *weights, sb_vec3 line, sb_real scale)
 {
     sb_real v[3 * SB_MAX_ELEMENT_NODES];
@@ -136,9 +139,9 @@ static void regi_match_add_line(sb_real *local, int width, const sb_real *weight
         v[3 * a + 2] = weights[a] * line.z;
     }
     for (int i = 0; i < size; i++) {
-        sb_real s = scale * v[i];
-        for (int j = 0; j < size; j++)
-            local[i * size + j] += s * v[j];
+        sb_real s = scale * v[i], *SB_RESTRICT row = local + i * size;
+        for (int j = i - i % 3; j < size; j++)
+            row[j] += s * v[j];
     }
 }
 
@@ -157,11 +160,16 @@ static void regi_match_scatter(reg_match *match, int index)
     const int *nodes = regi_match_nodes(match, index);
     size_t size = 3 * (size_t)match->width;
     for (int a = 0; a < match->width; a++)
-        for (int b = 0; b < match->width; b++) {
-            sb_real *block = matrix->blocks[sb_matrix_find(matrix, nodes[a], nodes[b])];
+        for (int b = a; b < match->width; b++) {
+            int at = sb_matrix_find(matrix, nodes[a], nodes[b]);
+            sb_real *block = matrix->blocks[at], *mirror = matrix->blocks[matrix->transpose[at]];
             const sb_real *from = match->local + 3 * (size_t)a * size + 3 * (size_t)b;
-            for (int i = 0; i < 9; i++)
-                block[i] += from[(size_t)(i / 3) * size + (size_t)(i % 3)];
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    block[3 * i + j] += from[(size_t)i * size + (size_t)j];
+                    if (b != a)
+                        mirror[3 * j + i] += from[(size_t)i * size + (size_t)j];
+                }
         }
 }
 
