@@ -1441,7 +1441,7 @@ REG_API reg_match_def reg_default_match_def(void)
     def.method = REG_PBSM;
     def.cells = 64;
     def.partial = SB_AUTO;
-    def.reach = (sb_real)0.05;
+    def.reach = (sb_real)0.1;
     def.last_reach = (sb_real)0.02;
     def.least_cosine = (sb_real)0.5;
     def.least_active = (sb_real)0.1;
