@@ -235,7 +235,8 @@ typedef struct reg_field_def {
     int point_count;
     sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
                                * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64: 0.2 s */
+    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+                               * takes some 0.3 s */
     sb_allocator allocator;   /* zeros: malloc */
     sb_jobs jobs;             /* threads for the creation; zeros: none */
     unsigned cookie;          /* set by reg_default_field_def */
@@ -276,8 +277,8 @@ typedef struct reg_field_sample {
  * Source: Suwelack 2014, (7.3), (7.15). */
 REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
                             reg_field_sample *sample);
-/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. 0 on
- * the target itself, where the distance has none. Returns 0 as above. */
+/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. On
+ * the target itself, where the distance has none, it is 0. Returns 0 as above. */
 REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient);
 
 /* Smallest box around the target (m). */
@@ -291,7 +292,7 @@ REG_API int reg_field_sweeps(const reg_field *field);
 /* ==== src/register/match.h ==== */
 /* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 5.
  *
- * The organ is a body (any mesh, any material: corotated is best, linear the thesis' other variant). Its surface carries
+ * The organ is a body of any mesh and material (corotated; linear is the thesis' other variant). Its surface carries
  * charges, one in each triangle or at each vertex, held by the element they lie in. The surface may be the model's own
  * skin or, better, the fine surface that the coarse model was made from: then that surface is matched, not the coarse
  * model's facets. In the potential phi of the target (see field.h) a charge q A feels the force -q A grad phi, whose
@@ -300,14 +301,16 @@ REG_API int reg_field_sweeps(const reg_field *field);
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
  * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits.
  *
- * Steps are quasi-static. The thesis' Newmark dynamics with Rayleigh damping needs about twice the steps to the same
- * end: the tangent is positive definite without inertia, since K_phi holds the organ.
+ * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
+ * dynamics: with its stiffness damping the same number of steps led to the same end.
  *
- * What it cannot know: a surface that slides along itself keeps its shape. Where the organ was dragged along its surface
- * the motion found is the one of least energy; landmarks mend that.
+ * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes out
+ * to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
+ * along its surface the motion found is the one of least energy, which may be off by the length of the drag. Landmarks
+ * mend that.
  *
- * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the charge's growth
- * (q I_int / I_phi alone has an unstable fixed point). */
+ * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the growth of the
+ * charge (q I_int / I_phi alone has an unstable fixed point). */
 #ifndef REG_MATCH_H
 #define REG_MATCH_H
 
@@ -344,16 +347,17 @@ typedef struct reg_match_def {
     int cells;                /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
     int partial;              /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
                                * SB_AUTO (default): 1 for open surfaces and for clouds */
-    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`, both
-                               * > 0; default 0.1, 0.03 */
+    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
+                               * both > 0; default 0.1, 0.02 */
     sb_real least_cosine;     /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
                                * default 0.5 */
-    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. Not asked
-                               * for with landmarks */
-    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0; default
-                               * 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.05 */
-    sb_real last_charge;      /* and most of it, >= first_charge; default 20. Noisy targets want less: 2 */
+    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
+                               * landmarks it is not asked for */
+    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
+                               * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
+    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2 */
+    sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
+                               * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
     const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
     const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
@@ -1070,6 +1074,16 @@ static int regi_field_is_rim(const reg_field *field, int point)
     return sb_v3_dot(centre, centre) > (sb_real)(0.3 * 0.3) * squares[count - 1];
 }
 
+enum { REGI_FIELD_CHUNK = 1024 };
+
+static void regi_field_find_rims(void *user, int chunk)
+{
+    reg_field *field = (reg_field *)user;
+    int first = chunk * REGI_FIELD_CHUNK, last = first + sbi_min_int(REGI_FIELD_CHUNK, field->point_count - first);
+    for (int i = first; i < last; i++)
+        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
+}
+
 static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *def, sb_error *error)
 {
     size_t count = (size_t)def->point_count;
@@ -1092,8 +1106,8 @@ static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *de
         field->high = sb_v3(sb_max(field->high.x, p.x), sb_max(field->high.y, p.y), sb_max(field->high.z, p.z));
         if (def->normals)
             field->normals[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, n) : sb_v3(0, 0, 0);
-        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
     }
+    sbi_run(&def->jobs, regi_field_find_rims, field, (def->point_count - 1) / REGI_FIELD_CHUNK + 1);
     return SB_OK;
 }
 
@@ -1240,8 +1254,8 @@ static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
     }
 }
 
-/* The box of the def, enlarged, and the number of corners. */
-static void regi_field_plan(reg_field *field, const reg_field_def *def)
+/* The box of the def, enlarged, and the number of corners; 0 when it is too large for numbers. */
+static int regi_field_plan(reg_field *field, const reg_field_def *def)
 {
     regi_field_grid *grid = &field->grid;
     sb_real margin = (sb_real)0.1 * sb_v3_norm(sb_v3_sub(field->high, field->low)), longest;
@@ -1253,18 +1267,22 @@ static void regi_field_plan(reg_field *field, const reg_field_def *def)
     }
     edge = sb_v3_sub(high, low);
     longest = sb_max(edge.x, sb_max(edge.y, edge.z));
+    if (!sb_is_finite(longest) || !sb_v3_is_finite(edge))
+        return 0;
     grid->low = low;
     grid->cell = longest > 0 ? longest / (sb_real)def->cells : 1;
     grid->count[0] = sbi_max_int((int)(edge.x / grid->cell + (sb_real)0.999), 2) + 1;
     grid->count[1] = sbi_max_int((int)(edge.y / grid->cell + (sb_real)0.999), 2) + 1;
     grid->count[2] = sbi_max_int((int)(edge.z / grid->cell + (sb_real)0.999), 2) + 1;
+    return 1;
 }
 
 static sb_result regi_field_make_grid(reg_field *field, const reg_field_def *def, sb_error *error)
 {
     regi_field_filling filling;
     size_t corners;
-    regi_field_plan(field, def);
+    if (!regi_field_plan(field, def))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the target is too large for a potential");
     corners = (size_t)field->grid.count[0] * (size_t)field->grid.count[1] * (size_t)field->grid.count[2];
     field->grid.phi = (sb_real *)sbi_alloc(&field->allocator, corners, sizeof(sb_real));
     filling.field = field;
@@ -1294,7 +1312,8 @@ REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, 
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
     made->allocator = def->allocator;
     made->kind = def->kind;
-    result = def->surface ? regi_field_make_surface(made, def->surface, error) : regi_field_make_cloud(made, def, error);
+    result = def->surface ? regi_field_make_surface(made, def->surface, error)
+                          : regi_field_make_cloud(made, def, error);
     if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
         result = regi_field_make_grid(made, def, error);
     if (result != SB_OK) {

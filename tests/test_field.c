@@ -67,7 +67,8 @@ static void test_sphere(void)
         CHECK_NEAR(hit.distance, fabs((double)r - 1), 0.012); /* of facets of 7.5 degrees */
         CHECK(sb_v3_dot(hit.normal, hit.point) > REAL(0.98));
         CHECK(reg_field_at(field, p, hit.item, &phi, &gradient) && phi == hit.distance);
-        CHECK_NEAR(sb_v3_dot(gradient, p), r > 1 ? r : -r, 0.12 * (double)r + (r < REAL(0.3) || fabs((double)r - 1) < 0.05 ? 9 : 0));
+        if (r > REAL(0.3) && fabs((double)r - 1) > 0.05) /* facets have no gradient of a sphere at its centre or on it */
+            CHECK_NEAR(sb_v3_dot(gradient, p), r > 1 ? r : -r, 0.12 * (double)r);
     }
     reg_field_destroy(field);
     sb_mesh_free(&mesh);
@@ -136,7 +137,8 @@ static void test_slopes(void)
             CHECK(reg_field_along(field, sb_v3_madd(p, REAL(eps), n), n, REAL(step), -1, &more));
             CHECK(reg_field_along(field, sb_v3_madd(p, REAL(-eps), n), n, REAL(step), -1, &less));
             slope = (double)(more.phi_n - less.phi_n) / (2 * eps);
-            smooth += fabs(slope - (double)at.phi_nn) < 0.02 * (1 + fabs(slope)); /* not across a crease or a cell's side */
+            /* not across a crease or a cell's side */
+            smooth += fabs(slope - (double)at.phi_nn) < 0.02 * (1 + fabs(slope));
         }
         CHECK(smooth > (sizeof(sb_real) == 8 ? 195 : 140));
         reg_field_destroy(field);

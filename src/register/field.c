@@ -158,6 +158,16 @@ static int regi_field_is_rim(const reg_field *field, int point)
     return sb_v3_dot(centre, centre) > (sb_real)(0.3 * 0.3) * squares[count - 1];
 }
 
+enum { REGI_FIELD_CHUNK = 1024 };
+
+static void regi_field_find_rims(void *user, int chunk)
+{
+    reg_field *field = (reg_field *)user;
+    int first = chunk * REGI_FIELD_CHUNK, last = first + sbi_min_int(REGI_FIELD_CHUNK, field->point_count - first);
+    for (int i = first; i < last; i++)
+        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
+}
+
 static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *def, sb_error *error)
 {
     size_t count = (size_t)def->point_count;
@@ -180,8 +190,8 @@ static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *de
         field->high = sb_v3(sb_max(field->high.x, p.x), sb_max(field->high.y, p.y), sb_max(field->high.z, p.z));
         if (def->normals)
             field->normals[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, n) : sb_v3(0, 0, 0);
-        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
     }
+    sbi_run(&def->jobs, regi_field_find_rims, field, (def->point_count - 1) / REGI_FIELD_CHUNK + 1);
     return SB_OK;
 }
 
@@ -328,8 +338,8 @@ static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
     }
 }
 
-/* The box of the def, enlarged, and the number of corners. */
-static void regi_field_plan(reg_field *field, const reg_field_def *def)
+/* The box of the def, enlarged, and the number of corners; 0 when it is too large for numbers. */
+static int regi_field_plan(reg_field *field, const reg_field_def *def)
 {
     regi_field_grid *grid = &field->grid;
     sb_real margin = (sb_real)0.1 * sb_v3_norm(sb_v3_sub(field->high, field->low)), longest;
@@ -341,18 +351,22 @@ static void regi_field_plan(reg_field *field, const reg_field_def *def)
     }
     edge = sb_v3_sub(high, low);
     longest = sb_max(edge.x, sb_max(edge.y, edge.z));
+    if (!sb_is_finite(longest) || !sb_v3_is_finite(edge))
+        return 0;
     grid->low = low;
     grid->cell = longest > 0 ? longest / (sb_real)def->cells : 1;
     grid->count[0] = sbi_max_int((int)(edge.x / grid->cell + (sb_real)0.999), 2) + 1;
     grid->count[1] = sbi_max_int((int)(edge.y / grid->cell + (sb_real)0.999), 2) + 1;
     grid->count[2] = sbi_max_int((int)(edge.z / grid->cell + (sb_real)0.999), 2) + 1;
+    return 1;
 }
 
 static sb_result regi_field_make_grid(reg_field *field, const reg_field_def *def, sb_error *error)
 {
     regi_field_filling filling;
     size_t corners;
-    regi_field_plan(field, def);
+    if (!regi_field_plan(field, def))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the target is too large for a potential");
     corners = (size_t)field->grid.count[0] * (size_t)field->grid.count[1] * (size_t)field->grid.count[2];
     field->grid.phi = (sb_real *)sbi_alloc(&field->allocator, corners, sizeof(sb_real));
     filling.field = field;
@@ -382,7 +396,8 @@ REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, 
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
     made->allocator = def->allocator;
     made->kind = def->kind;
-    result = def->surface ? regi_field_make_surface(made, def->surface, error) : regi_field_make_cloud(made, def, error);
+    result = def->surface ? regi_field_make_surface(made, def->surface, error)
+                          : regi_field_make_cloud(made, def, error);
     if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
         result = regi_field_make_grid(made, def, error);
     if (result != SB_OK) {

@@ -20,7 +20,8 @@ typedef struct reg_field_def {
     int point_count;
     sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
                                * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64: 0.2 s */
+    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+                               * takes some 0.3 s */
     sb_allocator allocator;   /* zeros: malloc */
     sb_jobs jobs;             /* threads for the creation; zeros: none */
     unsigned cookie;          /* set by reg_default_field_def */
@@ -61,8 +62,8 @@ typedef struct reg_field_sample {
  * Source: Suwelack 2014, (7.3), (7.15). */
 REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
                             reg_field_sample *sample);
-/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. 0 on
- * the target itself, where the distance has none. Returns 0 as above. */
+/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. On
+ * the target itself, where the distance has none, it is 0. Returns 0 as above. */
 REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient);
 
 /* Smallest box around the target (m). */

@@ -1,6 +1,6 @@
 /* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 5.
  *
- * The organ is a body (any mesh, any material: corotated is best, linear the thesis' other variant). Its surface carries
+ * The organ is a body of any mesh and material (corotated; linear is the thesis' other variant). Its surface carries
  * charges, one in each triangle or at each vertex, held by the element they lie in. The surface may be the model's own
  * skin or, better, the fine surface that the coarse model was made from: then that surface is matched, not the coarse
  * model's facets. In the potential phi of the target (see field.h) a charge q A feels the force -q A grad phi, whose
@@ -9,14 +9,16 @@
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
  * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits.
  *
- * Steps are quasi-static. The thesis' Newmark dynamics with Rayleigh damping needs about twice the steps to the same
- * end: the tangent is positive definite without inertia, since K_phi holds the organ.
+ * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
+ * dynamics: with its stiffness damping the same number of steps led to the same end.
  *
- * What it cannot know: a surface that slides along itself keeps its shape. Where the organ was dragged along its surface
- * the motion found is the one of least energy; landmarks mend that.
+ * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes out
+ * to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
+ * along its surface the motion found is the one of least energy, which may be off by the length of the drag. Landmarks
+ * mend that.
  *
- * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the charge's growth
- * (q I_int / I_phi alone has an unstable fixed point). */
+ * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the growth of the
+ * charge (q I_int / I_phi alone has an unstable fixed point). */
 #ifndef REG_MATCH_H
 #define REG_MATCH_H
 
@@ -55,16 +57,17 @@ typedef struct reg_match_def {
     int cells;                /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
     int partial;              /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
                                * SB_AUTO (default): 1 for open surfaces and for clouds */
-    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`, both
-                               * > 0; default 0.1, 0.03 */
+    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
+                               * both > 0; default 0.1, 0.02 */
     sb_real least_cosine;     /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
                                * default 0.5 */
-    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. Not asked
-                               * for with landmarks */
-    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0; default
-                               * 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.05 */
-    sb_real last_charge;      /* and most of it, >= first_charge; default 20. Noisy targets want less: 2 */
+    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
+                               * landmarks it is not asked for */
+    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
+                               * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
+    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2 */
+    sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
+                               * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
     const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
     const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
