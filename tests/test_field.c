@@ -67,7 +67,7 @@ static void test_sphere(void)
         CHECK_NEAR(hit.distance, fabs((double)r - 1), 0.012); /* of facets of 7.5 degrees */
         CHECK(sb_v3_dot(hit.normal, hit.point) > REAL(0.98));
         CHECK(reg_field_at(field, p, hit.item, &phi, &gradient) && phi == hit.distance);
-        if (r > REAL(0.3) && fabs((double)r - 1) > 0.05) /* facets have no gradient of a sphere at its centre or on it */
+        if (r > REAL(0.3) && fabs((double)r - 1) > 0.05) /* the gradient of facets differs near centre and surface */
             CHECK_NEAR(sb_v3_dot(gradient, p), r > 1 ? r : -r, 0.12 * (double)r);
     }
     reg_field_destroy(field);

@@ -12,8 +12,8 @@
  * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
  * dynamics: with its stiffness damping the same number of steps led to the same end.
  *
- * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes out
- * to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
+ * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes
+ * out to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
  * along its surface the motion found is the one of least energy, which may be off by the length of the drag. Landmarks
  * mend that.
  *
