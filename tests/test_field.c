@@ -19,7 +19,7 @@ static sb_mesh sphere(int cap)
     mesh.elements = (int *)malloc((size_t)(6 * bands * COLUMNS) * sizeof(int));
     for (int i = 0; i <= bands; i++)
         for (int j = 0; j < COLUMNS; j++) {
-            double a = pi * i / ROWS, b = 2 * pi * j / COLUMNS;
+            double a = pi * i / (int)ROWS, b = 2 * pi * j / (int)COLUMNS;
             mesh.nodes[i * COLUMNS + j] = sb_v3(REAL(sin(a) * cos(b)), REAL(sin(a) * sin(b)), REAL(cos(a)));
         }
     for (int i = 0; i < bands; i++)
