@@ -212,6 +212,7 @@ REG_API int reg_kdtree_k_nearest(const reg_kdtree *tree, sb_vec3 point, int k, i
  * be NULL with room 0: only count). In no particular, yet always the same order. 0 as above. */
 REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real radius, int *indices, int room);
 
+
 #endif /* REG_KDTREE_H */
 
 /* ==== src/register/field.h ==== */
@@ -438,6 +439,14 @@ REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_ma
 #if defined(REG_IMPLEMENTATION) && !defined(REG_IMPLEMENTATION_DONE)
 #define REG_IMPLEMENTATION_DONE
 
+/* ==== src/register/kdtree.h, internal ==== */
+/* The points' indices in the order of the leaves, so that queries in this order find what they need in the cache:
+ * order[count]. */
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order);
+/* reg_kdtree_nearest for a finite point, with the answer to begin with: index `found` (INT_MAX: none) at the squared
+ * distance *squared. */
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared);
+
 /* ==== src/register/field.h, internal ==== */
 /* 1 for a cloud, and for a surface with a rim: it may be a part of something. */
 REGI_API int regi_field_is_open(const reg_field *field);
@@ -559,7 +568,7 @@ struct reg_kdtree {
     int count;
 };
 
-/* ---- building -------------------------------------------------------------------------------------------------- */
+/* ---- building ---------------------------------------------------------------------------------------------------- */
 
 typedef struct regi_kdtree_point {
     sb_real x[3];
@@ -725,9 +734,16 @@ REG_API void reg_kdtree_destroy(reg_kdtree *tree)
     }
 }
 
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order)
+{
+    for (int leaf = 0, n = 0; leaf < tree->leaf_count; leaf++)
+        for (int i = 0; i < REGI_KDTREE_LEAF && tree->leaves[leaf].index[i] >= 0; i++)
+            order[n++] = tree->leaves[leaf].index[i];
+}
+
 REG_API int reg_kdtree_count(const reg_kdtree *tree) { return tree ? tree->count : 0; }
 
-/* ---- queries ---------------------------------------------------------------------------------------------------- */
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
 
 /* Squared distances to the boxes of the two children. */
 static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real bound[2])
@@ -801,14 +817,11 @@ static sb_real regi_kdtree_limit(sb_real within)
     return sb_min(within * within, SB_REAL_MAX);
 }
 
-REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared)
 {
-    sb_real best = regi_kdtree_limit(within), d[REGI_KDTREE_LEAF];
+    sb_real best = *squared, d[REGI_KDTREE_LEAF];
     const regi_kdtree_leaf *leaf;
     regi_kdtree_walk walk;
-    int found = INT_MAX;
-    if (!tree || best < 0 || !sb_v3_is_finite(point))
-        return -1;
     regi_kdtree_begin(&walk);
     while ((leaf = regi_kdtree_next(tree, &walk, point, best)) != NULL) {
         regi_kdtree_distances(leaf, point, d);
@@ -818,6 +831,17 @@ REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real wi
                 found = leaf->index[i];
             }
     }
+    *squared = best;
+    return found;
+}
+
+REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+{
+    sb_real best = regi_kdtree_limit(within);
+    int found;
+    if (!tree || best < 0 || !sb_v3_is_finite(point))
+        return -1;
+    found = regi_kdtree_nearest_from(tree, point, INT_MAX, &best);
     if (found == INT_MAX)
         return -1;
     if (squared)

@@ -27,7 +27,7 @@ struct reg_kdtree {
     int count;
 };
 
-/* ---- building -------------------------------------------------------------------------------------------------- */
+/* ---- building ---------------------------------------------------------------------------------------------------- */
 
 typedef struct regi_kdtree_point {
     sb_real x[3];
@@ -193,9 +193,16 @@ REG_API void reg_kdtree_destroy(reg_kdtree *tree)
     }
 }
 
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order)
+{
+    for (int leaf = 0, n = 0; leaf < tree->leaf_count; leaf++)
+        for (int i = 0; i < REGI_KDTREE_LEAF && tree->leaves[leaf].index[i] >= 0; i++)
+            order[n++] = tree->leaves[leaf].index[i];
+}
+
 REG_API int reg_kdtree_count(const reg_kdtree *tree) { return tree ? tree->count : 0; }
 
-/* ---- queries ---------------------------------------------------------------------------------------------------- */
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
 
 /* Squared distances to the boxes of the two children. */
 static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real bound[2])
@@ -269,14 +276,11 @@ static sb_real regi_kdtree_limit(sb_real within)
     return sb_min(within * within, SB_REAL_MAX);
 }
 
-REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared)
 {
-    sb_real best = regi_kdtree_limit(within), d[REGI_KDTREE_LEAF];
+    sb_real best = *squared, d[REGI_KDTREE_LEAF];
     const regi_kdtree_leaf *leaf;
     regi_kdtree_walk walk;
-    int found = INT_MAX;
-    if (!tree || best < 0 || !sb_v3_is_finite(point))
-        return -1;
     regi_kdtree_begin(&walk);
     while ((leaf = regi_kdtree_next(tree, &walk, point, best)) != NULL) {
         regi_kdtree_distances(leaf, point, d);
@@ -286,6 +290,17 @@ REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real wi
                 found = leaf->index[i];
             }
     }
+    *squared = best;
+    return found;
+}
+
+REG_API int reg_kdtree_nearest(const reg_kdtree *tree, sb_vec3 point, sb_real within, sb_real *squared)
+{
+    sb_real best = regi_kdtree_limit(within);
+    int found;
+    if (!tree || best < 0 || !sb_v3_is_finite(point))
+        return -1;
+    found = regi_kdtree_nearest_from(tree, point, INT_MAX, &best);
     if (found == INT_MAX)
         return -1;
     if (squared)

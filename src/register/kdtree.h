@@ -33,4 +33,13 @@ REG_API int reg_kdtree_k_nearest(const reg_kdtree *tree, sb_vec3 point, int k, i
  * be NULL with room 0: only count). In no particular, yet always the same order. 0 as above. */
 REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real radius, int *indices, int room);
 
+#if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The points' indices in the order of the leaves, so that queries in this order find what they need in the cache:
+ * order[count]. */
+REGI_API void regi_kdtree_order(const reg_kdtree *tree, int *order);
+/* reg_kdtree_nearest for a finite point, with the answer to begin with: index `found` (INT_MAX: none) at the squared
+ * distance *squared. */
+REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared);
+#endif
+
 #endif /* REG_KDTREE_H */
