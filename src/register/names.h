@@ -44,6 +44,26 @@
 #define reg_cpd_probabilities reg_cpd_probabilities_f32
 #define reg_cpd_linear reg_cpd_linear_f32
 #define reg_cpd_apply reg_cpd_apply_f32
+#define reg_default_field_def reg_default_field_def_f32
+#define reg_field_create reg_field_create_f32
+#define reg_field_destroy reg_field_destroy_f32
+#define reg_field_closest reg_field_closest_f32
+#define reg_field_along reg_field_along_f32
+#define reg_field_at reg_field_at_f32
+#define reg_field_bounds reg_field_bounds_f32
+#define reg_field_sweeps reg_field_sweeps_f32
+#define reg_default_match_def reg_default_match_def_f32
+#define reg_match_create reg_match_create_f32
+#define reg_match_destroy reg_match_destroy_f32
+#define reg_match_step reg_match_step_f32
+#define reg_match_run reg_match_run_f32
+#define reg_match_restart reg_match_restart_f32
+#define reg_match_move_landmarks reg_match_move_landmarks_f32
+#define reg_match_landmarks reg_match_landmarks_f32
+#define reg_match_body reg_match_body_f32
+#define reg_match_get_info reg_match_get_info_f32
+#define reg_match_sample_count reg_match_sample_count_f32
+#define reg_match_get_sample reg_match_get_sample_f32
 #endif
 #endif
 
