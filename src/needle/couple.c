@@ -5,6 +5,8 @@
 #include "couple_solve.h"
 
 #include <string.h>
+#include <stdlib.h>
+#include <stdio.h>
 
 typedef struct ndli_couple {
     ndl_tissue *tissue;
@@ -120,7 +122,8 @@ static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
     for (int k = 0; k < c->count; k++)
         ndli_line_guess(c->lines[k]);
     ndli_solid_cg_begin(cg);
-    return cg->rz;
+    { double first=cg->rz; if(getenv("WARM")){ for(int i=0;i<t->mesh.node_end;i++) t->unknown[i]= t->role[i]==NDLI_ROW_FREE||t->role[i]==NDLI_ROW_COUPLED? t->before[i]:sb_v3(0,0,0); for (int k = 0; k < c->count; k++) memset(c->lines[k]->unknown,0,(size_t)c->lines[k]->rod->node_count*sizeof(ndli_line_unknown)); ndli_solid_cg_begin(cg); for (int k = 0; k < c->count; k++)
+        ndli_line_guess(c->lines[k]); ndli_solid_cg_begin(cg); if(getenv("WARMP")) printf("first %g warm %g\n",first,cg->rz);} return first; }
 }
 
 /* Headway of the pivoting: how many were contradicted at best, and for how many trials it has not been fewer. */
