@@ -13939,6 +13939,8 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
 
 /* ==== src/needle/needle.c ==== */
 /* needle: making, reading and releasing needles; the site that those of one tissue share. */
+#include <stdlib.h>
+#define ES (getenv("ES")?atof(getenv("ES")):0)
 
 #include <string.h>
 
@@ -13980,7 +13982,7 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
     def.tissue = &tissue->mesh;
     def.max_needles = NDL_MAX_NEEDLES;
-    def.entry_slip = 0; /* a node of the skin that is not where the needle is would pull at it */
+    def.entry_slip = (sb_real)ES; /* a node of the skin that is not where the needle is would pull at it */
     def.allocator = tissue->allocator;
     result = ndl_remesh_create(&def, &site->remesh, error);
     if (result != SB_OK) {
