@@ -90,7 +90,7 @@ NDLI_API double ndli_line_multiply(ndli_line *line);
 NDLI_API void ndli_line_advance(ndli_line *line, double factor);
 NDLI_API double ndli_line_precondition(ndli_line *line);
 
-/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_solid_cg_begin. */
+/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_line_precondition. */
 NDLI_API void ndli_line_guess(ndli_line *line);
 /* slip, move, contact and reaction from the unknowns. */
 NDLI_API void ndli_line_read(ndli_line *line);

@@ -41,7 +41,6 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
     def.tissue = &tissue->mesh;
     def.max_needles = NDL_MAX_NEEDLES;
-    def.entry_slip = 0; /* a node of the skin that is not where the needle is would pull at it */
     def.allocator = tissue->allocator;
     result = ndl_remesh_create(&def, &site->remesh, error);
     if (result != SB_OK) {

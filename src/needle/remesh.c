@@ -1620,7 +1620,7 @@ static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
     }
     for (int i = 0; i < 3; i++)
         longest = sb_max(longest, sb_v3_norm(sb_v3_sub(r->mesh->X[face[i]], r->mesh->X[face[(i + 1) % 3]])));
-    if (!r->final_count || r->final[0].created.least < r->def.smooth_below)
+    if (!r->final_count || 3 * r->final[0].created.least < r->def.smooth_below)
         ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
 }
 

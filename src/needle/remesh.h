@@ -26,9 +26,9 @@ typedef struct ndl_remesh_def {
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
                                * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than smooth_below may go to a node or edge of the
-                               * skin not further away than this share of the face's longest edge; in [0, 1]. Default
-                               * 0.15 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than a third of smooth_below may go to a node or edge
+                               * of the skin not further away than this share of the face's longest edge: where the skin
+                               * is not flat, no node of it can be moved to the needle; in [0, 1]. Default 0.15 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;

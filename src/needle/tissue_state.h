@@ -223,7 +223,9 @@ typedef struct ndli_solid_cg {
     int iterations; /* in all runs */
 } ndli_solid_cg;
 
-/* residual = rhs - A unknown, and the first correction. */
+/* residual = rhs - A unknown, */
+NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg);
+/* and the first correction. */
 NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg);
 /* Goes on until residual.correction <= target or max_iterations is reached. */
 NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error);

@@ -268,7 +268,7 @@ static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
     return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
 }
 
-NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg)
 {
     ndl_tissue *t = cg->t;
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
@@ -281,6 +281,11 @@ NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
         t->residual[i] = sb_v3_sub(t->residual[i], t->product[i]);
     if (cg->guest)
         cg->guest->settle(cg->guest->user);
+}
+
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+{
+    ndli_solid_cg_residual(cg);
     ndli_solid_correct(cg);
 }
 
