@@ -273,24 +273,27 @@ static int measure_compliances(trial *t, const scene_point *target, const pad *p
     return 1;
 }
 
-/* Pushes until the target is in the needle's way, then inserts the needle to its height while the push goes on. */
+/* Pushes until the target is in the needle's way, then inserts the needle to its height while the push goes on; the
+ * needle waits while the target is far off, but not for ever: the push may not be able to do more. */
 static int push_and_insert(trial *t, scene_point *target, const pad *p, ndl_push *push, int *steps)
 {
     const settings *set = t->set;
     ndl_command command;
     sb_vec3 force, point;
-    const int patience = 200; /* steps of pushing before the insertion */
+    const int patience = 200; /* steps of waiting in all */
+    const double near = 0.3e-3 * set->within; /* m: then an insertion that is under way goes on */
+    int waited = 0;
     memset(&command, 0, sizeof command);
     for (*steps = 0; *steps < 100000; ++*steps) {
-        double left;
+        double left, off = (double)sb_v3_norm(push->error), speed = 0;
         point = scene_where(&t->s, target);
         left = (double)(ndl_needle_tip(t->s.needle).position.z - point.z);
-        if (command.insertion == 0 && (push->arrived || *steps >= patience))
-            command.insertion = (sb_real)set->speed;
-        if (command.insertion > 0 && left < 0.01 * set->speed * set->dt)
+        if (push->arrived || (ndl_needle_depth(t->s.needle) > 0 && off < near) || waited >= patience)
+            speed = 0.5 * set->speed;
+        waited += speed == 0;
+        if (left < 0.01 * set->speed * set->dt)
             return 1;
-        if (command.insertion > 0)
-            command.insertion = (sb_real)fmin(set->speed, left / set->dt);
+        command.insertion = (sb_real)fmin(speed, left / set->dt);
         if (ndl_push_update(push, point, (sb_real)set->dt, &force) != SB_OK)
             return scene_complain(&t->s, "pushing", "the target is lost");
         press(t, p, force);
@@ -321,7 +324,8 @@ static int push_to_target(trial *t, int number)
     def.line_point = t->entry;
     def.line_direction = t->needle.direction;
     def.max_force = (sb_real)set->force;
-    def.integral = 3;
+    def.proportional = (sb_real)0.1; /* soft tissue sways: less than the defaults */
+    def.integral = 2;
     def.tolerance = (sb_real)(0.1e-3 * set->within);
     for (int k = 0; k < count; k++)
         directions[k] = pads[k].direction;
@@ -412,7 +416,7 @@ static int run(trial *t, const settings *set)
 
 int main(int argc, char **argv)
 {
-    settings set = {NULL, NULL, 1, 10e3, 0.45, 20, 0.5, 0.1, 0.1, 1.0, 10, 0.02, 0.05, 100, 1, 0, 0, 0};
+    settings set = {NULL, NULL, 1, 20e3, 0.45, 20, 0.5, 0.1, 0.1, 1.0, 10, 0.02, 0.05, 100, 1, 0, 0, 0};
     trial t;
     char path[1024];
     int status;

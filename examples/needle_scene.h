@@ -391,6 +391,50 @@ static inline double scene_median(double *values, int count)
     return count ? 0.5 * (values[(count - 1) / 2] + values[count / 2]) : 0;
 }
 
+/* ---- files ---- */
+
+/* Writes the deformed tissue with its displacements (VTK). 0, with a message, when that fails. */
+static inline int scene_save(const scene *s, const char *path)
+{
+    const ndl_tissue_mesh *from = ndl_tissue_get_mesh((ndl_tissue *)s->tissue);
+    sb_mesh mesh;
+    sb_field field = {"displacement", SB_FIELD_NODES, 3, NULL};
+    sb_error error;
+    sb_result result = SB_ERROR_MEMORY;
+    int *number = (int *)malloc(sizeof(int) * (size_t)from->node_end); /* without the slots that are not in use */
+    sb_vec3 *moved = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)from->node_end);
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TET4;
+    mesh.nodes = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)from->node_end);
+    mesh.elements = (int *)malloc(4 * sizeof(int) * (size_t)from->tet_end);
+    mesh.regions = (int *)malloc(sizeof(int) * (size_t)from->tet_end);
+    snprintf(error.message, sizeof error.message, "memory is short");
+    if (number && moved && mesh.nodes && mesh.elements && mesh.regions) {
+        for (int i = 0; i < from->node_end; i++) {
+            number[i] = mesh.node_count;
+            if (!from->node_flags[i])
+                continue;
+            moved[mesh.node_count] = sb_v3_sub(from->x[i], from->X[i]);
+            mesh.nodes[mesh.node_count++] = from->x[i];
+        }
+        for (int t = 0; t < from->tet_end; t++) {
+            if (from->tets[4 * (size_t)t] < 0)
+                continue;
+            for (int c = 0; c < 4; c++)
+                mesh.elements[4 * mesh.element_count + c] = number[from->tets[4 * t + c]];
+            mesh.regions[mesh.element_count++] = from->regions[t];
+        }
+        field.values = &moved->x;
+        result = sb_mesh_save_vtk(path, &mesh, &field, 1, &error);
+    }
+    free(number);
+    free(moved);
+    free(mesh.nodes);
+    free(mesh.elements);
+    free(mesh.regions);
+    return result == SB_OK ? 1 : scene_complain(s, NULL, error.message);
+}
+
 /* ---- pictures ---- */
 
 /* The tissue's faces that look away from the viewer, so that one sees into it; coloured by how far (m) they have moved,
