@@ -1263,8 +1263,8 @@ typedef struct ndl_needle_def {
 NDL_API ndl_needle_def ndl_default_needle_def(void);
 
 /* A needle at rest, at its tissue from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
- * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
- * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
+ * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _UNSUPPORTED (NDL_MAX_NEEDLES
+ * are there), _MEMORY. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);
@@ -10205,7 +10205,7 @@ static void ndli_state_join(ndl_tissue *t, int tets, int differs)
     int whole = t->broken;
     for (int e = 0; e < tets; e++) {
         int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
-        if (is && t->turned[e] == NDLI_STATE_NEW)
+        if (is && (t->turned[e] & NDLI_STATE_NEW))
             ndli_solid_measure(t, e);
         else if (e >= mesh->tet_end)
             ndli_state_forget_tet(t, e);

@@ -77,8 +77,8 @@ typedef struct ndl_needle_def {
 NDL_API ndl_needle_def ndl_default_needle_def(void);
 
 /* A needle at rest, at its tissue from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
- * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
- * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
+ * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _UNSUPPORTED (NDL_MAX_NEEDLES
+ * are there), _MEMORY. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);

@@ -214,7 +214,7 @@ static void ndli_state_join(ndl_tissue *t, int tets, int differs)
     int whole = t->broken;
     for (int e = 0; e < tets; e++) {
         int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
-        if (is && t->turned[e] == NDLI_STATE_NEW)
+        if (is && (t->turned[e] & NDLI_STATE_NEW))
             ndli_solid_measure(t, e);
         else if (e >= mesh->tet_end)
             ndli_state_forget_tet(t, e);
