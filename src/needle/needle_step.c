@@ -242,6 +242,8 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
         needle->blocked = needle->stopped = 0;
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
+        if (result == SB_ERROR_UNSUPPORTED) /* another needle's element is in the way: go past it, if need be all the way */
+            result = SB_ERROR_MESH;
         return ndli_step_judge(needle, result, &own, error);
     }
     X = ndli_step_bevelled(needle, X);
