@@ -239,7 +239,11 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) {
+        int count;
         needle->blocked = needle->stopped = 0;
+        ndl_remesh_nodes(remesh, needle->index, &count);
+        if (count == 1) /* from the skin there is only the way out, however that is dented */
+            return ndl_remesh_withdraw(remesh, needle->index, done, error);
         result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
         ndli_step_turn_heading_back(needle);
         if (result == SB_ERROR_UNSUPPORTED) /* another needle's element is in the way: go past it, if need be all the way */
