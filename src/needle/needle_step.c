@@ -220,16 +220,36 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
+    sb_result result;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+    result = ndl_remesh_puncture(remesh, needle->index, &hit, done, &own);
+    if (result == SB_ERROR_UNSUPPORTED && ndli_dot(needle->line.move[last], rod->tangent[last - 1]) <= 0)
+        result = SB_ERROR_MESH; /* the tissue came up to a needle that does not go forward: it may go back */
+    return ndli_step_judge(needle, result, &own, error);
+}
+
+/* The tip goes back to X. It always gets out: from the skin there is no other way, and where remeshing does not find
+ * one, or another needle's element is in it, the needle is stretched until its tip would be outside. */
+static sb_result ndli_step_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    sb_result result = SB_ERROR_MESH;
+    int count;
+    needle->stopped = 0;
+    ndl_remesh_nodes(remesh, needle->index, &count);
+    if (count > 1)
+        result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
+    ndli_step_turn_heading_back(needle);
+    needle->blocked = result != SB_OK && count > 1 && inside;
+    return result == SB_OK || needle->blocked ? SB_OK : ndl_remesh_withdraw(remesh, needle->index, done, NULL);
 }
 
 static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
+    int last = rod->node_count - 1, inside;
     sb_vec3 X;
     sb_error own;
     sb_result result;
@@ -237,19 +257,9 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     needle->blocked = needle->stopped;
     if (needle->advance == 0)
         return SB_OK;
-    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (needle->advance < 0) {
-        int count;
-        needle->blocked = needle->stopped = 0;
-        ndl_remesh_nodes(remesh, needle->index, &count);
-        if (count == 1) /* from the skin there is only the way out, however that is dented */
-            return ndl_remesh_withdraw(remesh, needle->index, done, error);
-        result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
-        ndli_step_turn_heading_back(needle);
-        if (result == SB_ERROR_UNSUPPORTED) /* another needle's element is in the way: go past it, if need be all the way */
-            result = SB_ERROR_MESH;
-        return ndli_step_judge(needle, result, &own, error);
-    }
+    inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    if (needle->advance < 0)
+        return ndli_step_draw_back(needle, X, inside, done);
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
