@@ -738,9 +738,9 @@ typedef struct ndl_remesh_def {
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
                                * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than smooth_below may go to a node or edge of the
-                               * skin not further away than this share of the face's longest edge; in [0, 1]. Default
-                               * 0.15 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than a third of smooth_below may go to a node or edge
+                               * of the skin not further away than this share of the face's longest edge: where the skin
+                               * is not flat, no node of it can be moved to the needle; in [0, 1]. Default 0.15 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
@@ -7213,7 +7213,7 @@ static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
     }
     for (int i = 0; i < 3; i++)
         longest = sb_max(longest, sb_v3_norm(sb_v3_sub(r->mesh->X[face[i]], r->mesh->X[face[(i + 1) % 3]])));
-    if (!r->final_count || r->final[0].created.least < r->def.smooth_below)
+    if (!r->final_count || 3 * r->final[0].created.least < r->def.smooth_below)
         ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
 }
 
@@ -7854,7 +7854,9 @@ typedef struct ndli_solid_cg {
     int iterations; /* in all runs */
 } ndli_solid_cg;
 
-/* residual = rhs - A unknown, and the first correction. */
+/* residual = rhs - A unknown, */
+NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg);
+/* and the first correction. */
 NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg);
 /* Goes on until residual.correction <= target or max_iterations is reached. */
 NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error);
@@ -9595,7 +9597,7 @@ static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
     return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
 }
 
-NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg)
 {
     ndl_tissue *t = cg->t;
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
@@ -9608,6 +9610,11 @@ NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
         t->residual[i] = sb_v3_sub(t->residual[i], t->product[i]);
     if (cg->guest)
         cg->guest->settle(cg->guest->user);
+}
+
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+{
+    ndli_solid_cg_residual(cg);
     ndli_solid_correct(cg);
 }
 
@@ -12470,7 +12477,7 @@ NDLI_API double ndli_line_multiply(ndli_line *line);
 NDLI_API void ndli_line_advance(ndli_line *line, double factor);
 NDLI_API double ndli_line_precondition(ndli_line *line);
 
-/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_solid_cg_begin. */
+/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_line_precondition. */
 NDLI_API void ndli_line_guess(ndli_line *line);
 /* slip, move, contact and reaction from the unknowns. */
 NDLI_API void ndli_line_read(ndli_line *line);
@@ -13004,17 +13011,47 @@ static void ndli_couple_flip(const ndli_couple *c, int all)
 
 /* ---- solve ---- */
 
-/* The first guess moves the rods in a tissue at rest: their stiffness, a million times the tissue's, is then no part of
- * the residual that tolerances are relative to. */
-static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
+/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it: their
+ * stiffness, a million times the tissue's, is then no part of the residual. */
+static void ndli_couple_guess(const ndli_couple *c, ndli_solid_cg *cg, sb_real factor)
 {
     ndl_tissue *t = c->tissue;
-    memset(t->unknown, 0, (size_t)t->mesh.node_end * sizeof(sb_vec3));
-    ndli_solid_cg_begin(cg);
+    for (int i = 0; i < t->mesh.node_end; i++)
+        t->unknown[i] = t->role[i] == NDLI_ROW_FREE ? sb_v3_scale(factor, t->before[i]) : sb_v3(0, 0, 0);
     for (int k = 0; k < c->count; k++)
+        memset(c->lines[k]->unknown, 0, (size_t)c->lines[k]->rod->node_count * sizeof *c->lines[k]->unknown);
+    ndli_solid_cg_residual(cg);
+    for (int k = 0; k < c->count; k++) {
+        ndli_line_precondition(c->lines[k]);
         ndli_line_guess(c->lines[k]);
+    }
     ndli_solid_cg_begin(cg);
-    return cg->rz;
+}
+
+/* 1 when the residual pulls against the last accelerations. */
+static int ndli_couple_turns_back(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] == NDLI_ROW_FREE)
+            sum += (double)sb_v3_dot(t->before[i], t->residual[i]);
+    return sum < 0;
+}
+
+/* Starts from the better guess; returns the size of the residual from rest, which tolerances are relative to.
+ * Newmark's average acceleration turns accelerations of what is too stiff for the step round from step to step, and
+ * nothing moves by them. A needle that cuts and slips always leaves some, far more than what is new in a step. */
+static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
+{
+    double first;
+    ndli_couple_guess(c, cg, 0);
+    first = cg->rz;
+    if (!ndli_couple_turns_back(c->tissue))
+        return first;
+    ndli_couple_guess(c, cg, -1);
+    if (!(cg->rz < first))
+        ndli_couple_guess(c, cg, 0);
+    return first;
 }
 
 /* Headway of the pivoting: how many were contradicted at best, and for how many trials it has not been fewer. */
@@ -13115,6 +13152,8 @@ struct ndl_needle {
     ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
                            * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
+    int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
+                           * there. Tets between such a tip and the skin would be flat */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int blocked, limited; /* in the present step */
     int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
@@ -13141,10 +13180,6 @@ struct ndli_site {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node there. Tets between such a tip
- * and the skin would be flat. */
-SB_INLINE int ndli_needle_is_shallow(const ndl_needle *needle) { return needle->line.count == 1; }
-
 /* ---- needle_resist ---- */
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
@@ -13328,13 +13363,13 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
 static int ndli_resist_is_at_skin(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int last = needle->line.count - 1, tip;
+    int tip;
     sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
     sb_vec3 way;
-    if (last < 1)
+    if (needle->shallow || needle->line.count < 2)
         return 0;
-    tip = needle->path[last];
-    way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[last - 1]]);
+    tip = needle->path[needle->line.count - 1];
+    way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[needle->line.count - 2]]);
     return ndl_tissue_mesh_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
                                 mesh->node_star[tip] / 4, NULL) < 0;
 }
@@ -13500,6 +13535,25 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 
 /* ---- all nodes ---- */
 
+/* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
+ * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the node
+ * before it, but never over the tip. */
+static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    int kept = 0;
+    for (int k = 0; k < count; k++) {
+        ndli_v3 x = ndli_from(mesh->x[path[k]]), before = ahead, after = ahead;
+        if (kept > 0)
+            before = ndli_sub(x, ndli_from(mesh->x[needle->path[kept - 1]]));
+        if (k + 1 < count)
+            after = ndli_sub(ndli_from(mesh->x[path[k + 1]]), x);
+        if (k + 1 == count || ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after))
+            needle->path[kept++] = path[k];
+    }
+    return kept;
+}
+
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
@@ -13516,25 +13570,29 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int old_first = line->first, old_count = line->count, count, first, bad;
+    int old_first = line->first, old_count = line->count, count, first, bad, shallow;
     const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
-    ndli_places list = {needle->places, needle->place_tangents, 0, rod->capacity - sbi_max_int(count - 1, 0)};
-    ndli_v3 end = count > 0 ? ndli_from(mesh->x[path[0]]) : rod->x[rod->node_count - 1];
+    ndli_places list = {needle->places, needle->place_tangents, 0, 0};
+    ndli_v3 end = rod->x[rod->node_count - 1];
     if (count > rod->capacity - 4)
         return rod->capacity;
     memcpy(needle->old_path, needle->path, (size_t)old_count * sizeof(int));
     memcpy(needle->old_state, line->state, (size_t)rod->node_count);
     memcpy(needle->old_contact, line->contact, (size_t)rod->node_count * sizeof(ndli_v3));
+    shallow = count == 1;
+    count = ndli_nodes_thread(needle, path, count, rod->tangent[end_index - 1]);
+    path = needle->path;
+    if (count > 0)
+        end = ndli_from(mesh->x[path[0]]);
+    list.capacity = rod->capacity - sbi_max_int(count - 1, 0);
     ndli_nodes_outside(needle, &list, end, end_index);
     first = list.count - 1;
     list.capacity = rod->capacity;
     for (int k = 1; k < count; k++)
         ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
-    if (count == 1 && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
+    if (shallow && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
         ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
-    for (int k = 0; k < count; k++)
-        needle->path[k] = path[k];
     for (int k = 0; k < count; k++)
         ndli_nodes_carry(needle, old_first, old_count, first, k, count);
     bad = ndli_rod_reparameterise(rod, list.x, list.count);
@@ -13545,6 +13603,7 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
             line->state[i] = NDL_FREE;
     line->first = count > 0 ? first : rod->node_count;
     line->count = count;
+    needle->shallow = shallow;
     return -1;
 }
 
@@ -13785,9 +13844,9 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->line.count < 2 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
-    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
+    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_step_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
 }
@@ -13817,7 +13876,7 @@ static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double 
 static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
 {
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, tip = needle->path[last - needle->line.first];
+    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
     sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, tip), inverse;
     double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
     ndli_v3 heading, aside;
@@ -13875,9 +13934,13 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
+    sb_result result;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+    result = ndl_remesh_puncture(remesh, needle->index, &hit, done, &own);
+    if (result == SB_ERROR_UNSUPPORTED && ndli_dot(needle->line.move[last], rod->tangent[last - 1]) <= 0)
+        result = SB_ERROR_MESH; /* the tissue came up to a needle that does not go forward: it may go back */
+    return ndli_step_judge(needle, result, &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
@@ -13932,21 +13995,32 @@ static void ndli_step_make_shallow(ndl_needle *needle)
         ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
 }
 
+/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
+ * the needle is stretched until its tip would be outside. */
+static sb_result ndli_step_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
+    needle->hold_steps = 0;
+    needle->blocked = result != SB_OK && inside;
+    if (result != SB_OK && !inside)
+        return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+    ndli_step_turn_heading_back(needle);
+    ndli_step_make_shallow(needle);
+    return SB_OK;
+}
+
 static sb_result ndli_step_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
+    int last = rod->node_count - 1, inside;
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (needle->advance < 0) { /* where states came out inconsistent its sign, not the state's, counts */
-        result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
-        ndli_step_turn_heading_back(needle);
-        ndli_step_make_shallow(needle);
-        return ndli_step_judge(needle, result, &own, error);
-    }
+    inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
+        return ndli_step_draw_back(needle, X, inside, done);
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
@@ -13959,7 +14033,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
     if (needle->advance == 0)
         return SB_OK;
-    return ndli_needle_is_shallow(needle) ? ndli_step_cut_shallow(needle, done, error)
+    return needle->shallow ? ndli_step_cut_shallow(needle, done, error)
                                           : ndli_step_cut_deep(needle, done, error);
 }
 
@@ -14368,7 +14442,6 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
     def.tissue = &tissue->mesh;
     def.max_needles = NDL_MAX_NEEDLES;
-    def.entry_slip = 0; /* a node of the skin that is not where the needle is would pull at it */
     def.allocator = tissue->allocator;
     result = ndl_remesh_create(&def, &site->remesh, error);
     if (result != SB_OK) {
@@ -14750,7 +14823,7 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 {
     if (needle->line.count == 0)
         return 0;
-    if (ndli_needle_is_shallow(needle))
+    if (needle->shallow)
         ndl_remesh_material_point(needle->tissue->site->remesh, needle->index,
                                   ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
     else

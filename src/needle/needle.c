@@ -422,7 +422,7 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 {
     if (needle->line.count == 0)
         return 0;
-    if (ndli_needle_is_shallow(needle))
+    if (needle->shallow)
         ndl_remesh_material_point(needle->tissue->site->remesh, needle->index,
                                   ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
     else

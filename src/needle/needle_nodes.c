@@ -115,6 +115,25 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 
 /* ---- all nodes ---- */
 
+/* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
+ * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the node
+ * before it, but never over the tip. */
+static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    int kept = 0;
+    for (int k = 0; k < count; k++) {
+        ndli_v3 x = ndli_from(mesh->x[path[k]]), before = ahead, after = ahead;
+        if (kept > 0)
+            before = ndli_sub(x, ndli_from(mesh->x[needle->path[kept - 1]]));
+        if (k + 1 < count)
+            after = ndli_sub(ndli_from(mesh->x[path[k + 1]]), x);
+        if (k + 1 == count || ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after))
+            needle->path[kept++] = path[k];
+    }
+    return kept;
+}
+
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
@@ -131,25 +150,29 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int old_first = line->first, old_count = line->count, count, first, bad;
+    int old_first = line->first, old_count = line->count, count, first, bad, shallow;
     const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
-    ndli_places list = {needle->places, needle->place_tangents, 0, rod->capacity - sbi_max_int(count - 1, 0)};
-    ndli_v3 end = count > 0 ? ndli_from(mesh->x[path[0]]) : rod->x[rod->node_count - 1];
+    ndli_places list = {needle->places, needle->place_tangents, 0, 0};
+    ndli_v3 end = rod->x[rod->node_count - 1];
     if (count > rod->capacity - 4)
         return rod->capacity;
     memcpy(needle->old_path, needle->path, (size_t)old_count * sizeof(int));
     memcpy(needle->old_state, line->state, (size_t)rod->node_count);
     memcpy(needle->old_contact, line->contact, (size_t)rod->node_count * sizeof(ndli_v3));
+    shallow = count == 1;
+    count = ndli_nodes_thread(needle, path, count, rod->tangent[end_index - 1]);
+    path = needle->path;
+    if (count > 0)
+        end = ndli_from(mesh->x[path[0]]);
+    list.capacity = rod->capacity - sbi_max_int(count - 1, 0);
     ndli_nodes_outside(needle, &list, end, end_index);
     first = list.count - 1;
     list.capacity = rod->capacity;
     for (int k = 1; k < count; k++)
         ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
-    if (count == 1 && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
+    if (shallow && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
         ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
-    for (int k = 0; k < count; k++)
-        needle->path[k] = path[k];
     for (int k = 0; k < count; k++)
         ndli_nodes_carry(needle, old_first, old_count, first, k, count);
     bad = ndli_rod_reparameterise(rod, list.x, list.count);
@@ -160,5 +183,6 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
             line->state[i] = NDL_FREE;
     line->first = count > 0 ? first : rod->node_count;
     line->count = count;
+    needle->shallow = shallow;
     return -1;
 }

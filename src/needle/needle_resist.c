@@ -149,13 +149,13 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
 static int ndli_resist_is_at_skin(const ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int last = needle->line.count - 1, tip;
+    int tip;
     sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
     sb_vec3 way;
-    if (last < 1)
+    if (needle->shallow || needle->line.count < 2)
         return 0;
-    tip = needle->path[last];
-    way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[last - 1]]);
+    tip = needle->path[needle->line.count - 1];
+    way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[needle->line.count - 2]]);
     return ndl_tissue_mesh_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
                                 mesh->node_star[tip] / 4, NULL) < 0;
 }

@@ -37,6 +37,8 @@ struct ndl_needle {
     ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
                            * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
+    int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
+                           * there. Tets between such a tip and the skin would be flat */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int blocked, limited; /* in the present step */
     int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
@@ -63,10 +65,6 @@ struct ndli_site {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node there. Tets between such a tip
- * and the skin would be flat. */
-SB_INLINE int ndli_needle_is_shallow(const ndl_needle *needle) { return needle->line.count == 1; }
-
 /* ---- needle_resist ---- */
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */

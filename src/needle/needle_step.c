@@ -145,9 +145,9 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->line.count < 2 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
-    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
+    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_step_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
 }
@@ -177,7 +177,7 @@ static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double 
 static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
 {
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, tip = needle->path[last - needle->line.first];
+    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
     sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, tip), inverse;
     double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
     ndli_v3 heading, aside;
@@ -235,9 +235,13 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
+    sb_result result;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+    result = ndl_remesh_puncture(remesh, needle->index, &hit, done, &own);
+    if (result == SB_ERROR_UNSUPPORTED && ndli_dot(needle->line.move[last], rod->tangent[last - 1]) <= 0)
+        result = SB_ERROR_MESH; /* the tissue came up to a needle that does not go forward: it may go back */
+    return ndli_step_judge(needle, result, &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
@@ -292,21 +296,32 @@ static void ndli_step_make_shallow(ndl_needle *needle)
         ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
 }
 
+/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
+ * the needle is stretched until its tip would be outside. */
+static sb_result ndli_step_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
+    needle->hold_steps = 0;
+    needle->blocked = result != SB_OK && inside;
+    if (result != SB_OK && !inside)
+        return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+    ndli_step_turn_heading_back(needle);
+    ndli_step_make_shallow(needle);
+    return SB_OK;
+}
+
 static sb_result ndli_step_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
+    int last = rod->node_count - 1, inside;
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (needle->advance < 0) { /* where states came out inconsistent its sign, not the state's, counts */
-        result = ndl_remesh_retract(remesh, needle->index, X, done, &own);
-        ndli_step_turn_heading_back(needle);
-        ndli_step_make_shallow(needle);
-        return ndli_step_judge(needle, result, &own, error);
-    }
+    inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
+        return ndli_step_draw_back(needle, X, inside, done);
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
@@ -319,7 +334,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
     if (needle->advance == 0)
         return SB_OK;
-    return ndli_needle_is_shallow(needle) ? ndli_step_cut_shallow(needle, done, error)
+    return needle->shallow ? ndli_step_cut_shallow(needle, done, error)
                                           : ndli_step_cut_deep(needle, done, error);
 }
 
