@@ -12976,7 +12976,7 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
 {
     double along = ndli_dot(line->tangent[i], line->contact[i]);
     if (ndli_line_is_slipping(line, i))
-        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? line->state[i] : NDL_STATIC;
+        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? (int)line->state[i] : (int)NDL_STATIC;
     if (along < -ndli_line_limit(line, i, 1))
         return NDL_DYNAMIC_FORWARD;
     if (along > ndli_line_limit(line, i, -1))

@@ -125,9 +125,11 @@ static inline plot_axis plot_make_axis(const plot_panel *panel, int vertical)
         a.low = centre - reach;
         a.high = centre + reach;
     }
-    stride = a.logarithmic ? 1 : plot_stride(a.high - a.low, 8);
-    a.low = stride * floor(a.low / stride + 1e-6);
-    a.high = stride * ceil(a.high / stride - 1e-6);
+    for (int i = 0; i < 3; i++) { /* a longer axis may want longer strides */
+        stride = a.logarithmic ? 1 : plot_stride(a.high - a.low, 8);
+        a.low = stride * floor(a.low / stride + 1e-6);
+        a.high = stride * ceil(a.high / stride - 1e-6);
+    }
     return a;
 }
 

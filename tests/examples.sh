@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study and needle_prostate as a
+# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study and the needle_... programs as a
 # user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -309,6 +309,26 @@ expect 2 'a.vtk is one word too many' needle_prostate a.vtk
 expect 2 'no-such-folder/x.csv cannot be written' needle_prostate --seconds 1 --csv no-such-folder/x.csv -o needle/d
 expect 2 'no-such-folder/x_0000.vtk' needle_prostate --seconds 1 -o no-such-folder/x
 expect 2 'would be overwritten' needle_prostate --mesh needle/a_0000.vtk --csv needle/a_0000.vtk
+
+# ---- needle_forces ----
+expect 0 'usage: needle_forces' needle_forces --help
+expect 0 '^lateral *forces_lateral.svg, forces_lateral.csv' needle_forces -o forces
+check "it slips at friction times depth, either way" awk '
+    /^sticks, slips/ { low = -$4; high = $6; limit = $12 } END { exit !(high > limit && high < 1.4 * limit &&
+    low > limit && low < 1.4 * limit) }' output.txt
+check "skin and capsule break at what they hold" awk '
+    /^skin, capsule/ { exit !($5 > 3.15 && $5 < 3.4 && $7 > 2.2 && $7 < 2.5 && $9 < 0.5) }' output.txt
+check "faster is harder, and still is easy" awk '
+    /^viscous/ { if ($4 * 1.5 < $5 && $5 * 1.5 < $7 && $9 < 0.05) good = 1 } END { exit !good }' output.txt
+for name in stick_slip puncture viscous lateral; do
+    check "$name: a chart" grep -q '</svg>' forces_$name.svg
+    check "$name: numbers" [ "$(awk -F, 'NF == 5' forces_$name.csv | wc -l)" -gt 150 ]
+done
+expect 2 '--friction needs a number from' needle_forces --friction -1
+expect 2 '--young needs a number from' needle_forces --young nan
+expect 2 '--speed is no option' needle_forces --speed 1
+expect 2 'hard is one word too many' needle_forces hard
+expect 2 'cannot be written' needle_forces -o no-such-folder/x
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

@@ -249,7 +249,9 @@ static inline double needle_drift(const needle_scene *s, const ndl_needle *needl
     double drift = 0, spacing = n - first > 1 ? (double)ndl_needle_depth(needle) / (n - first - 1) : 1;
     for (int i = 0; i < n; i++) {
         int node = ndl_needle_tissue_node(needle, i);
-        if ((node >= 0) != (i >= first) || (ndl_needle_contact(needle, i) != NDL_FREE) != (i >= first))
+        int shallow_tip = i == n - 1 && i == first + 1; /* may have no node of its own */
+        int is_in = i >= first && !(shallow_tip && node < 0);
+        if ((node >= 0) != is_in || (ndl_needle_contact(needle, i) != NDL_FREE) != is_in)
             return -1;
         if (node >= 0)
             drift = fmax(drift, (double)sb_v3_norm(sb_v3_sub(x[i], tissue[node])) / spacing);

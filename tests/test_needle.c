@@ -361,9 +361,9 @@ static void test_far_side(void)
 {
     needle_scene s = needle_scene_default();
     double last = 0;
-    if (needle_scene_make(&s) && needle_scene_run(&s, dt, 198, needle_command(speed, 0))) {
+    if (needle_scene_make(&s) && needle_scene_run(&s, dt, 180, needle_command(speed, 0))) {
         CHECK_INT(s.info.blocked, 0);
-        needle_scene_run(&s, dt, 15, needle_command(speed, 0));
+        needle_scene_run(&s, dt, 33, needle_command(speed, 0));
         CHECK_INT(s.info.blocked, 1);
         CHECK(ndl_needle_cutting(s.needles[0]) == SB_REAL_MAX);
         for (int i = 0; i < 5; i++) {
