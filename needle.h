@@ -700,9 +700,9 @@ typedef struct ndl_remesh_def {
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
                                * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than smooth_below may go to a node or edge of the
-                               * skin not further away than this share of the face's longest edge; in [0, 1]. Default
-                               * 0.15 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than a third of smooth_below may go to a node or edge
+                               * of the skin not further away than this share of the face's longest edge: where the skin
+                               * is not flat, no node of it can be moved to the needle; in [0, 1]. Default 0.15 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
@@ -7094,7 +7094,7 @@ static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
     }
     for (int i = 0; i < 3; i++)
         longest = sb_max(longest, sb_v3_norm(sb_v3_sub(r->mesh->X[face[i]], r->mesh->X[face[(i + 1) % 3]])));
-    if (!r->final_count || r->final[0].created.least < r->def.smooth_below)
+    if (!r->final_count || 3 * r->final[0].created.least < r->def.smooth_below)
         ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
 }
 
@@ -7734,7 +7734,9 @@ typedef struct ndli_solid_cg {
     int iterations; /* in all runs */
 } ndli_solid_cg;
 
-/* residual = rhs - A unknown, and the first correction. */
+/* residual = rhs - A unknown, */
+NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg);
+/* and the first correction. */
 NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg);
 /* Goes on until residual.correction <= target or max_iterations is reached. */
 NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error);
@@ -9447,7 +9449,7 @@ static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
     return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
 }
 
-NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg)
 {
     ndl_tissue *t = cg->t;
     size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
@@ -9460,6 +9462,11 @@ NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
         t->residual[i] = sb_v3_sub(t->residual[i], t->product[i]);
     if (cg->guest)
         cg->guest->settle(cg->guest->user);
+}
+
+NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
+{
+    ndli_solid_cg_residual(cg);
     ndli_solid_correct(cg);
 }
 
@@ -12319,7 +12326,7 @@ NDLI_API double ndli_line_multiply(ndli_line *line);
 NDLI_API void ndli_line_advance(ndli_line *line, double factor);
 NDLI_API double ndli_line_precondition(ndli_line *line);
 
-/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_solid_cg_begin. */
+/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_line_precondition. */
 NDLI_API void ndli_line_guess(ndli_line *line);
 /* slip, move, contact and reaction from the unknowns. */
 NDLI_API void ndli_line_read(ndli_line *line);
@@ -12811,7 +12818,7 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
 {
     double along = ndli_dot(line->tangent[i], line->contact[i]);
     if (ndli_line_is_slipping(line, i))
-        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? line->state[i] : NDL_STATIC;
+        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? (int)line->state[i] : (int)NDL_STATIC;
     if (along < -ndli_line_limit(line, i, 1))
         return NDL_DYNAMIC_FORWARD;
     if (along > ndli_line_limit(line, i, -1))
@@ -12846,17 +12853,47 @@ static void ndli_couple_flip(const ndli_couple *c, int all)
 
 /* ---- solve ---- */
 
-/* The first guess moves the rods in a tissue at rest: their stiffness, a million times the tissue's, is then no part of
- * the residual that tolerances are relative to. */
-static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
+/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it:
+ * their stiffness, a million times the tissue's, is then no part of the residual. */
+static void ndli_couple_guess(const ndli_couple *c, ndli_solid_cg *cg, sb_real factor)
 {
     ndl_tissue *t = c->tissue;
-    memset(t->unknown, 0, (size_t)t->mesh.node_end * sizeof(sb_vec3));
-    ndli_solid_cg_begin(cg);
+    for (int i = 0; i < t->mesh.node_end; i++)
+        t->unknown[i] = t->role[i] == NDLI_ROW_FREE ? sb_v3_scale(factor, t->before[i]) : sb_v3(0, 0, 0);
     for (int k = 0; k < c->count; k++)
+        memset(c->lines[k]->unknown, 0, (size_t)c->lines[k]->rod->node_count * sizeof *c->lines[k]->unknown);
+    ndli_solid_cg_residual(cg);
+    for (int k = 0; k < c->count; k++) {
+        ndli_line_precondition(c->lines[k]);
         ndli_line_guess(c->lines[k]);
+    }
     ndli_solid_cg_begin(cg);
-    return cg->rz;
+}
+
+/* 1 when the residual pulls against the last accelerations. */
+static int ndli_couple_turns_back(const ndl_tissue *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->mesh.node_end; i++)
+        if (t->role[i] == NDLI_ROW_FREE)
+            sum += (double)sb_v3_dot(t->before[i], t->residual[i]);
+    return sum < 0;
+}
+
+/* Starts from the better guess; returns the size of the residual from rest, which tolerances are relative to.
+ * Newmark's average acceleration turns accelerations of what is too stiff for the step round from step to step, and
+ * nothing moves by them. A needle that cuts and slips always leaves some, far more than what is new in a step. */
+static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
+{
+    double first;
+    ndli_couple_guess(c, cg, 0);
+    first = cg->rz;
+    if (!ndli_couple_turns_back(c->tissue))
+        return first;
+    ndli_couple_guess(c, cg, -1);
+    if (!(cg->rz < first))
+        ndli_couple_guess(c, cg, 0);
+    return first;
 }
 
 /* Headway of the pivoting: how many were contradicted at best, and for how many trials it has not been fewer. */
@@ -13939,8 +13976,6 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
 
 /* ==== src/needle/needle.c ==== */
 /* needle: making, reading and releasing needles; the site that those of one tissue share. */
-#include <stdlib.h>
-#define ES (getenv("ES")?atof(getenv("ES")):0)
 
 #include <string.h>
 
@@ -13982,7 +14017,6 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
     def.tissue = &tissue->mesh;
     def.max_needles = NDL_MAX_NEEDLES;
-    def.entry_slip = (sb_real)ES; /* a node of the skin that is not where the needle is would pull at it */
     def.allocator = tissue->allocator;
     result = ndl_remesh_create(&def, &site->remesh, error);
     if (result != SB_OK) {

@@ -75,7 +75,7 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
 {
     double along = ndli_dot(line->tangent[i], line->contact[i]);
     if (ndli_line_is_slipping(line, i))
-        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? line->state[i] : NDL_STATIC;
+        return ndli_line_sign(line, i) * line->slip[i] >= 0 ? (int)line->state[i] : (int)NDL_STATIC;
     if (along < -ndli_line_limit(line, i, 1))
         return NDL_DYNAMIC_FORWARD;
     if (along > ndli_line_limit(line, i, -1))
@@ -110,8 +110,8 @@ static void ndli_couple_flip(const ndli_couple *c, int all)
 
 /* ---- solve ---- */
 
-/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it: their
- * stiffness, a million times the tissue's, is then no part of the residual. */
+/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it:
+ * their stiffness, a million times the tissue's, is then no part of the residual. */
 static void ndli_couple_guess(const ndli_couple *c, ndli_solid_cg *cg, sb_real factor)
 {
     ndl_tissue *t = c->tissue;

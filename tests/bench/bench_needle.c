@@ -1,12 +1,13 @@
 /* bench_needle: whole steps of a needle in tissue.
  *
  *     needle_prostate   the phantom that examples/needle_prostate.c makes (13,295 tets, 2,840 nodes; see
- *                       examples/phantom.h), a nitinol needle with a bevel fed at 1 cm/s for 8 s, dt 20 ms, residual 1e-3
+ *                       examples/phantom.h), a nitinol needle with a bevel fed at 1 cm/s for 8 s, dt 20 ms,
+ *                       residual 1e-3
  *     needle_program    the same, for 6 s, then turned by half a turn at rest, fed for 2 s and drawn out
  *
  * One line per workload:
- *     name n_dof median_ms min_ms p99_ms iterations bytes checksum | tissue couple needle remesh (mean ms); trials mean/max;
- *     consistent %
+ *     name n_dof median_ms min_ms p99_ms iterations bytes checksum | tissue couple needle remesh (mean ms);
+ *     trials mean/max; consistent %
  * without the first 50 steps; iterations per step; the checksum is the sum of |u| at the end, at the tolerance of the
  * workload. Asserts nothing. */
 #define SB_IMPLEMENTATION
