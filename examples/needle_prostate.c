@@ -3,10 +3,11 @@
  *     needle_prostate [--mesh FILE] [--tip bevel|symmetric] [--seconds S] [--csv FILE] [-o PREFIX]
  *
  * The needle is fed at 1 cm/s through a template that stands before the block; steps of 20 ms. A bevelled tip curves
- * upwards until the base is turned by half a turn, then downwards. Written are PREFIX_0000.vtk and so on (tissue), those
- * with _needle in their names (the needle), lists of both for ParaView (PREFIX.vtk.series, PREFIX_needle.vtk.series),
- * PREFIX.svg (forces, tip, angles of the mesh) and PREFIX.png (the phantom cut open where the needle is deepest).
- * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory or a step failed. */
+ * upwards until the base is turned by half a turn, then downwards. Written are PREFIX_0000.vtk and so on (tissue),
+ * those with _needle in their names (the needle), lists of both for ParaView (PREFIX.vtk.series,
+ * PREFIX_needle.vtk.series), PREFIX.svg (forces, tip, angles of the mesh) and PREFIX.png (the phantom cut open where
+ * the needle is deepest). Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory or a
+ * step failed. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -184,7 +185,7 @@ static int reserve_copy(work *w)
     return w->number && w->points && w->displacement && w->tets && w->regions && w->quality;
 }
 
-/* Copies what is in use; of the tets only those without a node before the plane y = `before`. Returns 0 without memory. */
+/* Copies what is in use; of the tets only those without a node before the plane y = `before`. 0: no memory. */
 static int copy_tissue(work *w, sb_real before, sb_mesh *copy)
 {
     const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->phantom.tissue);
@@ -558,11 +559,12 @@ int main(int argc, char **argv)
         return EXIT_USAGE;
     if (s.help) {
         printf("usage: needle_prostate [OPTIONS]\n\n"
-               "A flexible needle goes into a prostate phantom, is turned by half a turn, goes on, and is drawn out again.\n"
+               "A flexible needle goes into a prostate phantom, is turned by half a turn, goes on, and is drawn out.\n"
                "Writes the tissue and the needle as VTK series, a chart (SVG) and a picture (PNG).\n\n");
         options_print(options, count);
-        printf("\nThe last line: steps, median and 99th percentile of their time (ms), the share of steps whose friction\n"
-               "states were consistent, the worst quality of a tet, and whether the mesh is the original one again.\n");
+        printf("\nThe last line: steps, median and 99th percentile of their time (ms), the share of steps whose\n"
+               "friction states were consistent, the worst quality of a tet, and whether the mesh is the original one\n"
+               "again.\n");
         return 0;
     }
     return check_settings(&s) ? run(&s) : EXIT_USAGE;

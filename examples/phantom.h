@@ -1,5 +1,5 @@
-/* phantom.h: a prostate phantom on a table and a flexible needle before it, for needle_prostate and its benchmark. Needs
- * needle.h, libc and libm only.
+/* phantom.h: a prostate phantom on a table and a flexible needle before it, for needle_prostate and its benchmark.
+ * Needs needle.h, libc and libm only.
  *
  *     phantom p;
  *     memset(&p, 0, sizeof p);
@@ -38,8 +38,8 @@ typedef struct phantom {
 
 /* ---- the mesh ---- */
 
-/* Distances (m, negative inside) of a block of 120 x 100 x 90 mm with edges rounded by 15 mm, and about of an ellipsoid
- * with axes of 45 x 35 x 30 mm in it. */
+/* Distances (m, negative inside) of a block of 120 x 100 x 90 mm with edges rounded by 15 mm, and about of an
+ * ellipsoid with axes of 45 x 35 x 30 mm in it. */
 static inline sb_real phantom_block_distance(void *user, sb_vec3 x)
 {
     const double radius = 0.015;
@@ -86,7 +86,10 @@ static inline sb_result phantom_make_mesh(sb_mesh *mesh, sb_error *error)
     return sb_mesh_stuff(&def, mesh, NULL, error);
 }
 
-static inline int phantom_region(const sb_mesh *mesh, int element) { return mesh->regions ? mesh->regions[element] : 0; }
+static inline int phantom_region(const sb_mesh *mesh, int element)
+{
+    return mesh->regions ? mesh->regions[element] : 0;
+}
 
 /* Mean of the tets' middles, of the prostate or of all. */
 static inline sb_vec3 phantom_middle(const phantom *p)

@@ -278,7 +278,8 @@ check "nothing stood in its way" eval '! grep -q warning output.txt'
 check "the columns of the CSV" [ "$(head -n 1 needle/a.csv)" = "$header,max_dihedral,ms" ]
 check "a line for each step" [ "$(wc -l <needle/a.csv | tr -d ' ')" = 201 ]
 check "the needle went in and out" insertion needle/a.csv
-check "9 frames of the tissue and of the needle" [ "$(count_files 'needle/a_[0-9]*.vtk')$(count_files 'needle/a_needle_*.vtk')" = 99 ]
+check "9 frames of the tissue" [ "$(count_files 'needle/a_[0-9]*.vtk')" = 9 ]
+check "9 frames of the needle" [ "$(count_files 'needle/a_needle_*.vtk')" = 9 ]
 for field in 'VECTORS displacement' 'SCALARS region' 'SCALARS quality'; do
     check "the tissue has $field" grep -a -q "^$field " needle/a_0008.vtk
 done
@@ -291,7 +292,8 @@ expect 0 "$summary" needle_prostate --seconds 4 --tip symmetric --csv needle/b.c
 check "a symmetric tip goes in and out" insertion needle/b.csv
 expect 0 'sags' hello needle/b_0008.vtk
 if [ -n "$data" ]; then
-    expect 0 'topology=restored' needle_prostate --mesh "$data/phantom/phantom_tet4.vtk" --seconds 4 --csv needle/c.csv -o needle/c
+    expect 0 "$summary" needle_prostate --mesh "$data/phantom/phantom_tet4.vtk" --seconds 4 --csv needle/c.csv \
+        -o needle/c
     check "into the phantom and out" insertion needle/c.csv
     expect 2 'must be a volume of tets with 4 nodes' needle_prostate --mesh "$data/surfaces/liver_a.obj" -o needle/d
     expect 2 'must be a volume of tets with 4 nodes' needle_prostate --mesh "$data/phantom/phantom_tet10.vtk" -o needle/d

@@ -110,8 +110,8 @@ static void ndli_couple_flip(const ndli_couple *c, int all)
 
 /* ---- solve ---- */
 
-/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it: their
- * stiffness, a million times the tissue's, is then no part of the residual. */
+/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it:
+ * their stiffness, a million times the tissue's, is then no part of the residual. */
 static void ndli_couple_guess(const ndli_couple *c, ndli_solid_cg *cg, sb_real factor)
 {
     ndl_tissue *t = c->tissue;

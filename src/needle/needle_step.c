@@ -190,8 +190,8 @@ static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
     return sb_v3_add(X, ndli_to(ndli_step_mapped(&inverse, aside)));
 }
 
-/* After the tip has gone back: the heading of the circle through the last three nodes of the path. */
-static void ndli_step_turn_heading_back(ndl_needle *needle)
+/* The heading of the path that is there: that of the circle through its last three nodes. */
+static void ndli_step_take_heading(ndl_needle *needle)
 {
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
     ndli_v3 last, before;
@@ -258,21 +258,19 @@ static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done
     ndli_v3 t = rod->tangent[last - 1];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), t);
     sb_vec3 X;
-    sb_mat3 f;
     sb_error own;
+    sb_result result;
     if (depth < 0) {
         ndl_remesh_withdraw(remesh, needle->index, done, NULL);
         return SB_OK;
     }
     if (depth < ndli_step_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
-    f = ndli_step_gradient(mesh, entry);
-    if (!(sb_m3_det(f) > 0))
-        return SB_OK;
-    f = sb_m3_inverse(f);
-    needle->heading = ndli_step_unit(ndli_step_mapped(&f, t));
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    return ndli_step_judge(needle, ndl_remesh_penetrate(remesh, needle->index, X, done, &own), &own, error);
+    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    if (result == SB_OK) /* where the first edge looks in the material: its map at the skin, where the tip pressed, is odd */
+        ndli_step_take_heading(needle);
+    return ndli_step_judge(needle, result, &own, error);
 }
 
 /* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
@@ -306,7 +304,7 @@ static sb_result ndli_step_draw_back(ndl_needle *needle, sb_vec3 X, int inside, 
     needle->blocked = result != SB_OK && inside;
     if (result != SB_OK && !inside)
         return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
-    ndli_step_turn_heading_back(needle);
+    ndli_step_take_heading(needle);
     ndli_step_make_shallow(needle);
     return SB_OK;
 }
