@@ -303,7 +303,7 @@ static int run(course *c)
 
 int main(int argc, char **argv)
 {
-    settings set = {NULL, "obstacles", 1, 30e3, 0.45, 20, 0.5, 0.08, 0.008, 0.1, 2.0, 1.0, 0.02, 0.05, 12, 18, 1, 0};
+    settings set = {NULL, "obstacles", 1, 30e3, 0.45, 20, 0.5, 0.08, 0.008, 0.1, 2.0, 1.0, 0.02, 0.05, 7, 13, 1, 0};
     course c;
     char path[1024];
     int status;
