@@ -24,7 +24,7 @@
  * WHAT IT DOES NOT DO
  *
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
- * side of the tissue stays there.
+ * side of the tissue is stopped there.
  *
  * A FIRST PROGRAM
  *
@@ -1333,7 +1333,10 @@ typedef struct ndl_step_info {
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;        /* of the remesher */
     sb_real worst_quality; /* of tets about the tips; 1: none */
-    int blocked;           /* needles whose tip stayed behind: no operation left sound tets, or no memory was to be had */
+    int blocked;           /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
+                            * follow it (no operation left sound tets, no memory); then it tries again later */
+    int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
+                            * else could be computed */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
     double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
@@ -1375,7 +1378,7 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
 NDL_API sb_real ndl_needle_advance(const ndl_needle *needle);
-/* Force (N) that would let the tip go forward now. */
+/* Force (N) that would let the tip go forward now; SB_REAL_MAX while it is held. */
 NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle);
 /* Material point (m) of the tip; 0 when the needle is outside, else 1. */
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
@@ -13091,6 +13094,7 @@ struct ndl_needle {
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int blocked, limited; /* in the present step */
+    int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
 
     /* holds nothing between calls */
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
@@ -13129,6 +13133,11 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
 /* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
  * Friction states go with them. Returns -1, or the node at which the rod is folded: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+
+/* ---- needle_step ---- */
+
+/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
 
 /* ---- needle_undo ---- */
 
@@ -13286,6 +13295,35 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
     return table + ndli_resist_membranes(needle, X);
 }
 
+/* A tip that comes near the skin from inside is stopped: nothing can follow it out, and tets ahead of it get flat. */
+static int ndli_resist_is_at_skin(const ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    int last = needle->rod->node_count - 1 - needle->line.first, tip;
+    sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
+    sb_vec3 way;
+    if (last < 1)
+        return 0;
+    tip = needle->path[last];
+    way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[last - 1]]);
+    return ndl_tissue_mesh_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
+                                mesh->node_star[tip] / 4, NULL) < 0;
+}
+
+/* What the tip has to cut, or what nothing can overcome. */
+static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
+{
+    ndli_line *line = &needle->line;
+    int last = needle->rod->node_count - 1;
+    line->cutting = ndli_resist_cutting(needle, tip, table);
+    if (needle->hold_steps == 0 && !ndli_resist_is_at_skin(needle))
+        return;
+    needle->blocked = 1;
+    line->cutting = (double)SB_REAL_MAX;
+    if (line->state[last] == NDL_DYNAMIC_FORWARD)
+        line->state[last] = NDL_STATIC;
+}
+
 /* ---- all of it ---- */
 
 NDLI_API void ndli_needle_resist(ndl_needle *needle)
@@ -13303,7 +13341,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
         line->friction[i] = 0.5 * (behind + ahead) * here[0];
         line->viscous[i] = 0.5 * (behind + ahead) * here[1];
         if (i == last)
-            line->cutting = ndli_resist_cutting(needle, tip, here[2]);
+            ndli_resist_tip(needle, tip, here[2]);
         if (i > line->first)
             ndl_rod_set_grip(rod, i - 1, (sb_real)(0.5 * behind * (before[3] + here[3])),
                              (sb_real)(0.5 * behind * (before[4] + here[4])));
@@ -13697,6 +13735,18 @@ static ndli_v3 ndli_step_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v
 
 static ndli_v3 ndli_step_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
 
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 t = rod->tangent[last - 1], ahead;
+    if (needle->line.first >= last || needle->bevel.law != NDL_BEVEL_CURVATURE)
+        return t;
+    sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, needle->path[last - needle->line.first]);
+    ahead = ndli_step_mapped(&f, needle->heading);
+    return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
+}
+
 /* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
  * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
 static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
@@ -13758,12 +13808,16 @@ static void ndli_step_turn_heading_back(ndl_needle *needle)
         ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
-/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
+enum { NDLI_HOLD_STEPS = 8 };
+
+/* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
+ * it; a collision with another needle is the step's failure. */
 static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
         return SB_OK;
     needle->blocked = 1;
+    needle->hold_steps = NDLI_HOLD_STEPS;
     if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
         return SB_OK;
     if (error)
@@ -13803,7 +13857,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     X = ndli_step_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
-        needle->blocked = 1;
+        result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
     return ndli_step_judge(needle, result, &own, error);
 }
 
@@ -13944,6 +13998,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
             return sbi_fail(s->error, SB_ERROR_DIVERGED, "the tissue has folded needle %d", needle->index);
         ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
+        needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
     s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
     return SB_OK;
@@ -13965,6 +14020,9 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
 }
 
 /* ---- a step ---- */
+
+/* A step too long for linear equations, which fold a rod, is taken again in pieces down to this part. */
+enum { NDLI_FINEST = 64 };
 
 static const double ndli_step_most_substeps = 1000;
 
@@ -14036,6 +14094,37 @@ static void ndli_step_count_states(const ndli_stepping *s)
     }
 }
 
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. */
+static int ndli_step_tear_out(const ndli_stepping *s)
+{
+    int torn = 0;
+    for (int k = 0; k < s->count; k++) {
+        ndl_needle *needle = s->needles[k];
+        if (needle->line.first == needle->rod->node_count ||
+            !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+            continue;
+        ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
+        if (ndli_needle_renew_nodes(needle) >= 0)
+            return 0;
+        torn++;
+    }
+    return torn;
+}
+
+static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    s->info->substeps = substeps;
+    for (int i = 0; i < substeps && result == SB_OK; i++)
+        result = ndli_step_substep(s, dt / substeps, substeps - i);
+    if (result != SB_OK)
+        ndli_needle_undo(s->tissue);
+    return result;
+}
+
 NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error)
 {
@@ -14054,22 +14143,23 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
     s.commands = commands;
     s.count = count;
     s.error = error;
-    s.info->consistent = 1;
-    s.info->worst_quality = 1;
-    s.info->substeps = substeps;
     begin = ndli_step_now(tissue);
-    if (!ndli_needle_keep(tissue))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     for (int k = 0; k < count; k++) {
         s.lines[k] = &needles[k]->line;
         needles[k]->blocked = needles[k]->limited = 0;
     }
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(&s, (double)dt / substeps, substeps - i);
-    if (result != SB_OK)
-        ndli_needle_undo(tissue);
+    if (!ndli_needle_keep(tissue))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(&s, (double)dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(&s, (double)dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(&s);
+        result = ndli_step_run(&s, (double)dt, substeps);
+        s.info->torn = result == SB_OK ? torn : 0;
+    }
     for (int k = 0; k < count; k++) {
-        needles[k]->base_given = 0;
+        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
         ndli_rod_publish(needles[k]->rod);
     }
     ndli_step_count_states(&s);
@@ -14443,7 +14533,12 @@ NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle-
 NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
 {
     ndl_tip_pose pose;
+    ndli_v3 t, ahead = ndli_needle_heading(needle);
     ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    t = ndli_from(pose.frame.t);
+    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
+    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
+    pose.frame.t = ndli_to(ahead);
     return pose;
 }
 
