@@ -10,8 +10,8 @@
  * time). The last line is, with what belongs to the bends that were made,
  *
  *     markers=N single_rms_mm=... single_max_mm=... single_radius_mm=... single_deviation_mm=...
- *     double_rms_mm=... double_max_mm=... double_radius_mm=FIRST,SECOND double_deviation_mm=... topology=restored|changed
- *     seconds=...
+ *     double_rms_mm=... double_max_mm=... double_radius_mm=FIRST,SECOND double_deviation_mm=...
+ *     topology=restored|changed seconds=...
  *
  * (one line). RMS and max are those of all markers at all times. Exit status: 0, 2 wrong usage or a file that cannot be
  * read or written, 3 a step failed. */
@@ -181,7 +181,8 @@ static int move(phantom *p, record *r, FILE *table, double length, double turn, 
         progress_show((double)i / steps, bar);
         if (!scene_step(&p->s, set->dt, &command, NULL))
             return 0;
-        if (length > 0 && ndl_needle_depth(p->s.needle) > 0 && !scene_record(&r->path, ndl_needle_tip(p->s.needle).position))
+        if (length > 0 && ndl_needle_depth(p->s.needle) > 0 &&
+            !scene_record(&r->path, ndl_needle_tip(p->s.needle).position))
             return scene_complain(&p->s, NULL, "memory is short");
         if ((i % set->every == 0 || i == steps) && !note_markers(p, r, table))
             return 0;
@@ -412,7 +413,8 @@ static void end(phantom *p)
 
 int main(int argc, char **argv)
 {
-    settings set = {NULL, "phantom", "both", 1, 125.89e3, 0.453, 25, 0.5, 0.15, 0.16, 0.02, 0.05, -6, 60, 24, 8, 5, 1, 0};
+    settings set = {NULL, "phantom", "both", 1,  125.89e3, 0.453, 25, 0.5, 0.15, 0.16,
+                    0.02, 0.05,      -6,     60, 24,       8,     5,  1,   0};
     phantom p;
     int status;
     if (!parse(&set, argc, argv))
