@@ -93,26 +93,29 @@ static int place_needle(trial *t)
     if (!set->push) {
         ndl_rod_section_preset(NDL_NITINOL_083, &t->needle.section);
         t->needle.bevel.curvature = (sb_real)(1 / set->radius);
+    } else {
+        t->needle.section.radius = (sb_real)1e-3; /* steel: all but rigid in soft tissue */
     }
     return 1;
 }
 
 /* How far the needle bends is measured with one insertion without a turn, of two thirds of the depth: by a circle
- * through the tip's places beyond the first fifth. */
+ * through the points of the tissue that the tip cut, beyond the first fifth. */
 static int measure_curvature(trial *t)
 {
     scene_path path = {NULL, 0, 0};
     scene_circle circle;
     ndl_frame frame;
     ndl_command command;
+    sb_vec3 X;
     double depth = 0.67 * t->height, begin = 0.2 * depth;
     int good = scene_start(&t->s, &t->needle);
     memset(&command, 0, sizeof command);
     command.insertion = (sb_real)t->set->speed;
     while (good && (double)ndl_needle_fed(t->s.needle) < depth + outlet_height) {
         good = scene_step(&t->s, t->set->dt, &command, NULL);
-        if (good && (double)ndl_needle_depth(t->s.needle) > begin)
-            good = scene_record(&path, ndl_needle_tip(t->s.needle).position);
+        if (good && (double)ndl_needle_depth(t->s.needle) > begin && ndl_needle_tip_material(t->s.needle, &X))
+            good = scene_record(&path, X);
     }
     if (good) {
         frame = ndl_rod_frame(ndl_needle_rod(t->s.needle), 0);

@@ -53,8 +53,8 @@ typedef struct course {
 /* Places in the tissue by shares of its box. */
 static sb_vec3 place(const scene *s, double x, double y, double z)
 {
-    return sb_v3((sb_real)((double)s->low.x + x * scene_extent(s, 0)), (sb_real)((double)s->low.y + y * scene_extent(s, 1)),
-                 (sb_real)((double)s->low.z + z * scene_extent(s, 2)));
+    return sb_v3_add(s->low, sb_v3((sb_real)(x * scene_extent(s, 0)), (sb_real)(y * scene_extent(s, 1)),
+                                   (sb_real)(z * scene_extent(s, 2))));
 }
 
 /* Both cylinders run from side to side, across the plane in which the needle has to bend: one in the straight way and
@@ -169,7 +169,8 @@ static int after_step(void *user, scene *s, const ndl_steer *steer)
         fprintf(c->table, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", s->time, 1e3 * (double)tip.x,
                 1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x, 1e3 * (double)target.y,
                 1e3 * (double)target.z, 1e3 * scene_distance(tip, target), 1e3 * clearance);
-    snprintf(words, sizeof words, "%.1f mm to go, clearance %.2f mm", 1e3 * scene_distance(tip, target), 1e3 * clearance);
+    snprintf(words, sizeof words, "%.1f mm to go, clearance %.2f mm", 1e3 * scene_distance(tip, target),
+             1e3 * clearance);
     progress_show((double)steer->inserted / c->length, words);
     if (!scene_record(&c->path, tip))
         return scene_complain(s, NULL, "memory is short");
@@ -303,7 +304,7 @@ static int run(course *c)
 
 int main(int argc, char **argv)
 {
-    settings set = {NULL, "obstacles", 1, 30e3, 0.45, 20, 0.5, 0.08, 0.008, 0.1, 2.0, 1.0, 0.02, 0.05, 12, 18, 1, 0};
+    settings set = {NULL, "obstacles", 1, 30e3, 0.45, 20, 0.5, 0.08, 0.008, 0.1, 2.0, 1.0, 0.02, 0.05, 7, 13, 1, 0};
     course c;
     char path[1024];
     int status;

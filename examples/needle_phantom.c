@@ -10,8 +10,8 @@
  * time). The last line is, with what belongs to the bends that were made,
  *
  *     markers=N single_rms_mm=... single_max_mm=... single_radius_mm=... single_deviation_mm=...
- *     double_rms_mm=... double_max_mm=... double_radius_mm=FIRST,SECOND double_deviation_mm=... topology=restored|changed
- *     seconds=...
+ *     double_rms_mm=... double_max_mm=... double_radius_mm=FIRST,SECOND double_deviation_mm=...
+ *     topology=restored|changed seconds=...
  *
  * (one line). RMS and max are those of all markers at all times. Exit status: 0, 2 wrong usage or a file that cannot be
  * read or written, 3 a step failed. */
@@ -34,7 +34,7 @@ static const char *const bend_names[BENDS] = {"single", "double"};
 typedef struct settings {
     const char *mesh, *output, *bend;
     double scale, young, poisson, friction, cutting, radius, depth, speed, dt, azimuth, elevation;
-    int markers, every, seed, help;
+    int cells, markers, every, seed, help;
 } settings;
 
 /* What is recorded of one bend. */
@@ -71,7 +71,7 @@ static int make_block(phantom *p)
     const settings *set = p->set;
     scene_def def = scene_default_def("needle_phantom");
     const double size[3] = {0.271, 0.265, 0.039};
-    const int cells[3] = {16, 16, 2}; /* 3072 tets; the thesis has 2280 */
+    const int cells[3] = {set->cells, set->cells, (set->cells + 4) / 8}; /* 6 tets each; the thesis has 2280 in all */
     def.mesh = set->mesh;
     def.scale = set->scale;
     def.young = set->young;
@@ -155,7 +155,7 @@ static int note_markers(phantom *p, record *r, FILE *table)
         double moved = (double)sb_v3_norm(d);
         square += moved * moved;
         r->most = fmax(r->most, moved);
-        fprintf(table, "%.6g,%.6g,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", p->s.time, 10 * r->fed[r->count], k,
+        fprintf(table, "%.6g,%.4f,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", p->s.time, 10 * r->fed[r->count], k,
                 1e3 * (double)x.x, 1e3 * (double)x.y, 1e3 * (double)x.z, 1e3 * (double)d.x, 1e3 * (double)d.y,
                 1e3 * (double)d.z);
     }
@@ -165,14 +165,14 @@ static int note_markers(phantom *p, record *r, FILE *table)
     return 1;
 }
 
-/* Feeds `length` (m), either sign, and turns the base by `turn` (rad) meanwhile. */
+/* Feeds `length` (m), either sign, and turns the base by `turn` (rad) meanwhile; without a length in half a second. */
 static int move(phantom *p, record *r, FILE *table, double length, double turn, const char *words)
 {
     const settings *set = p->set;
     int steps = (int)ceil(fabs(length) / (set->speed * set->dt));
     ndl_command command;
     char bar[80];
-    steps = steps > 0 ? steps : 10;
+    steps = steps > 0 ? steps : (int)ceil(0.5 / set->dt);
     memset(&command, 0, sizeof command);
     command.insertion = (sb_real)(length / (steps * set->dt));
     command.twist = (sb_real)(turn / (steps * set->dt));
@@ -181,7 +181,8 @@ static int move(phantom *p, record *r, FILE *table, double length, double turn, 
         progress_show((double)i / steps, bar);
         if (!scene_step(&p->s, set->dt, &command, NULL))
             return 0;
-        if (length > 0 && ndl_needle_depth(p->s.needle) > 0 && !scene_record(&r->path, ndl_needle_tip(p->s.needle).position))
+        if (length > 0 && ndl_needle_depth(p->s.needle) > 0 &&
+            !scene_record(&r->path, ndl_needle_tip(p->s.needle).position))
             return scene_complain(&p->s, NULL, "memory is short");
         if ((i % set->every == 0 || i == steps) && !note_markers(p, r, table))
             return 0;
@@ -272,7 +273,7 @@ static int run_bend(phantom *p, int bend, FILE *table)
         return 0;
     fit_circles(p, r);
     out = -(depth + outlet_height);
-    if (!move(p, r, table, out, 0, "goes out"))
+    if (!move(p, r, table, out, 0, "goes out") || !move(p, r, table, 0, 0, "is out"))
         return 0;
     r->restored = ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(p->s.tissue));
     p->made[bend] = 1;
@@ -329,8 +330,9 @@ static int parse(settings *set, int argc, char **argv)
     const char *none[1] = {NULL};
     option options[] = {
         {"--bend", "BEND", OPTION_TEXT, NULL, NULL, &set->bend, 0, 0, "single, double or both"},
-        {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &set->mesh, 0, 0, "tissue of tet4; default the gel block, 3072 tets"},
+        {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &set->mesh, 0, 0, "tissue of tet4; default the gel block"},
         {"--scale", "S", OPTION_NUMBER, NULL, &set->scale, NULL, 1e-9, 1e9, "of its lengths, to metres"},
+        {"--cells", "N", OPTION_INTEGER, &set->cells, NULL, NULL, 4, 64, "of the gel block's length"},
         {"--young", "PA", OPTION_NUMBER, NULL, &set->young, NULL, 100, 1e9, "of the gel"},
         {"--poisson", "NU", OPTION_NUMBER, NULL, &set->poisson, NULL, 0, 0.49, "of the gel"},
         {"--friction", "N/M", OPTION_NUMBER, NULL, &set->friction, NULL, 0, 1000, "along the shaft"},
@@ -411,7 +413,8 @@ static void end(phantom *p)
 
 int main(int argc, char **argv)
 {
-    settings set = {NULL, "phantom", "both", 1, 125.89e3, 0.453, 25, 0.5, 0.15, 0.16, 0.02, 0.05, 20, 50, 8, 5, 1, 0};
+    settings set = {NULL, "phantom", "both", 1,  125.89e3, 0.453, 25, 0.5, 0.15, 0.16,
+                    0.02, 0.05,      -6,     60, 24,       8,     5,  1,   0};
     phantom p;
     int status;
     if (!parse(&set, argc, argv))

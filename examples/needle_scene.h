@@ -76,6 +76,17 @@ static inline int scene_complain(const scene *s, const char *about, const char *
     return 0;
 }
 
+/* Prints a failure of the library, with file and line where it has them; returns 0. */
+static inline int scene_complain_of(const scene *s, const sb_error *error)
+{
+    char place[300];
+    if (error->line > 0)
+        snprintf(place, sizeof place, "%s:%d", error->file, error->line);
+    else
+        snprintf(place, sizeof place, "%s", error->file);
+    return scene_complain(s, place[0] ? place : NULL, error->message);
+}
+
 /* Reads or makes the mesh. 0, with a message, when that fails; then nothing is to be released. */
 static inline int scene_load(scene *s, const scene_def *def)
 {
@@ -96,7 +107,7 @@ static inline int scene_load(scene *s, const scene_def *def)
         result = sb_mesh_beam(SB_TET4, def->cells[0], def->cells[1], def->cells[2], size, NULL, &s->mesh, &error);
     }
     if (result != SB_OK)
-        return scene_complain(s, NULL, error.message); /* which names the file */
+        return scene_complain_of(s, &error);
     s->held = (int *)malloc(sizeof(int) * (size_t)s->mesh.node_count);
     if (!s->held) {
         sb_mesh_free(&s->mesh);
@@ -408,6 +419,7 @@ static inline int scene_save(const scene *s, const char *path)
     mesh.nodes = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)from->node_end);
     mesh.elements = (int *)malloc(4 * sizeof(int) * (size_t)from->tet_end);
     mesh.regions = (int *)malloc(sizeof(int) * (size_t)from->tet_end);
+    memset(&error, 0, sizeof error);
     snprintf(error.message, sizeof error.message, "memory is short");
     if (number && moved && mesh.nodes && mesh.elements && mesh.regions) {
         for (int i = 0; i < from->node_end; i++) {
@@ -432,7 +444,7 @@ static inline int scene_save(const scene *s, const char *path)
     free(mesh.nodes);
     free(mesh.elements);
     free(mesh.regions);
-    return result == SB_OK ? 1 : scene_complain(s, NULL, error.message);
+    return result == SB_OK ? 1 : scene_complain_of(s, &error);
 }
 
 /* ---- pictures ---- */

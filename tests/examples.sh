@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study and the needle_... programs as a
-# user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study and the needle programs
+# as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -331,6 +331,57 @@ expect 2 '--young needs a number from' needle_forces --young nan
 expect 2 '--speed is no option' needle_forces --speed 1
 expect 2 'hard is one word too many' needle_forces hard
 expect 2 'cannot be written' needle_forces -o no-such-folder/x
+
+# ---- needle_control ----
+expect 0 '^usage: needle_control' needle_control --help
+expect 0 '^targets=4 hit=4 within_mm=1.0 median_mm=[0-9.]* max_mm=[0-9.]* seconds=[0-9.]*$' \
+    needle_control --targets 4 -o control
+check "a row for each target" [ "$(wc -l <control.csv | tr -d ' ')" = 5 ]
+check "the first insertion is told" grep -q "first insertion: the tip's way is a circle of 1[0-9][0-9]" output.txt
+cp control.csv first.csv
+expect 0 'hit=4' needle_control --targets 4 --quiet -o control
+check "the same targets again" cmp -s control.csv first.csv
+expect 0 '^targets=3 hit=3' needle_control --push --targets 3 --seed 3
+expect_data 0 '^targets=2 hit=2' needle_control phantom/phantom_tet4.vtk --targets 2 --mesh
+expect 2 '--targets needs a whole number' needle_control --targets 0
+expect 2 '--error needs a number from 0 to 0.5' needle_control --error 2
+expect 2 'aim is one word too many' needle_control aim
+expect 2 'no-such.vtk: the file cannot be opened' needle_control --mesh no-such.vtk
+expect_data 2 'nan_coordinate.vtk:9: ' needle_control bad/nan_coordinate.vtk --mesh
+expect_data 2 'needles need a volume mesh of tet4' needle_control volumes/liver_a_tet10_1k.vtk --mesh
+expect_data 2 'see --scale' needle_control volumes/liver_a_tet4_2k.vtk --scale 0.001 --mesh
+expect 2 'no-such-folder/x.csv cannot be written' needle_control -o no-such-folder/x
+
+# ---- needle_obstacles ----
+expect 0 '^usage: needle_obstacles' needle_obstacles --help
+expect 0 '^reached=1 distance_mm=0[0-9.]* clearance_mm=[0-9.]* steps=[0-9]* median_ms=[0-9.]* seconds=[0-9.]*$' \
+    needle_obstacles
+check "both cylinders are avoided" holds "$(last clearance_mm) > 0.1"
+check "the straight way is barred" grep -q 'on the straight way .* inside of a cylinder' output.txt
+check "obstacles.png is a picture" is_png obstacles.png
+check "the table has a row for each step" [ "$(wc -l <obstacles.csv | tr -d ' ')" = "$(($(last steps) + 1))" ]
+check "the tissue has its displacements" grep -q '^VECTORS displacement' obstacles.vtk
+expect 1 '^reached=0' needle_obstacles --radius 1
+expect_data 0 '^reached=1' needle_obstacles phantom/phantom_tet4.vtk -o organ --mesh
+expect 2 'no-such.vtk' needle_obstacles --mesh no-such.vtk
+expect 2 '--cylinder needs a number' needle_obstacles --cylinder wide
+expect 2 'no-such-folder/x.csv' needle_obstacles -o no-such-folder/x
+
+# ---- needle_phantom ----
+expect 0 '^usage: needle_phantom' needle_phantom --help
+expect 0 '^markers=16 single_rms_mm=.* double_radius_mm=[0-9.]*,[0-9.]* .*topology=restored seconds=[0-9.]*$' \
+    needle_phantom --cells 12 --markers 4
+check "the path is nearly that in rigid gel" holds "$(last single_radius_mm) > 145 && $(last single_radius_mm) < 175"
+check "to a share of a percent" holds "$(last single_deviation_mm) < 0.5"
+check "both bends are pictured" eval 'is_png phantom_single.png && is_png phantom_double.png'
+check "a chart of three panels" [ "$(grep -c '<g transform' phantom.svg)" = 3 ]
+check "markers have their rows" [ "$(awk -F, '$3 == 15' phantom_double.csv | wc -l)" -gt 20 ]
+expect 0 '^markers=9 double_rms_mm=' needle_phantom --bend double --cells 8 --markers 3 --depth 0.08 -o short
+expect_data 0 '^markers=[0-9]* single' needle_phantom phantom/phantom_tet4.vtk --bend single --depth 0.06 -o organ --mesh
+expect 2 'triple is no bend' needle_phantom --bend triple
+expect 2 'is too short for --depth' needle_phantom --depth 0.3
+expect 2 'no-such.vtk' needle_phantom --mesh no-such.vtk
+expect 2 'no-such-folder/x_single.csv' needle_phantom -o no-such-folder/x
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

@@ -137,7 +137,8 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
 /* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle is
  * destroyed, its arrays until the next step. */
 NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle);
-/* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. */
+/* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. With NDL_BEVEL_CURVATURE t is where the
+ * path goes on; the rod's last edge, a chord, lags behind by half of what it bends, and more after a turn. */
 NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle);
 /* What the sleeve exerts on the needle at its outlet: force (N) and torque (N m) about it, in the last step. What a
  * hand feels is the opposite. Either may be NULL. */
