@@ -13956,7 +13956,7 @@ static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *ne
         stride = ndli_step_stride(needles[k], commands ? commands + k : NULL, (double)dt);
         most = stride > most ? stride : most;
     }
-    if (!(most < NDLI_MOST_SUBSTEPS))
+    if (!(most < (double)NDLI_MOST_SUBSTEPS))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
                         (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;
