@@ -39,6 +39,7 @@ struct ndl_needle {
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
     int stopped;          /* 1: the tip came to the far skin and cannot go forward, until it has gone back */
+    int pushed;           /* 1: the present substep's command takes the needle forward */
     int blocked, limited; /* in the present step */
 
     /* holds nothing between calls */

@@ -105,7 +105,9 @@ static void ndli_step_aim(ndl_needle *needle, const ndl_command *command, double
 {
     ndl_rod *rod = needle->rod;
     ndli_sleeve sleeve = ndli_step_sleeve(needle, command, dt, left);
-    ndli_step_feed(needle, dt * (double)command->insertion);
+    double length = dt * (double)command->insertion;
+    needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
+    ndli_step_feed(needle, length);
     rod->target[1] = sleeve.outlet;
     rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
     ndli_rod_turn_base(rod, sleeve.turn);
@@ -200,13 +202,14 @@ static void ndli_step_turn_heading_back(ndl_needle *needle)
         ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
-/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure. */
+/* A tip that the remesher cannot follow stays behind; a collision with another needle is the step's failure, but for a
+ * needle that is not pushed: tissue that moves, or a shaft that straightens, must not keep it from being drawn back. */
 static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
         return SB_OK;
     needle->blocked = 1;
-    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
+    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY || (result == SB_ERROR_UNSUPPORTED && !needle->pushed))
         return SB_OK;
     if (error)
         *error = *own;
@@ -220,13 +223,9 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
-    sb_result result;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    result = ndl_remesh_puncture(remesh, needle->index, &hit, done, &own);
-    if (result == SB_ERROR_UNSUPPORTED && ndli_dot(needle->line.move[last], rod->tangent[last - 1]) <= 0)
-        result = SB_ERROR_MESH; /* the tissue came up to a needle that does not go forward: it may go back */
-    return ndli_step_judge(needle, result, &own, error);
+    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
 }
 
 /* The tip goes back to X. It always gets out: from the skin there is no other way, and where remeshing does not find
