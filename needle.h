@@ -1309,9 +1309,9 @@ typedef struct ndl_step_info {
 /* Advances a tissue and all its needles by dt (s, > 0).
  * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
- * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said), or more of a needle is in the tissue than its capacity has nodes for; SB_ERROR_DIVERGED (node named);
- * SB_ERROR_MEMORY.
+ * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, a needle that is pushed would share an element
+ * with another (they are named; one that is not pushed is `blocked`), or more of a needle is in the tissue than its
+ * capacity has nodes for; SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
  * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
  * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator, but
  * NDL_NEWMARK with beta 0.3025 and gamma 0.6, or nodes that needles lead would never come to rest. */
@@ -13316,23 +13316,31 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 
 /* ---- all nodes ---- */
 
+/* 1 when a chain that comes from `before` turns at x by less than 60 degrees on its way to `next`. */
+static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
+{
+    ndli_v3 after = ndli_sub(next, x);
+    return ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after);
+}
+
 /* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
- * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the node
- * before it, but never over the tip. */
+ * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the nodes
+ * before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int kept = 0;
+    const sb_vec3 *x = needle->tissue->mesh.x;
+    int *kept = needle->path, last = -1;
     for (int k = 0; k < count; k++) {
-        ndli_v3 x = ndli_from(mesh->x[path[k]]), before = ahead, after = ahead;
-        if (kept > 0)
-            before = ndli_sub(x, ndli_from(mesh->x[needle->path[kept - 1]]));
-        if (k + 1 < count)
-            after = ndli_sub(ndli_from(mesh->x[path[k + 1]]), x);
-        if (k + 1 == count || ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after))
-            needle->path[kept++] = path[k];
+        while (last >= 0) {
+            ndli_v3 here = ndli_from(x[kept[last]]);
+            ndli_v3 before = last > 0 ? ndli_sub(here, ndli_from(x[kept[last - 1]])) : ahead;
+            if (ndli_nodes_is_smooth(before, here, ndli_from(x[path[k]])))
+                break;
+            last--;
+        }
+        kept[++last] = path[k];
     }
-    return kept;
+    return last + 1;
 }
 
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
@@ -13821,16 +13829,29 @@ static void ndli_step_read_base(ndl_needle *needle)
     needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
 }
 
+/* A tip that goes back stays ahead of the node before it; in a step it gets no further than where its last edge began.
+ * edge: the one before the motion. */
+static void ndli_step_keep_tip_ahead(ndl_needle *needle, ndli_v3 edge)
+{
+    ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 now = ndli_sub(rod->x[last], rod->x[last - 1]);
+    if (needle->line.slip[last] < 0 && ndli_dot(now, edge) < 0.1 * ndli_dot(edge, edge))
+        rod->x[last] = ndli_madd(rod->x[last - 1], 0.1, edge);
+}
+
 static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
+    ndli_v3 edge = ndli_sub(rod->x[rod->node_count - 1], rod->x[rod->node_count - 2]);
     int bad;
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
+    ndli_step_keep_tip_ahead(needle, edge);
     bad = ndli_rod_moved(rod);
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);

@@ -123,9 +123,9 @@ typedef struct ndl_step_info {
 /* Advances a tissue and all its needles by dt (s, > 0).
  * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
- * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said), or more of a needle is in the tissue than its capacity has nodes for; SB_ERROR_DIVERGED (node named);
- * SB_ERROR_MEMORY.
+ * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, a needle that is pushed would share an element
+ * with another (they are named; one that is not pushed is `blocked`), or more of a needle is in the tissue than its
+ * capacity has nodes for; SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
  * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
  * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator, but
  * NDL_NEWMARK with beta 0.3025 and gamma 0.6, or nodes that needles lead would never come to rest. */

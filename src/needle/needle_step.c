@@ -347,16 +347,29 @@ static void ndli_step_read_base(ndl_needle *needle)
     needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
 }
 
+/* A tip that goes back stays ahead of the node before it; in a step it gets no further than where its last edge began.
+ * edge: the one before the motion. */
+static void ndli_step_keep_tip_ahead(ndl_needle *needle, ndli_v3 edge)
+{
+    ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 now = ndli_sub(rod->x[last], rod->x[last - 1]);
+    if (needle->line.slip[last] < 0 && ndli_dot(now, edge) < 0.1 * ndli_dot(edge, edge))
+        rod->x[last] = ndli_madd(rod->x[last - 1], 0.1, edge);
+}
+
 static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *error)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
+    ndli_v3 edge = ndli_sub(rod->x[rod->node_count - 1], rod->x[rod->node_count - 2]);
     int bad;
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
+    ndli_step_keep_tip_ahead(needle, edge);
     bad = ndli_rod_moved(rod);
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
