@@ -1361,7 +1361,8 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
 /* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle is
  * destroyed, its arrays until the next step. */
 NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle);
-/* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. */
+/* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. With NDL_BEVEL_CURVATURE t is where the
+ * path goes on; the rod's last edge, a chord, lags behind by half of what it bends, and more after a turn. */
 NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle);
 /* What the sleeve exerts on the needle at its outlet: force (N) and torque (N m) about it, in the last step. What a
  * hand feels is the opposite. Either may be NULL. */
@@ -13155,6 +13156,7 @@ struct ndl_needle {
     int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                            * there. Tets between such a tip and the skin would be flat */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int pushed;           /* 1: the present substep's command takes the needle forward */
     int blocked, limited; /* in the present step */
     int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
 
@@ -13535,23 +13537,31 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 
 /* ---- all nodes ---- */
 
+/* 1 when a chain that comes from `before` turns at x by less than 60 degrees on its way to `next`. */
+static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
+{
+    ndli_v3 after = ndli_sub(next, x);
+    return ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after);
+}
+
 /* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
- * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the node
- * before it, but never over the tip. */
+ * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the nodes
+ * before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int kept = 0;
+    const sb_vec3 *x = needle->tissue->mesh.x;
+    int *kept = needle->path, last = -1;
     for (int k = 0; k < count; k++) {
-        ndli_v3 x = ndli_from(mesh->x[path[k]]), before = ahead, after = ahead;
-        if (kept > 0)
-            before = ndli_sub(x, ndli_from(mesh->x[needle->path[kept - 1]]));
-        if (k + 1 < count)
-            after = ndli_sub(ndli_from(mesh->x[path[k + 1]]), x);
-        if (k + 1 == count || ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after))
-            needle->path[kept++] = path[k];
+        while (last >= 0) {
+            ndli_v3 here = ndli_from(x[kept[last]]);
+            ndli_v3 before = last > 0 ? ndli_sub(here, ndli_from(x[kept[last - 1]])) : ahead;
+            if (ndli_nodes_is_smooth(before, here, ndli_from(x[path[k]])))
+                break;
+            last--;
+        }
+        kept[++last] = path[k];
     }
-    return kept;
+    return last + 1;
 }
 
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
@@ -13804,7 +13814,9 @@ static void ndli_step_aim(ndl_needle *needle, const ndl_command *command, double
 {
     ndl_rod *rod = needle->rod;
     ndli_sleeve sleeve = ndli_step_sleeve(needle, command, dt, left);
-    ndli_step_feed(needle, dt * (double)command->insertion);
+    double length = dt * (double)command->insertion;
+    needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
+    ndli_step_feed(needle, length);
     rod->target[1] = sleeve.outlet;
     rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
     ndli_rod_turn_base(rod, sleeve.turn);
@@ -13913,14 +13925,15 @@ static void ndli_step_take_heading(ndl_needle *needle)
 enum { NDLI_HOLD_STEPS = 8 };
 
 /* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
- * it; a collision with another needle is the step's failure. */
+ * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or a
+ * shaft that straightens, must not keep it from being drawn back. */
 static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
         return SB_OK;
     needle->blocked = 1;
     needle->hold_steps = NDLI_HOLD_STEPS;
-    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
+    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY || (result == SB_ERROR_UNSUPPORTED && !needle->pushed))
         return SB_OK;
     if (error)
         *error = *own;
@@ -13934,13 +13947,9 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
-    sb_result result;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    result = ndl_remesh_puncture(remesh, needle->index, &hit, done, &own);
-    if (result == SB_ERROR_UNSUPPORTED && ndli_dot(needle->line.move[last], rod->tangent[last - 1]) <= 0)
-        result = SB_ERROR_MESH; /* the tissue came up to a needle that does not go forward: it may go back */
-    return ndli_step_judge(needle, result, &own, error);
+    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
@@ -14121,6 +14130,17 @@ static void ndli_step_read_base(ndl_needle *needle)
     needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
 }
 
+/* A tip that goes back stays ahead of the node before it; in a step it gets no further than where its last edge began.
+ * edge: the one before the motion. */
+static void ndli_step_keep_tip_ahead(ndl_needle *needle, ndli_v3 edge)
+{
+    ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 now = ndli_sub(rod->x[last], rod->x[last - 1]);
+    if (needle->line.slip[ndli_line_foremost(&needle->line)] < 0 && ndli_dot(now, edge) < 0.1 * ndli_dot(edge, edge))
+        rod->x[last] = ndli_madd(rod->x[last - 1], 0.1, edge);
+}
+
 /* Largest strain of an edge. */
 static double ndli_step_strain(const ndl_rod *rod)
 {
@@ -14138,11 +14158,13 @@ static int ndli_step_move_linear(ndl_needle *needle, double dt)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
+    ndli_v3 edge = ndli_sub(rod->x[rod->node_count - 1], rod->x[rod->node_count - 2]);
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
+    ndli_step_keep_tip_ahead(needle, edge);
     return ndli_rod_moved(rod);
 }
 

@@ -357,7 +357,7 @@ static double chain_share(const sb_vec3 *x, int count, int first, int i)
 static void check_contact(const needle_scene *s, const sb_vec3 *before, int count, int i)
 {
     double limit = 20 * chain_share(before, count, ndl_needle_entry(s->needles[0]), i);
-    double forward = limit + (i == count - 1 ? 0.5 : 0), slack = 0.01 * forward + 1e-4;
+    double forward = limit + (i == count - 1 ? 0.5 : 0), slack = scene_tolerance(0.01, 2e6) * forward + 1e-4;
     double along = (double)sb_v3_dot(chain_tangent(before, count, i), ndl_needle_contact_force(s->needles[0], i));
     switch (ndl_needle_contact(s->needles[0], i)) {
     case NDL_STATIC: CHECK(along >= -forward - slack && along <= limit + slack); break;

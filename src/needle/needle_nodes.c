@@ -115,23 +115,31 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
 
 /* ---- all nodes ---- */
 
+/* 1 when a chain that comes from `before` turns at x by less than 60 degrees on its way to `next`. */
+static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
+{
+    ndli_v3 after = ndli_sub(next, x);
+    return ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after);
+}
+
 /* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
- * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the node
- * before it, but never over the tip. */
+ * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the nodes
+ * before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    int kept = 0;
+    const sb_vec3 *x = needle->tissue->mesh.x;
+    int *kept = needle->path, last = -1;
     for (int k = 0; k < count; k++) {
-        ndli_v3 x = ndli_from(mesh->x[path[k]]), before = ahead, after = ahead;
-        if (kept > 0)
-            before = ndli_sub(x, ndli_from(mesh->x[needle->path[kept - 1]]));
-        if (k + 1 < count)
-            after = ndli_sub(ndli_from(mesh->x[path[k + 1]]), x);
-        if (k + 1 == count || ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after))
-            needle->path[kept++] = path[k];
+        while (last >= 0) {
+            ndli_v3 here = ndli_from(x[kept[last]]);
+            ndli_v3 before = last > 0 ? ndli_sub(here, ndli_from(x[kept[last - 1]])) : ahead;
+            if (ndli_nodes_is_smooth(before, here, ndli_from(x[path[k]])))
+                break;
+            last--;
+        }
+        kept[++last] = path[k];
     }
-    return kept;
+    return last + 1;
 }
 
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)

@@ -40,6 +40,7 @@ struct ndl_needle {
     int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                            * there. Tets between such a tip and the skin would be flat */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int pushed;           /* 1: the present substep's command takes the needle forward */
     int blocked, limited; /* in the present step */
     int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
 

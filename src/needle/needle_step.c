@@ -105,7 +105,9 @@ static void ndli_step_aim(ndl_needle *needle, const ndl_command *command, double
 {
     ndl_rod *rod = needle->rod;
     ndli_sleeve sleeve = ndli_step_sleeve(needle, command, dt, left);
-    ndli_step_feed(needle, dt * (double)command->insertion);
+    double length = dt * (double)command->insertion;
+    needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
+    ndli_step_feed(needle, length);
     rod->target[1] = sleeve.outlet;
     rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
     ndli_rod_turn_base(rod, sleeve.turn);
@@ -214,14 +216,15 @@ static void ndli_step_take_heading(ndl_needle *needle)
 enum { NDLI_HOLD_STEPS = 8 };
 
 /* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
- * it; a collision with another needle is the step's failure. */
+ * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or a
+ * shaft that straightens, must not keep it from being drawn back. */
 static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
         return SB_OK;
     needle->blocked = 1;
     needle->hold_steps = NDLI_HOLD_STEPS;
-    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY)
+    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY || (result == SB_ERROR_UNSUPPORTED && !needle->pushed))
         return SB_OK;
     if (error)
         *error = *own;
@@ -235,13 +238,9 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
-    sb_result result;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    result = ndl_remesh_puncture(remesh, needle->index, &hit, done, &own);
-    if (result == SB_ERROR_UNSUPPORTED && ndli_dot(needle->line.move[last], rod->tangent[last - 1]) <= 0)
-        result = SB_ERROR_MESH; /* the tissue came up to a needle that does not go forward: it may go back */
-    return ndli_step_judge(needle, result, &own, error);
+    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
@@ -422,6 +421,17 @@ static void ndli_step_read_base(ndl_needle *needle)
     needle->base_torque = ndli_madd(ndli_cross(arm, r[0]), rod->turn_gradient[0], rod->tangent[0]);
 }
 
+/* A tip that goes back stays ahead of the node before it; in a step it gets no further than where its last edge began.
+ * edge: the one before the motion. */
+static void ndli_step_keep_tip_ahead(ndl_needle *needle, ndli_v3 edge)
+{
+    ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 now = ndli_sub(rod->x[last], rod->x[last - 1]);
+    if (needle->line.slip[ndli_line_foremost(&needle->line)] < 0 && ndli_dot(now, edge) < 0.1 * ndli_dot(edge, edge))
+        rod->x[last] = ndli_madd(rod->x[last - 1], 0.1, edge);
+}
+
 /* Largest strain of an edge. */
 static double ndli_step_strain(const ndl_rod *rod)
 {
@@ -439,11 +449,13 @@ static int ndli_step_move_linear(ndl_needle *needle, double dt)
 {
     ndl_rod *rod = needle->rod;
     const ndli_v3 *move = needle->line.move;
+    ndli_v3 edge = ndli_sub(rod->x[rod->node_count - 1], rod->x[rod->node_count - 2]);
     for (int i = 0; i < rod->node_count; i++) {
         rod->x[i] = rod->held[i] ? rod->target[i] : ndli_add(rod->x[i], move[i]);
         rod->v[i] = ndli_scale(1 / dt, move[i]);
         rod->a[i] = ndli_v(0, 0, 0);
     }
+    ndli_step_keep_tip_ahead(needle, edge);
     return ndli_rod_moved(rod);
 }
 
