@@ -9195,7 +9195,8 @@ static double ndli_solid_now(const ndl_tissue *t) { return t->clock ? t->clock()
 /* ---- the step's terms ---- */
 
 /* With gamma 1/2 a node that a needle leads keeps an acceleration that turns over in each step, and needles would shake
- * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of 0.05 (w dt)^2. */
+ * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of
+ * 0.05 (w dt)^2. */
 static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
 {
     ndli_solid_scheme *s = &t->scheme;
@@ -13323,9 +13324,9 @@ static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
     return ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after);
 }
 
-/* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
- * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the nodes
- * before it, but never over the tip. ahead: where the needle comes from. */
+/* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is
+ * crushed, as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over
+ * the nodes before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
     const sb_vec3 *x = needle->tissue->mesh.x;
@@ -13734,7 +13735,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    needle->advance = needle->line.slip[last]; /* where states came out inconsistent its sign, not the state's, counts */
+    needle->advance = needle->line.slip[last]; /* its sign counts: of inconsistent states it may differ */
     needle->blocked = needle->stopped;
     if (needle->advance == 0)
         return SB_OK;
@@ -13866,8 +13867,9 @@ static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
     if (bad < 0)
         return SB_OK;
     if (bad >= needle->rod->capacity)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
-                        "tissue", needle->index, needle->rod->capacity);
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needle %d: its capacity of %d nodes is too little for what is in the tissue", needle->index,
+                        needle->rod->capacity);
     return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
 }
 

@@ -252,7 +252,7 @@ static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_err
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    needle->advance = needle->line.slip[last]; /* where states came out inconsistent its sign, not the state's, counts */
+    needle->advance = needle->line.slip[last]; /* its sign counts: of inconsistent states it may differ */
     needle->blocked = needle->stopped;
     if (needle->advance == 0)
         return SB_OK;
@@ -384,8 +384,9 @@ static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
     if (bad < 0)
         return SB_OK;
     if (bad >= needle->rod->capacity)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
-                        "tissue", needle->index, needle->rod->capacity);
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needle %d: its capacity of %d nodes is too little for what is in the tissue", needle->index,
+                        needle->rod->capacity);
     return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
 }
 
