@@ -320,7 +320,8 @@ static int study_lateral(const settings *s, record *r)
         status = step(&c, 0.4 * speed, sb_v3(velocity, 0, 0));
         aside += velocity * dt;
         ndl_needle_base_wrench(c.needle, &force, NULL);
-        note(r, (i + 1) * dt, 1e3 * aside, 1e3 * displacement_at_entry(&c).x, force.x, 1e3 * ndl_needle_depth(c.needle));
+        note(r, (i + 1) * dt, 1e3 * aside, 1e3 * displacement_at_entry(&c).x, force.x,
+             1e3 * ndl_needle_depth(c.needle));
     }
     free_scene(&c);
     if (status)

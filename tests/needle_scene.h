@@ -194,8 +194,9 @@ static inline unsigned long long needle_scene_bits(const needle_scene *s)
     unsigned long long hash = 0;
     for (int i = 0; i < mesh->node_end; i++)
         if (mesh->node_flags[i])
-            hash = hash * 31 + (scene_hash(mesh->x + i, sizeof(sb_vec3)) ^ 3 * scene_hash(mesh->v + i, sizeof(sb_vec3)) ^
-                                5 * scene_hash(mesh->X + i, sizeof(sb_vec3)));
+            hash = hash * 31 +
+                   (scene_hash(mesh->x + i, sizeof(sb_vec3)) ^ 3 * scene_hash(mesh->v + i, sizeof(sb_vec3)) ^
+                    5 * scene_hash(mesh->X + i, sizeof(sb_vec3)));
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * t] >= 0)
             hash = hash * 31 + scene_hash(mesh->tets + 4 * t, 4 * sizeof(int));

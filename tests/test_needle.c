@@ -573,7 +573,7 @@ static void test_odd_steps(void)
         if (needle_scene_make(&s)) {
             double move = fmin(2e-4 / steps[i], 1);
             needle_scene_run(&s, dt, 50, needle_command(speed, 0));
-            needle_scene_run(&s, dt, 50, needle_command(0, 0)); /* at rest: a long step goes on with the present speeds */
+            needle_scene_run(&s, dt, 50, needle_command(0, 0)); /* long steps go on with present speeds */
             needle_scene_run(&s, steps[i], 30, needle_command(move, 0));
             CHECK(needle_scene_is_sound(&s));
             CHECK(sb_v3_norm(sb_v3_sub(needle_tip(s.needles[0]), sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.03)))) <
@@ -585,31 +585,30 @@ static void test_odd_steps(void)
     }
 }
 
-/* A fast command is cut into substeps, which do about what slow ones do. */
+/* Long steps are cut into substeps, which do about what short steps do. */
 static void test_substeps(void)
 {
+    needle_scene s;
     double push[2] = {0, 0}, depth[2] = {0, 1};
     for (int i = 0; i < 2; i++) {
-        needle_scene s = needle_scene_default();
+        s = needle_scene_default();
         if (needle_scene_make(&s)) {
-            needle_scene_run(&s, i ? 0.2 : 0.01, i ? 10 : 200, needle_command(speed, 0));
-            needle_scene_run(&s, 0.2, 1, needle_command(i ? speed : speed, 0));
+            needle_scene_run(&s, i ? 0.7 : 0.01, i ? 3 : 210, needle_command(speed, 0));
+            CHECK(i == 0 || s.info.substeps > 1);
             push[i] = needle_push(&s);
             depth[i] = (double)ndl_needle_depth(s.needles[0]);
         }
         needle_scene_free(&s);
     }
     CHECK_NEAR(depth[0], depth[1], 5e-4);
-    CHECK_NEAR(push[0], push[1], 0.02 * push[0]);
-    {
-        needle_scene s = needle_scene_default();
-        if (needle_scene_make(&s) && needle_scene_run(&s, dt, 1, needle_command(1, 0))) {
-            CHECK(s.info.substeps >= 3);
-            CHECK(needle_scene_is_sound(&s));
-            CHECK_NEAR(ndl_needle_fed(s.needles[0]), 0.02, 1e-5);
-        }
-        needle_scene_free(&s);
+    CHECK_NEAR(push[0], push[1], 0.1 * push[0]); /* friction is that of the depth at the start of a substep */
+    s = needle_scene_default();
+    if (needle_scene_make(&s) && needle_scene_run(&s, dt, 1, needle_command(1, 0))) {
+        CHECK(s.info.substeps >= 3);
+        CHECK(needle_scene_is_sound(&s));
+        CHECK_NEAR(ndl_needle_fed(s.needles[0]), 0.02, 1e-5);
     }
+    needle_scene_free(&s);
 }
 
 /* ---- bad input ---- */
@@ -707,11 +706,9 @@ static void test_bad_definitions(void)
     CHECK_RESULT(ndl_needle_create(&s.needle_def, NULL, &s.error), SB_ERROR_ARGUMENT);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         ndl_needle_def def = s.needle_def;
-        int calls = check.failures;
+        int failures = check.failures;
         def.tissue = s.tissue;
         def.allocator = scene_allocator(&memory);
-        if (cases[i].change == many_nodes)
-            def.edge_length = REAL(0.01);
         cases[i].change(&def);
         memset(&s.error, 0, sizeof s.error);
         if (cases[i].change == many_nodes && sizeof(size_t) > 4)
@@ -723,7 +720,7 @@ static void test_bad_definitions(void)
         CHECK_INT(memory.live, 0);
         if (cases[i].result != SB_ERROR_MEMORY)
             CHECK_RESULT(ndl_needle_create(&def, &needle, NULL), cases[i].result);
-        if (check.failures > calls)
+        if (check.failures > failures)
             printf("case %d: %s\n", (int)i, s.error.message);
     }
     needle_scene_free(&s);

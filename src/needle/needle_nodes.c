@@ -122,9 +122,9 @@ static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
     return ndli_dot(before, after) > 0.5 * ndli_norm(before) * ndli_norm(after);
 }
 
-/* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is crushed,
- * as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over the nodes
- * before it, but never over the tip. ahead: where the needle comes from. */
+/* Writes the nodes of the remesher's path that the rod is on to needle->path; returns how many. Where tissue is
+ * crushed, as ahead of a skin that does not break, an edge of the path may lie across the needle: the rod passes over
+ * the nodes before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
     const sb_vec3 *x = needle->tissue->mesh.x;

@@ -154,6 +154,15 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
 }
 
+/* Length (m) of the last two edges in the tissue. */
+static double ndli_step_last_edges(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    double length = ndli_norm(ndli_sub(rod->x[last], rod->x[last - 1]));
+    return needle->line.count > 2 ? length + ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last - 2])) : length;
+}
+
 /* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
  * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
 static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
@@ -161,7 +170,7 @@ static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double 
     int last = needle->rod->node_count - 1;
     ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
     ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
-    double curvature = (double)needle->bevel.curvature, size;
+    double curvature = (double)needle->bevel.curvature, size, most;
     if (needle->bevel.law == NDL_BEVEL_ANGLE) {
         sb_real offset = 0;
         ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
@@ -169,8 +178,11 @@ static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double 
     }
     lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
     size = ndli_norm(lag);
-    if (size > 0.5) /* half a radian: no path of sound tets does that */
-        lag = ndli_scale(0.5 / size, lag);
+    most = fabs(curvature) * ndli_step_last_edges(needle); /* a chord lags by half the turn of its arc */
+    if (size > most) {
+        lag = ndli_scale(most / size, lag);
+        *heading = ndli_step_unit(ndli_add(t, lag));
+    }
     *heading = ndli_step_unit(ndli_madd(*heading, curvature * advance, m2));
     return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
 }
@@ -503,8 +515,9 @@ static sb_result ndli_step_renew(ndl_needle *needle, sb_error *error)
     if (bad < 0)
         return SB_OK;
     if (bad >= needle->rod->capacity)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d: its capacity of %d nodes is too little for what is in the "
-                        "tissue", needle->index, needle->rod->capacity);
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needle %d: its capacity of %d nodes is too little for what is in the tissue", needle->index,
+                        needle->rod->capacity);
     return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d would fold at its node %d", needle->index, bad);
 }
 

@@ -8,7 +8,8 @@ static double ndli_solid_now(const ndl_tissue *t) { return t->clock ? t->clock()
 /* ---- the step's terms ---- */
 
 /* With gamma 1/2 a node that a needle leads keeps an acceleration that turns over in each step, and needles would shake
- * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of 0.05 (w dt)^2. */
+ * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of
+ * 0.05 (w dt)^2. */
 static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
 {
     ndli_solid_scheme *s = &t->scheme;
