@@ -154,15 +154,6 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
 }
 
-/* Length (m) of the last two edges in the tissue. */
-static double ndli_step_last_edges(const ndl_needle *needle)
-{
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
-    double length = ndli_norm(ndli_sub(rod->x[last], rod->x[last - 1]));
-    return needle->line.count > 2 ? length + ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last - 2])) : length;
-}
-
 /* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
  * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
 static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
@@ -178,7 +169,7 @@ static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double 
     }
     lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
     size = ndli_norm(lag);
-    most = fabs(curvature) * ndli_step_last_edges(needle); /* a chord lags by half the turn of its arc */
+    most = 2 * fabs(curvature) * fmax(edge, needle->tissue->site->mean_edge); /* a chord lags by half its arc's turn */
     if (size > most) {
         lag = ndli_scale(most / size, lag);
         *heading = ndli_step_unit(ndli_add(t, lag));
@@ -279,8 +270,9 @@ static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
-    if (result == SB_OK) /* where the first edge looks in the material: its map at the skin, where the tip pressed, is odd */
-        ndli_step_take_heading(needle);
+    /* where the first edge looks in the material: the map at the skin, where the tip pressed, is odd. Also after a failure:
+     * the first operations may have been done. */
+    ndli_step_take_heading(needle);
     return ndli_step_judge(needle, result, &own, error);
 }
 
