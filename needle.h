@@ -13960,6 +13960,28 @@ static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_e
 static double ndli_step_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
 static double ndli_step_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
 
+/* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
+ * looks there. */
+static sb_vec3 ndli_step_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_bevel *bevel = &needle->bevel;
+    ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
+    double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
+    sb_mat3 f = ndli_step_gradient(mesh, needle->path[0]);
+    sb_real aside = (sb_real)(0.5 * curvature * length * length);
+    *heading = ndli_scale(1 / length, way);
+    if (!(sb_m3_det(f) > 0))
+        return X;
+    f = sb_m3_inverse(f);
+    side = ndli_step_mapped(&f, ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2));
+    side = ndli_rod_across(side, *heading);
+    if (bevel->law == NDL_BEVEL_ANGLE)
+        ndl_bevel_offset(bevel, (sb_real)length, (sb_real)length, &aside);
+    *heading = ndli_step_unit(ndli_madd(*heading, curvature * length, side));
+    return sb_v3_madd(X, aside, ndli_to(side));
+}
+
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
@@ -13967,8 +13989,8 @@ static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
-    ndli_v3 t = rod->tangent[last - 1];
-    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), t);
+    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
+    ndli_v3 heading;
     sb_vec3 X;
     sb_error own;
     sb_result result;
@@ -13979,10 +14001,11 @@ static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done
     if (depth < ndli_step_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    X = ndli_step_first_arc(needle, X, &heading);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
-    /* where the first edge looks in the material: the map at the skin, where the tip pressed, is odd. Also after a failure:
-     * the first operations may have been done. */
-    ndli_step_take_heading(needle);
+    needle->heading = heading;
+    if (result != SB_OK) /* the first operations may have been done */
+        ndli_step_take_heading(needle);
     return ndli_step_judge(needle, result, &own, error);
 }
 

@@ -28,8 +28,8 @@ typedef struct path {
     int count;
 } path;
 
-/* Steps of `length` each; the tip's places once it is 5 mm deep, until it has gone `way` from there. At half of the way
- * the base makes half a turn when `turns` is 1; `twist` (rad/m) all the way. */
+/* Steps of `length` each; the tip's places once it has a node of its own in the tissue (nearer to the skin it waits to
+ * bend), until it has gone `way` from there. At half of the way the base makes half a turn when `turns` is 1; `twist` (rad/m) all the way. */
 static void follow(needle_scene *s, double length, double way, int turns, double twist, path *p)
 {
     double gone = 0;
@@ -38,7 +38,8 @@ static void follow(needle_scene *s, double length, double way, int turns, double
     for (int i = 0; i < 2 * PATH && gone < way && p->count < PATH; i++) {
         if (!needle_scene_run(s, dt, 1, needle_command(length / dt, twist * length / dt)))
             return;
-        if (ndl_needle_depth(s->needles[0]) < REAL(0.005))
+        if (ndl_needle_tissue_node(s->needles[0], ndl_rod_node_count(ndl_needle_rod(s->needles[0])) - 1) < 0 ||
+            ndl_needle_depth(s->needles[0]) < REAL(0.005))
             continue;
         p->x[p->count++] = needle_tip(s->needles[0]);
         gone += p->count > 1 ? (double)sb_v3_norm(sb_v3_sub(p->x[p->count - 1], p->x[p->count - 2])) : 0;
