@@ -13119,8 +13119,8 @@ NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines
 
 /* ==== src/needle/needle_state.h ==== */
 /* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
- * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_undo.c takes a
- * step back, needle_step.c makes it. */
+ * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
+ * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
 #ifndef NDL_NEEDLE_STATE_H
 #define NDL_NEEDLE_STATE_H
 
@@ -13183,12 +13183,27 @@ struct ndli_site {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_sleeve ---- */
+
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
+NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
+
 /* ---- needle_resist ---- */
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
 NDLI_API void ndli_needle_resist(ndl_needle *needle);
+
+/* ---- needle_tip ---- */
+
+/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
+/* After a substep: the tip enters, goes on, or back; needle->advance tells how far. What could not be done holds the tip
+ * and is no failure, but for SB_ERROR_UNSUPPORTED: another needle's element is in the way. */
+NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error);
 
 /* ---- needle_nodes ---- */
 
@@ -13200,11 +13215,6 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
-/* ---- needle_step ---- */
-
-/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
-NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
-
 /* ---- needle_undo ---- */
 
 /* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has grown; 0: there is none. */
@@ -13214,6 +13224,114 @@ NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
 #endif
 
 #endif /* NDL_NEEDLE_STATE_H */
+
+/* ==== src/needle/needle_sleeve.c ==== */
+/* needle_sleeve: where a needle's sleeve is after a step, and what it feeds and turns. */
+
+NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
+{
+    ndli_v3 axis = ndli_from(direction), side = ndli_from(director);
+    double length = ndli_norm(axis), width;
+    if (!needle)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(base) || !sb_v3_is_finite(direction) || !sb_v3_is_finite(director))
+        return SB_ERROR_NOT_FINITE;
+    if (!(length > 0))
+        return SB_ERROR_ARGUMENT;
+    axis = ndli_scale(1 / length, axis);
+    width = ndli_norm(side);
+    side = ndli_madd(side, -ndli_dot(side, axis), axis);
+    if (width > 0 && !(ndli_norm(side) > 1e-6 * width))
+        return SB_ERROR_ARGUMENT;
+    if (!(1 + ndli_dot(axis, needle->axis) > 0.01))
+        return SB_ERROR_ARGUMENT;
+    needle->given_outlet = ndli_from(base);
+    needle->given_axis = axis;
+    needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
+    needle->base_given = 1;
+    return SB_OK;
+}
+
+/* v turned by the angle |w| about w. */
+static ndli_v3 ndli_sleeve_turned(ndli_v3 v, ndli_v3 w)
+{
+    double angle = ndli_norm(w), s, c;
+    ndli_v3 n, out;
+    if (!(angle > 0))
+        return v;
+    sbi_dense_sin_cos(angle, &s, &c);
+    n = ndli_scale(1 / angle, w);
+    out = ndli_madd(ndli_scale(c, v), s, ndli_cross(n, v));
+    return ndli_madd(out, (1 - c) * ndli_dot(n, v), n);
+}
+
+NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 d = ndli_rod_transport(rod->tangent[0], axis, rod->director[0]), m1;
+    double s, c;
+    if (!(ndli_norm(needle->given_director) > 0))
+        return 0;
+    sbi_dense_sin_cos(rod->theta[0], &s, &c);
+    m1 = ndli_madd(ndli_scale(c, d), s, ndli_cross(axis, d));
+    return sbi_dense_atan2(ndli_dot(ndli_cross(m1, needle->given_director), axis),
+                           ndli_dot(m1, needle->given_director));
+}
+
+/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+typedef struct ndli_sleeve {
+    ndli_v3 outlet, axis;
+    double turn;
+} ndli_sleeve;
+
+static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+{
+    ndli_v3 spin = ndli_from(command->angular_velocity), swing;
+    ndli_sleeve sleeve;
+    double along = ndli_dot(spin, needle->axis);
+    swing = ndli_madd(spin, -along, needle->axis);
+    sleeve.outlet = ndli_madd(needle->outlet, dt, ndli_from(command->velocity));
+    sleeve.axis = ndli_sleeve_turned(needle->axis, ndli_scale(dt, swing));
+    sleeve.turn = dt * ((double)command->twist + along);
+    if (needle->base_given) {
+        double share = 1.0 / left;
+        ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
+        sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
+        sleeve.axis = axis;
+        sleeve.turn += share * ndli_needle_given_turn(needle, ndli_scale(1 / ndli_norm(axis), axis));
+    }
+    sleeve.axis = ndli_scale(1 / ndli_norm(sleeve.axis), sleeve.axis);
+    return sleeve;
+}
+
+/* Feeds what is there to be fed: a needle drawn in to its last two edges is held, and so is one without free nodes. */
+static void ndli_sleeve_feed(ndl_needle *needle, double length)
+{
+    ndl_rod *rod = needle->rod;
+    double left = rod->rest_length[1] + length;
+    if (length == 0)
+        return;
+    if ((length < 0 && left < 0.2 * needle->edge_length) || (length > 0 && rod->node_count + 4 > rod->capacity) ||
+        ndl_rod_feed(rod, (sb_real)length) != SB_OK) {
+        needle->limited = 1;
+        return;
+    }
+    needle->fed += length;
+}
+
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, left);
+    double length = dt * (double)command->insertion;
+    needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
+    ndli_sleeve_feed(needle, length);
+    rod->target[1] = sleeve.outlet;
+    rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
+    ndli_rod_turn_base(rod, sleeve.turn);
+    needle->outlet = sleeve.outlet;
+    needle->axis = sleeve.axis;
+}
 
 /* ==== src/needle/needle_resist.c ==== */
 /* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
@@ -13419,6 +13537,260 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
     }
     for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
+}
+
+/* ==== src/needle/needle_tip.c ==== */
+/* needle_tip: where a needle's tip cuts to, and the mesh that follows it there. */
+
+/* ---- where the path looks ---- */
+
+/* Deformation gradient about a tissue node: the mean over its tets, by volume. */
+static sb_mat3 ndli_tip_gradient(const ndl_tissue_mesh *mesh, int node)
+{
+    sb_mat3 sum = sb_m3_zero();
+    sb_real total = 0;
+    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
+        const int *n = mesh->tets + 4 * (size_t)(k / 4);
+        sb_real volume = mesh->volumes[k / 4];
+        sb_mat3 material, space;
+        for (int c = 0; c < 3; c++) {
+            sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
+            material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
+            space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
+        }
+        sum = sb_m3_add(sum, sb_m3_scale(volume, sb_m3_mul(space, sb_m3_inverse(material))));
+        total += volume;
+    }
+    return sb_m3_scale(1 / total, sum);
+}
+
+static ndli_v3 ndli_tip_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
+
+static ndli_v3 ndli_tip_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
+
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndli_v3 t = rod->tangent[last - 1], ahead;
+    sb_mat3 f;
+    if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+        return t;
+    f = ndli_tip_gradient(&needle->tissue->mesh, needle->path[needle->line.count - 1]);
+    ahead = ndli_tip_mapped(&f, needle->heading);
+    return ndli_dot(ahead, t) > 0 ? ndli_tip_unit(ahead) : t;
+}
+
+/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
+ * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
+static ndli_v3 ndli_tip_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
+{
+    int last = needle->rod->node_count - 1;
+    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
+    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
+    double curvature = (double)needle->bevel.curvature, size, most;
+    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
+        sb_real offset = 0;
+        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
+        return ndli_scale((double)offset, m2);
+    }
+    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
+    size = ndli_norm(lag);
+    most = 2 * fabs(curvature) * fmax(edge, needle->tissue->site->mean_edge); /* a chord lags by half its arc's turn */
+    if (size > most) {
+        lag = ndli_scale(most / size, lag);
+        *heading = ndli_tip_unit(ndli_add(t, lag));
+    }
+    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * advance, m2));
+    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
+}
+
+/* Where the tip, now above X, cuts to in the material. */
+static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
+    sb_mat3 f = ndli_tip_gradient(&needle->tissue->mesh, tip), inverse;
+    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
+    ndli_v3 heading, aside;
+    if (!(sb_m3_det(f) > 0) || !(edge > 0))
+        return X;
+    inverse = sb_m3_inverse(f);
+    heading = ndli_tip_unit(ndli_tip_mapped(&f, needle->heading));
+    aside = ndli_tip_aside(needle, needle->advance, edge, &heading);
+    needle->heading = ndli_tip_unit(ndli_tip_mapped(&inverse, heading));
+    return sb_v3_add(X, ndli_to(ndli_tip_mapped(&inverse, aside)));
+}
+
+/* The heading of the path that is there: that of the circle through its last three nodes. */
+static void ndli_tip_take_heading(ndl_needle *needle)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndli_v3 last, before;
+    double l, b;
+    int count;
+    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    if (count < 2)
+        return;
+    last = ndli_from(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[count - 2]]));
+    l = ndli_norm(last);
+    needle->heading = ndli_scale(1 / l, last);
+    if (count < 3)
+        return;
+    before = ndli_from(sb_v3_sub(mesh->X[path[count - 2]], mesh->X[path[count - 3]]));
+    b = ndli_norm(before);
+    needle->heading = ndli_tip_unit(
+        ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
+}
+
+/* ---- the mesh follows ---- */
+
+enum { NDLI_HOLD_STEPS = 8 };
+
+/* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
+ * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or a
+ * shaft that straightens, must not keep it from being drawn back. */
+static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
+{
+    if (result == SB_OK)
+        return SB_OK;
+    needle->blocked = 1;
+    needle->hold_steps = NDLI_HOLD_STEPS;
+    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY || (result == SB_ERROR_UNSUPPORTED && !needle->pushed))
+        return SB_OK;
+    if (error)
+        *error = *own;
+    return result;
+}
+
+static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    ndl_surface_hit hit;
+    sb_error own;
+    if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
+        return SB_OK;
+    return ndli_tip_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+}
+
+/* Depths (m) at which a tip gets a node of its own, and loses it. */
+static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
+static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+
+/* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
+ * looks there. */
+static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_bevel *bevel = &needle->bevel;
+    ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
+    double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
+    sb_mat3 f = ndli_tip_gradient(mesh, needle->path[0]);
+    sb_real aside = (sb_real)(0.5 * curvature * length * length);
+    *heading = ndli_scale(1 / length, way);
+    if (!(sb_m3_det(f) > 0))
+        return X;
+    f = sb_m3_inverse(f);
+    side = ndli_tip_mapped(&f, ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2));
+    side = ndli_rod_across(side, *heading);
+    if (bevel->law == NDL_BEVEL_ANGLE)
+        ndl_bevel_offset(bevel, (sb_real)length, (sb_real)length, &aside);
+    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * length, side));
+    return sb_v3_madd(X, aside, ndli_to(side));
+}
+
+/* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
+static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, entry = needle->path[0];
+    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
+    ndli_v3 heading;
+    sb_vec3 X;
+    sb_error own;
+    sb_result result;
+    if (depth < 0) {
+        ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+        return SB_OK;
+    }
+    if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
+        return SB_OK;
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    X = ndli_tip_first_arc(needle, X, &heading);
+    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    needle->heading = heading;
+    if (result != SB_OK) /* the first operations may have been done */
+        ndli_tip_take_heading(needle);
+    return ndli_tip_judge(needle, result, &own, error);
+}
+
+/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
+static void ndli_tip_make_shallow(ndl_needle *needle)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first, count;
+    const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
+    double back = needle->tissue->site->mean_edge;
+    sb_vec3 entry;
+    ndl_surface_hit hit;
+    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
+                       ndli_tip_shallow(needle)))
+        return;
+    entry = mesh->x[path[0]];
+    ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
+    if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
+                            ndli_to(rod->x[rod->node_count - 1]), &hit))
+        ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
+}
+
+/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
+ * the needle is stretched until its tip would be outside. */
+static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
+    needle->hold_steps = 0;
+    needle->blocked = result != SB_OK && inside;
+    if (result != SB_OK && !inside)
+        return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+    ndli_tip_take_heading(needle);
+    ndli_tip_make_shallow(needle);
+    return SB_OK;
+}
+
+static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1, inside;
+    sb_vec3 X;
+    sb_error own;
+    sb_result result;
+    inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
+        return ndli_tip_draw_back(needle, X, inside, done);
+    X = ndli_tip_bevelled(needle, X);
+    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    if (result == SB_OK && done->outside)
+        result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
+    return ndli_tip_judge(needle, result, &own, error);
+}
+
+NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
+{
+    needle->advance = 0;
+    if (needle->line.count == 0)
+        return ndli_tip_enter(needle, done, error);
+    needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
+    if (needle->advance == 0)
+        return SB_OK;
+    return needle->shallow ? ndli_tip_cut_shallow(needle, done, error) : ndli_tip_cut_deep(needle, done, error);
 }
 
 /* ==== src/needle/needle_nodes.c ==== */
@@ -13717,361 +14089,6 @@ NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
 
 static double ndli_step_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
 
-/* ---- sleeves ---- */
-
-NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
-{
-    ndli_v3 axis = ndli_from(direction), side = ndli_from(director);
-    double length = ndli_norm(axis), width;
-    if (!needle)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(base) || !sb_v3_is_finite(direction) || !sb_v3_is_finite(director))
-        return SB_ERROR_NOT_FINITE;
-    if (!(length > 0))
-        return SB_ERROR_ARGUMENT;
-    axis = ndli_scale(1 / length, axis);
-    width = ndli_norm(side);
-    side = ndli_madd(side, -ndli_dot(side, axis), axis);
-    if (width > 0 && !(ndli_norm(side) > 1e-6 * width))
-        return SB_ERROR_ARGUMENT;
-    if (!(1 + ndli_dot(axis, needle->axis) > 0.01))
-        return SB_ERROR_ARGUMENT;
-    needle->given_outlet = ndli_from(base);
-    needle->given_axis = axis;
-    needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
-    needle->base_given = 1;
-    return SB_OK;
-}
-
-/* v turned by the angle |w| about w. */
-static ndli_v3 ndli_step_turned(ndli_v3 v, ndli_v3 w)
-{
-    double angle = ndli_norm(w), s, c;
-    ndli_v3 n, out;
-    if (!(angle > 0))
-        return v;
-    sbi_dense_sin_cos(angle, &s, &c);
-    n = ndli_scale(1 / angle, w);
-    out = ndli_madd(ndli_scale(c, v), s, ndli_cross(n, v));
-    return ndli_madd(out, (1 - c) * ndli_dot(n, v), n);
-}
-
-/* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
-static double ndli_step_given_turn(const ndl_needle *needle, ndli_v3 axis)
-{
-    const ndl_rod *rod = needle->rod;
-    ndli_v3 d = ndli_rod_transport(rod->tangent[0], axis, rod->director[0]), m1;
-    double s, c;
-    if (!(ndli_norm(needle->given_director) > 0))
-        return 0;
-    sbi_dense_sin_cos(rod->theta[0], &s, &c);
-    m1 = ndli_madd(ndli_scale(c, d), s, ndli_cross(axis, d));
-    return sbi_dense_atan2(ndli_dot(ndli_cross(m1, needle->given_director), axis),
-                           ndli_dot(m1, needle->given_director));
-}
-
-/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
-typedef struct ndli_sleeve {
-    ndli_v3 outlet, axis;
-    double turn;
-} ndli_sleeve;
-
-static ndli_sleeve ndli_step_sleeve(const ndl_needle *needle, const ndl_command *command, double dt, int left)
-{
-    ndli_v3 spin = ndli_from(command->angular_velocity), swing;
-    ndli_sleeve sleeve;
-    double along = ndli_dot(spin, needle->axis);
-    swing = ndli_madd(spin, -along, needle->axis);
-    sleeve.outlet = ndli_madd(needle->outlet, dt, ndli_from(command->velocity));
-    sleeve.axis = ndli_step_turned(needle->axis, ndli_scale(dt, swing));
-    sleeve.turn = dt * ((double)command->twist + along);
-    if (needle->base_given) {
-        double share = 1.0 / left;
-        ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
-        sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
-        sleeve.axis = axis;
-        sleeve.turn += share * ndli_step_given_turn(needle, ndli_scale(1 / ndli_norm(axis), axis));
-    }
-    sleeve.axis = ndli_scale(1 / ndli_norm(sleeve.axis), sleeve.axis);
-    return sleeve;
-}
-
-/* Feeds what is there to be fed: a needle drawn in to its last two edges is held, and so is one without free nodes. */
-static void ndli_step_feed(ndl_needle *needle, double length)
-{
-    ndl_rod *rod = needle->rod;
-    double left = rod->rest_length[1] + length;
-    if (length == 0)
-        return;
-    if ((length < 0 && left < 0.2 * needle->edge_length) || (length > 0 && rod->node_count + 4 > rod->capacity) ||
-        ndl_rod_feed(rod, (sb_real)length) != SB_OK) {
-        needle->limited = 1;
-        return;
-    }
-    needle->fed += length;
-}
-
-static void ndli_step_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
-{
-    ndl_rod *rod = needle->rod;
-    ndli_sleeve sleeve = ndli_step_sleeve(needle, command, dt, left);
-    double length = dt * (double)command->insertion;
-    needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
-    ndli_step_feed(needle, length);
-    rod->target[1] = sleeve.outlet;
-    rod->target[0] = ndli_madd(sleeve.outlet, -rod->rest_length[0], sleeve.axis);
-    ndli_rod_turn_base(rod, sleeve.turn);
-    needle->outlet = sleeve.outlet;
-    needle->axis = sleeve.axis;
-}
-
-/* ---- tips ---- */
-
-/* Deformation gradient about a tissue node: the mean over its tets, by volume. */
-static sb_mat3 ndli_step_gradient(const ndl_tissue_mesh *mesh, int node)
-{
-    sb_mat3 sum = sb_m3_zero();
-    sb_real total = 0;
-    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
-        const int *n = mesh->tets + 4 * (size_t)(k / 4);
-        sb_real volume = mesh->volumes[k / 4];
-        sb_mat3 material, space;
-        for (int c = 0; c < 3; c++) {
-            sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
-            material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
-            space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
-        }
-        sum = sb_m3_add(sum, sb_m3_scale(volume, sb_m3_mul(space, sb_m3_inverse(material))));
-        total += volume;
-    }
-    return sb_m3_scale(1 / total, sum);
-}
-
-static ndli_v3 ndli_step_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
-
-static ndli_v3 ndli_step_mapped(const sb_mat3 *f, ndli_v3 v) { return ndli_from(sb_m3_apply(*f, ndli_to(v))); }
-
-NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
-{
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
-    ndli_v3 t = rod->tangent[last - 1], ahead;
-    sb_mat3 f;
-    if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
-        return t;
-    f = ndli_step_gradient(&needle->tissue->mesh, needle->path[needle->line.count - 1]);
-    ahead = ndli_step_mapped(&f, needle->heading);
-    return ndli_dot(ahead, t) > 0 ? ndli_step_unit(ahead) : t;
-}
-
-/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
- * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
-static ndli_v3 ndli_step_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
-{
-    int last = needle->rod->node_count - 1;
-    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
-    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
-    double curvature = (double)needle->bevel.curvature, size, most;
-    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
-        sb_real offset = 0;
-        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
-        return ndli_scale((double)offset, m2);
-    }
-    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
-    size = ndli_norm(lag);
-    most = 2 * fabs(curvature) * fmax(edge, needle->tissue->site->mean_edge); /* a chord lags by half its arc's turn */
-    if (size > most) {
-        lag = ndli_scale(most / size, lag);
-        *heading = ndli_step_unit(ndli_add(t, lag));
-    }
-    *heading = ndli_step_unit(ndli_madd(*heading, curvature * advance, m2));
-    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
-}
-
-/* Where the tip, now above X, cuts to in the material. */
-static sb_vec3 ndli_step_bevelled(ndl_needle *needle, sb_vec3 X)
-{
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
-    sb_mat3 f = ndli_step_gradient(&needle->tissue->mesh, tip), inverse;
-    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
-    ndli_v3 heading, aside;
-    if (!(sb_m3_det(f) > 0) || !(edge > 0))
-        return X;
-    inverse = sb_m3_inverse(f);
-    heading = ndli_step_unit(ndli_step_mapped(&f, needle->heading));
-    aside = ndli_step_aside(needle, needle->advance, edge, &heading);
-    needle->heading = ndli_step_unit(ndli_step_mapped(&inverse, heading));
-    return sb_v3_add(X, ndli_to(ndli_step_mapped(&inverse, aside)));
-}
-
-/* The heading of the path that is there: that of the circle through its last three nodes. */
-static void ndli_step_take_heading(ndl_needle *needle)
-{
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    ndli_v3 last, before;
-    double l, b;
-    int count;
-    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
-    if (count < 2)
-        return;
-    last = ndli_from(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[count - 2]]));
-    l = ndli_norm(last);
-    needle->heading = ndli_scale(1 / l, last);
-    if (count < 3)
-        return;
-    before = ndli_from(sb_v3_sub(mesh->X[path[count - 2]], mesh->X[path[count - 3]]));
-    b = ndli_norm(before);
-    needle->heading = ndli_step_unit(
-        ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
-}
-
-enum { NDLI_HOLD_STEPS = 8 };
-
-/* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
- * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or a
- * shaft that straightens, must not keep it from being drawn back. */
-static sb_result ndli_step_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
-{
-    if (result == SB_OK)
-        return SB_OK;
-    needle->blocked = 1;
-    needle->hold_steps = NDLI_HOLD_STEPS;
-    if (result == SB_ERROR_MESH || result == SB_ERROR_MEMORY || (result == SB_ERROR_UNSUPPORTED && !needle->pushed))
-        return SB_OK;
-    if (error)
-        *error = *own;
-    return result;
-}
-
-static sb_result ndli_step_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
-{
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
-    ndl_surface_hit hit;
-    sb_error own;
-    if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
-        return SB_OK;
-    return ndli_step_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
-}
-
-/* Depths (m) at which a tip gets a node of its own, and loses it. */
-static double ndli_step_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
-static double ndli_step_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
-
-/* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
- * looks there. */
-static sb_vec3 ndli_step_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
-{
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    const ndl_bevel *bevel = &needle->bevel;
-    ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
-    double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
-    sb_mat3 f = ndli_step_gradient(mesh, needle->path[0]);
-    sb_real aside = (sb_real)(0.5 * curvature * length * length);
-    *heading = ndli_scale(1 / length, way);
-    if (!(sb_m3_det(f) > 0))
-        return X;
-    f = sb_m3_inverse(f);
-    side = ndli_step_mapped(&f, ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2));
-    side = ndli_rod_across(side, *heading);
-    if (bevel->law == NDL_BEVEL_ANGLE)
-        ndl_bevel_offset(bevel, (sb_real)length, (sb_real)length, &aside);
-    *heading = ndli_step_unit(ndli_madd(*heading, curvature * length, side));
-    return sb_v3_madd(X, aside, ndli_to(side));
-}
-
-/* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
-static sb_result ndli_step_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
-{
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, entry = needle->path[0];
-    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
-    ndli_v3 heading;
-    sb_vec3 X;
-    sb_error own;
-    sb_result result;
-    if (depth < 0) {
-        ndl_remesh_withdraw(remesh, needle->index, done, NULL);
-        return SB_OK;
-    }
-    if (depth < ndli_step_deep(needle) || needle->hold_steps > 0)
-        return SB_OK;
-    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    X = ndli_step_first_arc(needle, X, &heading);
-    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
-    needle->heading = heading;
-    if (result != SB_OK) /* the first operations may have been done */
-        ndli_step_take_heading(needle);
-    return ndli_step_judge(needle, result, &own, error);
-}
-
-/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
-static void ndli_step_make_shallow(ndl_needle *needle)
-{
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
-    const ndl_rod *rod = needle->rod;
-    int first = needle->line.first, count;
-    const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
-    double back = needle->tissue->site->mean_edge;
-    sb_vec3 entry;
-    ndl_surface_hit hit;
-    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
-                       ndli_step_shallow(needle)))
-        return;
-    entry = mesh->x[path[0]];
-    ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
-    if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
-                            ndli_to(rod->x[rod->node_count - 1]), &hit))
-        ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
-}
-
-/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
- * the needle is stretched until its tip would be outside. */
-static sb_result ndli_step_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
-{
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
-    needle->hold_steps = 0;
-    needle->blocked = result != SB_OK && inside;
-    if (result != SB_OK && !inside)
-        return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
-    ndli_step_take_heading(needle);
-    ndli_step_make_shallow(needle);
-    return SB_OK;
-}
-
-static sb_result ndli_step_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
-{
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, inside;
-    sb_vec3 X;
-    sb_error own;
-    sb_result result;
-    inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
-        return ndli_step_draw_back(needle, X, inside, done);
-    X = ndli_step_bevelled(needle, X);
-    result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
-    if (result == SB_OK && done->outside)
-        result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
-    return ndli_step_judge(needle, result, &own, error);
-}
-
-static sb_result ndli_step_cut(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
-{
-    needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
-    if (needle->advance == 0)
-        return SB_OK;
-    return needle->shallow ? ndli_step_cut_shallow(needle, done, error)
-                                          : ndli_step_cut_deep(needle, done, error);
-}
-
 /* ---- a substep ---- */
 
 typedef struct ndli_stepping {
@@ -14253,11 +14270,7 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     double begin = ndli_step_now(s->tissue), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
-    needle->advance = 0;
-    if (needle->line.count == 0)
-        result = ndli_step_enter(needle, &done, s->error);
-    else
-        result = ndli_step_cut(needle, &done, s->error);
+    result = ndli_needle_follow_tip(needle, &done, s->error);
     middle = ndli_step_now(s->tissue);
     s->info->seconds_remesh += middle - begin;
     s->info->operations += done.substeps;
@@ -14278,7 +14291,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
         if (result != SB_OK)
             return result;
-        ndli_step_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
         ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
@@ -14324,7 +14337,7 @@ static double ndli_step_stride(const ndl_needle *needle, const ndl_command *comm
         way += ndli_norm(ndli_sub(needle->given_outlet, needle->outlet)) +
                out * ndli_norm(ndli_sub(needle->given_axis, needle->axis));
         turn += ndli_norm(ndli_sub(needle->given_axis, needle->axis)) +
-                fabs(ndli_step_given_turn(needle, needle->given_axis));
+                fabs(ndli_needle_given_turn(needle, needle->given_axis));
     }
     return way / unit > turn / 0.5 ? way / unit : turn / 0.5;
 }

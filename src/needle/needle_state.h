@@ -1,6 +1,6 @@
 /* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
- * reads them, needle_resist.c is the tissue's resistance, needle_nodes.c renews the rod's nodes, needle_undo.c takes a
- * step back, needle_step.c makes it. */
+ * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
+ * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
 #ifndef NDL_NEEDLE_STATE_H
 #define NDL_NEEDLE_STATE_H
 
@@ -66,12 +66,27 @@ struct ndli_site {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_sleeve ---- */
+
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
+NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
+
 /* ---- needle_resist ---- */
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
 NDLI_API void ndli_needle_resist(ndl_needle *needle);
+
+/* ---- needle_tip ---- */
+
+/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
+/* After a substep: the tip enters, goes on, or back; needle->advance tells how far. What could not be done holds the tip
+ * and is no failure, but for SB_ERROR_UNSUPPORTED: another needle's element is in the way. */
+NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error);
 
 /* ---- needle_nodes ---- */
 
@@ -82,11 +97,6 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
  * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
-
-/* ---- needle_step ---- */
-
-/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
-NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
 
 /* ---- needle_undo ---- */
 
