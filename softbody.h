@@ -1,4 +1,4 @@
-/* softbody.h 0.3.0: soft-tissue simulation, from an organ's mesh to forces and pictures
+/* softbody.h 0.4.0: soft-tissue simulation, from an organ's mesh to forces and pictures
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/softbody/: edit there, then run `make headers`. */
 
@@ -598,9 +598,9 @@
 
 
 #define SB_VERSION_MAJOR 0
-#define SB_VERSION_MINOR 3
+#define SB_VERSION_MINOR 4
 #define SB_VERSION_PATCH 0
-#define SB_VERSION_STRING "0.3.0"
+#define SB_VERSION_STRING "0.4.0"
 
 #if defined(__FAST_MATH__) && !defined(SB_ALLOW_FAST_MATH)
 #error "softbody.h: -ffast-math breaks determinism and NaN checks; define SB_ALLOW_FAST_MATH to insist"
