@@ -577,14 +577,17 @@ typedef struct reg_nicp_def {
     sb_real sliding;          /* the penalty along the surface is softer by this share, [0, 1]; default 0.999: the organ may
                                * slide along the target, whose closest places say little about that. 0: as in the source,
                                * which costs a third of the accuracy. With 1 nothing holds a ball that may turn */
+    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the target's
+                               * shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
     sb_real least_cosine;     /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
                                * target has no normals */
     reg_outliers outliers;    /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
     sb_real outlier_parameter; /* default 3 */
-    sb_real near_enough;      /* pairs as near as this are never too far apart, >= 0; default 0.05 */
+    sb_real reach, last_reach;/* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
+                               * 0.03 */
     sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
-                               * default 300 */
-    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 100,000. Noisy targets want less: 10,000 */
+                               * default 300. Where the organ bends by more than a tenth of its size: 30 */
+    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 10,000 */
     int increments;           /* of the stiffness, >= 1; default 4 */
     int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
     int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
@@ -3456,6 +3459,7 @@ typedef struct regi_nicp_source {
     sb_real area;         /* m^2 at rest */
     /* of the last look */
     int guess;            /* item of the field that was closest, or -1 */
+    int way_back;         /* triangle of the skin that was closest to it */
     int visible;
     int paired;           /* N_s counts, up to its distance */
     int active;
@@ -3489,6 +3493,8 @@ struct reg_nicp {
     sb_clock clock;
     sb_body *body;
     reg_field *field;
+    int is_cloud;              /* the target is one */
+    sb_real spacing;           /* of the target's points (m) */
     sb_surface *skin;          /* the organ's surface as it is now */
     regi_nicp_rows rows;       /* [vertex_count] */
     regi_nicp_rows source_rows; /* [source_count] */
@@ -3499,10 +3505,11 @@ struct reg_nicp {
     sb_vec3 camera;
     sb_real size;              /* of the organ (m) */
     sb_real young;             /* Pa */
-    sb_real blending, sliding, least_cosine, outlier_parameter, near_enough, tolerance, newton_tolerance, least_active;
+    sb_real blending, sliding, least_cosine, outlier_parameter, tolerance, newton_tolerance, least_active;
     reg_outliers outliers;
+    sb_real reach, last_reach; /* m */
     sb_real first_stiffness, last_stiffness; /* Pa/m */
-    int increments, iterations, newton;
+    int increments, iterations, newton, noisy;
     sb_real landmark_stiffness; /* N/m */
     double max_seconds;
 
@@ -3552,9 +3559,10 @@ REG_API reg_nicp_def reg_default_nicp_def(void)
     def.least_cosine = (sb_real)0.3;
     def.outliers = REG_OUTLIERS_MEDIAN;
     def.outlier_parameter = 3;
-    def.near_enough = (sb_real)0.05;
+    def.reach = (sb_real)0.1;
+    def.last_reach = (sb_real)0.03;
     def.first_stiffness = 300;
-    def.last_stiffness = 100000;
+    def.last_stiffness = 30000;
     def.increments = 4;
     def.iterations = 2;
     def.newton = 6;
@@ -3578,7 +3586,8 @@ static sb_result regi_nicp_check_numbers(const reg_nicp_def *def, sb_error *erro
     } fields[] = {{"blending", def->blending, 0, 1, 0},
                   {"sliding", def->sliding, 0, 1, 0},
                   {"least_cosine", def->least_cosine, -1, 1, 0},
-                  {"near_enough", def->near_enough, 0, SB_REAL_MAX, 0},
+                  {"reach", def->reach, 0, SB_REAL_MAX, 1},
+                  {"last_reach", def->last_reach, 0, def->reach, 1},
                   {"first_stiffness", def->first_stiffness, 0, SB_REAL_MAX, 1},
                   {"last_stiffness", def->last_stiffness, def->first_stiffness, SB_REAL_MAX, 0},
                   {"newton_tolerance", def->newton_tolerance, 0, 1 - SB_EPSILON, 1},
@@ -3765,17 +3774,17 @@ static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_
 
 /* ---- the organ's surface ---- */
 
-/* The surface's triangles as the skin has them give each vertex its area vector, and a triangle to have a normal by. */
-static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_vec3 *areas, int *home)
+/* The surface's triangles as the skin has them give each vertex its area, and a triangle to have a normal by. */
+static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_real *areas, int *home)
 {
     const sb_real sixth = (sb_real)1 / 6;
     for (int t = 0; t < sb_surface_triangle_count(skin); t++) {
         int c[3];
-        sb_vec3 area;
+        sb_real area;
         (void)sb_surface_triangle(skin, t, c);
-        area = sb_v3_cross(sb_v3_sub(points[c[1]], points[c[0]]), sb_v3_sub(points[c[2]], points[c[0]]));
+        area = sixth * sb_v3_norm(sb_v3_cross(sb_v3_sub(points[c[1]], points[c[0]]), sb_v3_sub(points[c[2]], points[c[0]])));
         for (int k = 0; k < 3; k++) {
-            areas[c[k]] = sb_v3_madd(areas[c[k]], sixth, area);
+            areas[c[k]] += area;
             home[c[k]] = 3 * t + k + 1; /* 0: none */
         }
     }
@@ -3787,6 +3796,7 @@ typedef struct regi_nicp_choice {
     int *items;       /* [count] vertices */
     sb_vec3 *points;  /* [count] */
     int *order;       /* [count] into items */
+    sb_real spacing;  /* m, mean distance of the points from their nearest */
 } regi_nicp_choice;
 
 static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choice *choice)
@@ -3796,8 +3806,24 @@ static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choic
     sbi_free(allocator, choice->order);
 }
 
+/* From a thousand of the points or so. */
+static sb_real regi_nicp_spacing(const reg_kdtree *tree, const regi_nicp_choice *choice)
+{
+    int stride = 1 + choice->count / 1024, met = 0;
+    double sum = 0;
+    for (int i = 0; i < choice->count; i += stride) {
+        int near[2];
+        sb_real squared[2];
+        if (reg_kdtree_k_nearest(tree, choice->points[i], 2, near, squared) < 2)
+            continue;
+        sum += sqrt((double)squared[1]);
+        met++;
+    }
+    return met ? (sb_real)(sum / met) : 0;
+}
+
 /* Of the points whose areas (NULL: all count) are not 0. */
-static sb_result regi_nicp_order(const sb_vec3 *points, const sb_vec3 *areas, int count, const sb_allocator *allocator,
+static sb_result regi_nicp_order(const sb_vec3 *points, const sb_real *areas, int count, const sb_allocator *allocator,
                                  regi_nicp_choice *choice, sb_error *error)
 {
     reg_kdtree *tree = NULL;
@@ -3809,7 +3835,7 @@ static sb_result regi_nicp_order(const sb_vec3 *points, const sb_vec3 *areas, in
     if (!choice->items || !choice->points || !choice->order)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory to choose from %d points", count);
     for (int i = 0; i < count; i++)
-        if (!areas || sb_v3_norm(areas[i]) > 0) {
+        if (!areas || areas[i] > 0) {
             choice->items[choice->count] = i;
             choice->points[choice->count++] = points[i];
         }
@@ -3819,6 +3845,7 @@ static sb_result regi_nicp_order(const sb_vec3 *points, const sb_vec3 *areas, in
     if (result != SB_OK)
         return result;
     regi_kdtree_order(tree, choice->order);
+    choice->spacing = regi_nicp_spacing(tree, choice);
     reg_kdtree_destroy(tree);
     return SB_OK;
 }
@@ -3848,7 +3875,7 @@ static int regi_nicp_middle(const regi_nicp_choice *choice, int first, int last)
     return choice->items[best];
 }
 
-static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choice, const sb_vec3 *areas,
+static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choice, const sb_real *areas,
                                    const int *home)
 {
     for (int v = 0; v < nicp->vertex_count; v++)
@@ -3863,7 +3890,7 @@ static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choic
         source->guess = -1;
         for (int k = first; k < last; k++) {
             int vertex = choice->items[choice->order[k]];
-            source->area += sb_v3_norm(areas[vertex]);
+            source->area += areas[vertex];
             nicp->source_of[vertex] = i;
         }
         nicp->total_area += (double)source->area;
@@ -3936,7 +3963,8 @@ static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, 
                       : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
-    nicp->near_enough = def->near_enough * nicp->size;
+    nicp->reach = def->reach * nicp->size;
+    nicp->last_reach = def->last_reach * nicp->size;
     nicp->first_stiffness = def->first_stiffness * nicp->young / nicp->size;
     nicp->last_stiffness = def->last_stiffness * nicp->young / nicp->size;
     return SB_OK;
@@ -3952,6 +3980,7 @@ static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
     nicp->blending = def->blending;
     nicp->sliding = def->sliding;
     nicp->least_cosine = def->least_cosine;
+    nicp->noisy = def->noisy != 0;
     nicp->outliers = def->outliers;
     nicp->outlier_parameter = def->outlier_parameter;
     nicp->tolerance = def->tolerance;
@@ -3965,7 +3994,7 @@ static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
 }
 
 /* Sources from the surface at rest. areas, home: scratch [nodes], zeroed. */
-static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface, int most, sb_vec3 *areas, int *home,
+static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface, int most, sb_real *areas, int *home,
                                           sb_error *error)
 {
     regi_nicp_choice choice;
@@ -3997,7 +4026,7 @@ static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface
 static sb_result regi_nicp_take_surface(reg_nicp *nicp, const sb_mesh *surface, int most, sb_error *error)
 {
     size_t count = (size_t)surface->node_count;
-    sb_vec3 *areas = (sb_vec3 *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(sb_vec3));
+    sb_real *areas = (sb_real *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(sb_real));
     int *home = (int *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(int));
     sb_result result = areas && home ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the organ's surface");
     if (result == SB_OK)
@@ -4015,6 +4044,8 @@ static sb_result regi_nicp_choose_samples(reg_nicp *nicp, const reg_nicp_def *de
     int count = def->target ? def->target->node_count : def->target_count;
     sb_result result = regi_nicp_order(points, NULL, count, &nicp->allocator, choice, error);
     nicp->sample_count = sbi_min_int(choice->count, def->samples);
+    nicp->is_cloud = !def->target;
+    nicp->spacing = choice->spacing;
     return result;
 }
 
@@ -4241,6 +4272,21 @@ static int regi_nicp_agrees(const reg_nicp *nicp, sb_vec3 a, sb_vec3 b)
     return sb_v3_dot(a, a) == 0 || sb_v3_dot(b, b) == 0 || sb_v3_dot(a, b) > nicp->least_cosine;
 }
 
+/* Beyond the rim of what was seen, where the closest place is the rim itself. A surface knows its rim. Of a cloud's point
+ * the way back tells: on the rim it does not lead to the source but to what is above the rim. */
+static int regi_nicp_is_beyond(const reg_nicp *nicp, regi_nicp_source *source, sb_vec3 at, const reg_field_hit *hit)
+{
+    sb_surface_hit back;
+    sb_real aside;
+    if (!nicp->is_cloud)
+        return hit->on_border;
+    if (!sb_surface_closest_from(nicp->skin, hit->point, SB_REAL_MAX, source->way_back, &back))
+        return 1;
+    source->way_back = back.triangle;
+    aside = sb_v3_norm(sb_v3_sub(back.point, at));
+    return aside > (sb_real)0.7 * hit->distance && aside > 2 * nicp->spacing;
+}
+
 static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
 {
     sb_vec3 at = nicp->vertices[source->vertex];
@@ -4254,8 +4300,9 @@ static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
     source->guess = hit.item;
     source->distance = hit.distance;
     source->way = sb_v3_sub(hit.point, at);
-    source->paired = !hit.on_border && regi_nicp_agrees(nicp, source->normal, hit.normal);
-    if (sb_v3_dot(hit.normal, hit.normal) > 0)
+    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) &&
+                     !regi_nicp_is_beyond(nicp, source, at, &hit);
+    if (sb_v3_dot(hit.normal, hit.normal) > 0 && !nicp->noisy)
         source->direction = hit.normal;
 }
 
@@ -4294,11 +4341,23 @@ static void regi_nicp_look_back_chunk(void *user, int chunk)
         regi_nicp_look_back(nicp, nicp->samples + i);
 }
 
+/* Share of the way of what changes geometrically over the increments: from^(1 - share) to^share. */
+static sb_real regi_nicp_between(sb_real from, sb_real to, sb_real share)
+{
+    return from * sb_exp(share * sb_log(to / from));
+}
+
+static sb_real regi_nicp_reach(const reg_nicp *nicp)
+{
+    sb_real last = (sb_real)sbi_max_int(nicp->increments - 1, 1);
+    return regi_nicp_between(nicp->reach, nicp->last_reach, (sb_real)nicp->increment / last);
+}
+
 /* Largest distance[count] that counts. */
 static sb_real regi_nicp_limit(const reg_nicp *nicp, int count)
 {
     sb_real limit = reg_outlier_limit(nicp->distances, count, nicp->outliers, nicp->outlier_parameter, nicp->scratch);
-    return sb_max(limit, nicp->near_enough);
+    return sb_max(limit, regi_nicp_reach(nicp));
 }
 
 static void regi_nicp_prune_sources(reg_nicp *nicp)
@@ -4339,14 +4398,9 @@ static void regi_nicp_gather_samples(reg_nicp *nicp)
 /* (5.4) */
 static sb_vec3 regi_nicp_blend(const reg_nicp *nicp, const regi_nicp_source *source)
 {
-    sb_vec3 u = source->way;
-    if (source->count > 0) {
-        sb_real alpha = source->paired ? nicp->blending : 0;
-        u = sb_v3_scale((1 - alpha) / (sb_real)source->count, source->sum);
-        if (source->paired)
-            u = sb_v3_madd(u, alpha, source->way);
-    }
-    return u;
+    if (source->count == 0)
+        return source->way;
+    return sb_v3_madd(sb_v3_scale(nicp->blending, source->way), (1 - nicp->blending) / (sb_real)source->count, source->sum);
 }
 
 /* Stiffness and goal of each source; what is told of them. */
@@ -4360,9 +4414,7 @@ static void regi_nicp_set_goals(reg_nicp *nicp, sb_real stiffness)
     for (int i = 0; i < nicp->source_count; i++) {
         regi_nicp_source *source = nicp->sources + i;
         nicp->goals[i] = nicp->before[i] = nicp->vertices[source->vertex];
-        source->active = source->visible && (source->paired || source->count > 0);
-        if (source->active && !source->paired)
-            source->distance = sb_v3_norm(sb_v3_scale((sb_real)1 / (sb_real)source->count, source->sum));
+        source->active = source->paired;
         nicp->lines[i] = sb_v3_scale(slide, source->direction);
         nicp->stiffness[i] = source->active ? stiffness * source->area : 0;
         info->visible += source->visible;
@@ -4460,8 +4512,8 @@ static sb_real regi_nicp_motion(const reg_nicp *nicp, const sb_vec3 *from)
 /* k0 (k1 / k0)^(i / n), i from 1. */
 static sb_real regi_nicp_stiffness(const reg_nicp *nicp)
 {
-    sb_real share = (sb_real)(nicp->increment + 1) / (sb_real)nicp->increments;
-    return nicp->first_stiffness * sb_exp(share * sb_log(nicp->last_stiffness / nicp->first_stiffness));
+    return regi_nicp_between(nicp->first_stiffness, nicp->last_stiffness,
+                             (sb_real)(nicp->increment + 1) / (sb_real)nicp->increments);
 }
 
 /* An increment ends when a look changes nothing more, or when it has had its looks; the run when two increments end

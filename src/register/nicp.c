@@ -21,9 +21,10 @@ REG_API reg_nicp_def reg_default_nicp_def(void)
     def.least_cosine = (sb_real)0.3;
     def.outliers = REG_OUTLIERS_MEDIAN;
     def.outlier_parameter = 3;
-    def.near_enough = (sb_real)0.05;
+    def.reach = (sb_real)0.1;
+    def.last_reach = (sb_real)0.03;
     def.first_stiffness = 300;
-    def.last_stiffness = 100000;
+    def.last_stiffness = 30000;
     def.increments = 4;
     def.iterations = 2;
     def.newton = 6;
@@ -47,7 +48,8 @@ static sb_result regi_nicp_check_numbers(const reg_nicp_def *def, sb_error *erro
     } fields[] = {{"blending", def->blending, 0, 1, 0},
                   {"sliding", def->sliding, 0, 1, 0},
                   {"least_cosine", def->least_cosine, -1, 1, 0},
-                  {"near_enough", def->near_enough, 0, SB_REAL_MAX, 0},
+                  {"reach", def->reach, 0, SB_REAL_MAX, 1},
+                  {"last_reach", def->last_reach, 0, def->reach, 1},
                   {"first_stiffness", def->first_stiffness, 0, SB_REAL_MAX, 1},
                   {"last_stiffness", def->last_stiffness, def->first_stiffness, SB_REAL_MAX, 0},
                   {"newton_tolerance", def->newton_tolerance, 0, 1 - SB_EPSILON, 1},
@@ -234,17 +236,17 @@ static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_
 
 /* ---- the organ's surface ---- */
 
-/* The surface's triangles as the skin has them give each vertex its area vector, and a triangle to have a normal by. */
-static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_vec3 *areas, int *home)
+/* The surface's triangles as the skin has them give each vertex its area, and a triangle to have a normal by. */
+static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_real *areas, int *home)
 {
     const sb_real sixth = (sb_real)1 / 6;
     for (int t = 0; t < sb_surface_triangle_count(skin); t++) {
         int c[3];
-        sb_vec3 area;
+        sb_real area;
         (void)sb_surface_triangle(skin, t, c);
-        area = sb_v3_cross(sb_v3_sub(points[c[1]], points[c[0]]), sb_v3_sub(points[c[2]], points[c[0]]));
+        area = sixth * sb_v3_norm(sb_v3_cross(sb_v3_sub(points[c[1]], points[c[0]]), sb_v3_sub(points[c[2]], points[c[0]])));
         for (int k = 0; k < 3; k++) {
-            areas[c[k]] = sb_v3_madd(areas[c[k]], sixth, area);
+            areas[c[k]] += area;
             home[c[k]] = 3 * t + k + 1; /* 0: none */
         }
     }
@@ -256,6 +258,7 @@ typedef struct regi_nicp_choice {
     int *items;       /* [count] vertices */
     sb_vec3 *points;  /* [count] */
     int *order;       /* [count] into items */
+    sb_real spacing;  /* m, mean distance of the points from their nearest */
 } regi_nicp_choice;
 
 static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choice *choice)
@@ -265,8 +268,24 @@ static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choic
     sbi_free(allocator, choice->order);
 }
 
+/* From a thousand of the points or so. */
+static sb_real regi_nicp_spacing(const reg_kdtree *tree, const regi_nicp_choice *choice)
+{
+    int stride = 1 + choice->count / 1024, met = 0;
+    double sum = 0;
+    for (int i = 0; i < choice->count; i += stride) {
+        int near[2];
+        sb_real squared[2];
+        if (reg_kdtree_k_nearest(tree, choice->points[i], 2, near, squared) < 2)
+            continue;
+        sum += sqrt((double)squared[1]);
+        met++;
+    }
+    return met ? (sb_real)(sum / met) : 0;
+}
+
 /* Of the points whose areas (NULL: all count) are not 0. */
-static sb_result regi_nicp_order(const sb_vec3 *points, const sb_vec3 *areas, int count, const sb_allocator *allocator,
+static sb_result regi_nicp_order(const sb_vec3 *points, const sb_real *areas, int count, const sb_allocator *allocator,
                                  regi_nicp_choice *choice, sb_error *error)
 {
     reg_kdtree *tree = NULL;
@@ -278,7 +297,7 @@ static sb_result regi_nicp_order(const sb_vec3 *points, const sb_vec3 *areas, in
     if (!choice->items || !choice->points || !choice->order)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory to choose from %d points", count);
     for (int i = 0; i < count; i++)
-        if (!areas || sb_v3_norm(areas[i]) > 0) {
+        if (!areas || areas[i] > 0) {
             choice->items[choice->count] = i;
             choice->points[choice->count++] = points[i];
         }
@@ -288,6 +307,7 @@ static sb_result regi_nicp_order(const sb_vec3 *points, const sb_vec3 *areas, in
     if (result != SB_OK)
         return result;
     regi_kdtree_order(tree, choice->order);
+    choice->spacing = regi_nicp_spacing(tree, choice);
     reg_kdtree_destroy(tree);
     return SB_OK;
 }
@@ -317,7 +337,7 @@ static int regi_nicp_middle(const regi_nicp_choice *choice, int first, int last)
     return choice->items[best];
 }
 
-static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choice, const sb_vec3 *areas,
+static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choice, const sb_real *areas,
                                    const int *home)
 {
     for (int v = 0; v < nicp->vertex_count; v++)
@@ -332,7 +352,7 @@ static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choic
         source->guess = -1;
         for (int k = first; k < last; k++) {
             int vertex = choice->items[choice->order[k]];
-            source->area += sb_v3_norm(areas[vertex]);
+            source->area += areas[vertex];
             nicp->source_of[vertex] = i;
         }
         nicp->total_area += (double)source->area;
@@ -405,7 +425,8 @@ static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, 
                       : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
-    nicp->near_enough = def->near_enough * nicp->size;
+    nicp->reach = def->reach * nicp->size;
+    nicp->last_reach = def->last_reach * nicp->size;
     nicp->first_stiffness = def->first_stiffness * nicp->young / nicp->size;
     nicp->last_stiffness = def->last_stiffness * nicp->young / nicp->size;
     return SB_OK;
@@ -421,6 +442,7 @@ static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
     nicp->blending = def->blending;
     nicp->sliding = def->sliding;
     nicp->least_cosine = def->least_cosine;
+    nicp->noisy = def->noisy != 0;
     nicp->outliers = def->outliers;
     nicp->outlier_parameter = def->outlier_parameter;
     nicp->tolerance = def->tolerance;
@@ -434,7 +456,7 @@ static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
 }
 
 /* Sources from the surface at rest. areas, home: scratch [nodes], zeroed. */
-static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface, int most, sb_vec3 *areas, int *home,
+static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface, int most, sb_real *areas, int *home,
                                           sb_error *error)
 {
     regi_nicp_choice choice;
@@ -466,7 +488,7 @@ static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface
 static sb_result regi_nicp_take_surface(reg_nicp *nicp, const sb_mesh *surface, int most, sb_error *error)
 {
     size_t count = (size_t)surface->node_count;
-    sb_vec3 *areas = (sb_vec3 *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(sb_vec3));
+    sb_real *areas = (sb_real *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(sb_real));
     int *home = (int *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(int));
     sb_result result = areas && home ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the organ's surface");
     if (result == SB_OK)
@@ -484,6 +506,8 @@ static sb_result regi_nicp_choose_samples(reg_nicp *nicp, const reg_nicp_def *de
     int count = def->target ? def->target->node_count : def->target_count;
     sb_result result = regi_nicp_order(points, NULL, count, &nicp->allocator, choice, error);
     nicp->sample_count = sbi_min_int(choice->count, def->samples);
+    nicp->is_cloud = !def->target;
+    nicp->spacing = choice->spacing;
     return result;
 }
 

@@ -63,14 +63,17 @@ typedef struct reg_nicp_def {
     sb_real sliding;          /* the penalty along the surface is softer by this share, [0, 1]; default 0.999: the organ may
                                * slide along the target, whose closest places say little about that. 0: as in the source,
                                * which costs a third of the accuracy. With 1 nothing holds a ball that may turn */
+    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the target's
+                               * shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
     sb_real least_cosine;     /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
                                * target has no normals */
     reg_outliers outliers;    /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
     sb_real outlier_parameter; /* default 3 */
-    sb_real near_enough;      /* pairs as near as this are never too far apart, >= 0; default 0.05 */
+    sb_real reach, last_reach;/* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
+                               * 0.03 */
     sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
-                               * default 300 */
-    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 100,000. Noisy targets want less: 10,000 */
+                               * default 300. Where the organ bends by more than a tenth of its size: 30 */
+    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 10,000 */
     int increments;           /* of the stiffness, >= 1; default 4 */
     int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
     int newton;               /* most Newton iterations of a balance, >= 1; default 6 */

@@ -15,6 +15,7 @@ typedef struct regi_nicp_source {
     sb_real area;         /* m^2 at rest */
     /* of the last look */
     int guess;            /* item of the field that was closest, or -1 */
+    int way_back;         /* triangle of the skin that was closest to it */
     int visible;
     int paired;           /* N_s counts, up to its distance */
     int active;
@@ -48,6 +49,8 @@ struct reg_nicp {
     sb_clock clock;
     sb_body *body;
     reg_field *field;
+    int is_cloud;              /* the target is one */
+    sb_real spacing;           /* of the target's points (m) */
     sb_surface *skin;          /* the organ's surface as it is now */
     regi_nicp_rows rows;       /* [vertex_count] */
     regi_nicp_rows source_rows; /* [source_count] */
@@ -58,10 +61,11 @@ struct reg_nicp {
     sb_vec3 camera;
     sb_real size;              /* of the organ (m) */
     sb_real young;             /* Pa */
-    sb_real blending, sliding, least_cosine, outlier_parameter, near_enough, tolerance, newton_tolerance, least_active;
+    sb_real blending, sliding, least_cosine, outlier_parameter, tolerance, newton_tolerance, least_active;
     reg_outliers outliers;
+    sb_real reach, last_reach; /* m */
     sb_real first_stiffness, last_stiffness; /* Pa/m */
-    int increments, iterations, newton;
+    int increments, iterations, newton, noisy;
     sb_real landmark_stiffness; /* N/m */
     double max_seconds;
 

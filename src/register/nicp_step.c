@@ -49,6 +49,21 @@ static int regi_nicp_agrees(const reg_nicp *nicp, sb_vec3 a, sb_vec3 b)
     return sb_v3_dot(a, a) == 0 || sb_v3_dot(b, b) == 0 || sb_v3_dot(a, b) > nicp->least_cosine;
 }
 
+/* Beyond the rim of what was seen, where the closest place is the rim itself. A surface knows its rim. Of a cloud's point
+ * the way back tells: on the rim it does not lead to the source but to what is above the rim. */
+static int regi_nicp_is_beyond(const reg_nicp *nicp, regi_nicp_source *source, sb_vec3 at, const reg_field_hit *hit)
+{
+    sb_surface_hit back;
+    sb_real aside;
+    if (!nicp->is_cloud)
+        return hit->on_border;
+    if (!sb_surface_closest_from(nicp->skin, hit->point, SB_REAL_MAX, source->way_back, &back))
+        return 1;
+    source->way_back = back.triangle;
+    aside = sb_v3_norm(sb_v3_sub(back.point, at));
+    return aside > (sb_real)0.7 * hit->distance && aside > 2 * nicp->spacing;
+}
+
 static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
 {
     sb_vec3 at = nicp->vertices[source->vertex];
@@ -62,8 +77,9 @@ static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
     source->guess = hit.item;
     source->distance = hit.distance;
     source->way = sb_v3_sub(hit.point, at);
-    source->paired = !hit.on_border && regi_nicp_agrees(nicp, source->normal, hit.normal);
-    if (sb_v3_dot(hit.normal, hit.normal) > 0)
+    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) &&
+                     !regi_nicp_is_beyond(nicp, source, at, &hit);
+    if (sb_v3_dot(hit.normal, hit.normal) > 0 && !nicp->noisy)
         source->direction = hit.normal;
 }
 
@@ -102,11 +118,23 @@ static void regi_nicp_look_back_chunk(void *user, int chunk)
         regi_nicp_look_back(nicp, nicp->samples + i);
 }
 
+/* Share of the way of what changes geometrically over the increments: from^(1 - share) to^share. */
+static sb_real regi_nicp_between(sb_real from, sb_real to, sb_real share)
+{
+    return from * sb_exp(share * sb_log(to / from));
+}
+
+static sb_real regi_nicp_reach(const reg_nicp *nicp)
+{
+    sb_real last = (sb_real)sbi_max_int(nicp->increments - 1, 1);
+    return regi_nicp_between(nicp->reach, nicp->last_reach, (sb_real)nicp->increment / last);
+}
+
 /* Largest distance[count] that counts. */
 static sb_real regi_nicp_limit(const reg_nicp *nicp, int count)
 {
     sb_real limit = reg_outlier_limit(nicp->distances, count, nicp->outliers, nicp->outlier_parameter, nicp->scratch);
-    return sb_max(limit, nicp->near_enough);
+    return sb_max(limit, regi_nicp_reach(nicp));
 }
 
 static void regi_nicp_prune_sources(reg_nicp *nicp)
@@ -147,14 +175,9 @@ static void regi_nicp_gather_samples(reg_nicp *nicp)
 /* (5.4) */
 static sb_vec3 regi_nicp_blend(const reg_nicp *nicp, const regi_nicp_source *source)
 {
-    sb_vec3 u = source->way;
-    if (source->count > 0) {
-        sb_real alpha = source->paired ? nicp->blending : 0;
-        u = sb_v3_scale((1 - alpha) / (sb_real)source->count, source->sum);
-        if (source->paired)
-            u = sb_v3_madd(u, alpha, source->way);
-    }
-    return u;
+    if (source->count == 0)
+        return source->way;
+    return sb_v3_madd(sb_v3_scale(nicp->blending, source->way), (1 - nicp->blending) / (sb_real)source->count, source->sum);
 }
 
 /* Stiffness and goal of each source; what is told of them. */
@@ -168,9 +191,7 @@ static void regi_nicp_set_goals(reg_nicp *nicp, sb_real stiffness)
     for (int i = 0; i < nicp->source_count; i++) {
         regi_nicp_source *source = nicp->sources + i;
         nicp->goals[i] = nicp->before[i] = nicp->vertices[source->vertex];
-        source->active = source->visible && (source->paired || source->count > 0);
-        if (source->active && !source->paired)
-            source->distance = sb_v3_norm(sb_v3_scale((sb_real)1 / (sb_real)source->count, source->sum));
+        source->active = source->paired;
         nicp->lines[i] = sb_v3_scale(slide, source->direction);
         nicp->stiffness[i] = source->active ? stiffness * source->area : 0;
         info->visible += source->visible;
@@ -268,8 +289,8 @@ static sb_real regi_nicp_motion(const reg_nicp *nicp, const sb_vec3 *from)
 /* k0 (k1 / k0)^(i / n), i from 1. */
 static sb_real regi_nicp_stiffness(const reg_nicp *nicp)
 {
-    sb_real share = (sb_real)(nicp->increment + 1) / (sb_real)nicp->increments;
-    return nicp->first_stiffness * sb_exp(share * sb_log(nicp->last_stiffness / nicp->first_stiffness));
+    return regi_nicp_between(nicp->first_stiffness, nicp->last_stiffness,
+                             (sb_real)(nicp->increment + 1) / (sb_real)nicp->increments);
 }
 
 /* An increment ends when a look changes nothing more, or when it has had its looks; the run when two increments end
