@@ -98,9 +98,6 @@
 #define reg_cloud_spread reg_cloud_spread_f32
 #define reg_outlier_limit reg_outlier_limit_f32
 #define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
-#define reg_default_icp_options reg_default_icp_options_f32
-#define reg_icp_stop_string reg_icp_stop_string_f32
-#define reg_icp reg_icp_f32
 #define reg_default_field_def reg_default_field_def_f32
 #define reg_field_create reg_field_create_f32
 #define reg_field_destroy reg_field_destroy_f32
@@ -109,6 +106,30 @@
 #define reg_field_at reg_field_at_f32
 #define reg_field_bounds reg_field_bounds_f32
 #define reg_field_sweeps reg_field_sweeps_f32
+#define reg_default_icp_options reg_default_icp_options_f32
+#define reg_icp_stop_string reg_icp_stop_string_f32
+#define reg_icp reg_icp_f32
+#define reg_default_cpd_options reg_default_cpd_options_f32
+#define reg_cpd_fit reg_cpd_fit_f32
+#define reg_cpd_destroy reg_cpd_destroy_f32
+#define reg_cpd_get_info reg_cpd_get_info_f32
+#define reg_cpd_moved reg_cpd_moved_f32
+#define reg_cpd_partners reg_cpd_partners_f32
+#define reg_cpd_probabilities reg_cpd_probabilities_f32
+#define reg_cpd_linear reg_cpd_linear_f32
+#define reg_cpd_apply reg_cpd_apply_f32
+#define reg_default_match_def reg_default_match_def_f32
+#define reg_match_create reg_match_create_f32
+#define reg_match_destroy reg_match_destroy_f32
+#define reg_match_step reg_match_step_f32
+#define reg_match_run reg_match_run_f32
+#define reg_match_restart reg_match_restart_f32
+#define reg_match_move_landmarks reg_match_move_landmarks_f32
+#define reg_match_landmarks reg_match_landmarks_f32
+#define reg_match_body reg_match_body_f32
+#define reg_match_get_info reg_match_get_info_f32
+#define reg_match_sample_count reg_match_sample_count_f32
+#define reg_match_get_sample reg_match_get_sample_f32
 #define reg_default_nicp_def reg_default_nicp_def_f32
 #define reg_nicp_create reg_nicp_create_f32
 #define reg_nicp_destroy reg_nicp_destroy_f32
@@ -341,6 +362,81 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
 
 #endif /* REG_CLOUD_H */
 
+/* ==== src/register/field.h ==== */
+/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 3. */
+#ifndef REG_FIELD_H
+#define REG_FIELD_H
+
+
+typedef enum reg_field_kind {
+    REG_FIELD_DISTANCE = 0, /* phi: distance to the target (m); exact everywhere, nothing is computed beforehand */
+    REG_FIELD_LAPLACE = 1   /* Lap phi = 0 in a box, phi = 0 on the target and the distance on the box: the field of a
+                             * charged conductor. Inside a closed target it is 0 */
+} reg_field_kind;
+
+/* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
+typedef struct reg_field_def {
+    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
+    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
+    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
+    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
+    int point_count;
+    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
+                               * target. Equal corners (default): that */
+    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+                               * takes some 0.3 s */
+    sb_allocator allocator;   /* zeros: malloc */
+    sb_jobs jobs;             /* threads for the creation; zeros: none */
+    unsigned cookie;          /* set by reg_default_field_def */
+} reg_field_def;
+REG_API reg_field_def reg_default_field_def(void);
+
+typedef struct reg_field reg_field;
+
+/* SB_ERROR_ARGUMENT (no target or two, a field out of range), SB_ERROR_NOT_FINITE (error->node: the point, or the
+ * normal), what sb_surface_create says of the surface, SB_ERROR_MEMORY; *field is then untouched. Everything is copied.
+ * Queries allocate nothing and may come from any number of threads. Release with reg_field_destroy. */
+REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error);
+REG_API void reg_field_destroy(reg_field *field); /* NULL is fine */
+
+/* The place of the target closest to a point. */
+typedef struct reg_field_hit {
+    sb_vec3 point;    /* m */
+    sb_vec3 normal;   /* of the target there, unit length; 0 where none is known */
+    sb_real distance; /* m */
+    int item;         /* triangle (of the surface cut into triangles), or point of the cloud */
+    int on_border;    /* 1: on the rim of an open target, beyond which nothing was seen */
+} reg_field_hit;
+/* 1 and *hit; 0 for a point that is not finite or absurdly far away (*hit untouched). guess: the item of a query
+ * nearby, or -1; it changes the time, not the answer. About 1 us with a good guess. */
+REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit);
+
+/* The potential on a line through a point. */
+typedef struct reg_field_sample {
+    sb_real phi;         /* m */
+    sb_real phi_n;       /* slope along the direction over the length `step` */
+    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
+} reg_field_sample;
+/* Samples the potential at point (m) along the unit vector direction:
+ *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds
+ * with h = step (m, > 0), which rounds the potential's kink on the target off. phi_nn is the exact derivative of this
+ * phi_n, from the slopes at its two ends, not a difference of its own: Newton's method then converges as it should.
+ * Laplace's phi outside its box is that of the nearest point of the box. Returns 0 as above.
+ * Source: Suwelack 2014, (7.3), (7.15). */
+REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
+                            reg_field_sample *sample);
+/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. On
+ * the target itself, where the distance has none, it is 0. Returns 0 as above. */
+REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient);
+
+/* Smallest box around the target (m). */
+REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high);
+/* Laplace: sweeps that its solution took; 0 for distances. */
+REG_API int reg_field_sweeps(const reg_field *field);
+
+
+#endif /* REG_FIELD_H */
+
 /* ==== src/register/icp.h ==== */
 /* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 4.
  *
@@ -440,80 +536,274 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
 
 #endif /* REG_ICP_H */
 
-/* ==== src/register/field.h ==== */
-/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 3. */
-#ifndef REG_FIELD_H
-#define REG_FIELD_H
+/* ==== src/register/cpd.h ==== */
+/* cpd: coherent point drift, which moves one point cloud onto another without knowing pairs. Floor 4.
+ *
+ *     reg_cpd_options options = reg_default_cpd_options();
+ *     reg_cpd *fit = NULL;
+ *     if (reg_cpd_fit(source, source_count, target, target_count, &options, &fit, &error) != SB_OK) ...
+ *     reg_cpd_apply(fit, mesh.nodes, mesh.node_count, moved);      (whatever shall follow)
+ *     reg_cpd_destroy(fit);
+ *
+ * The target's points are taken for draws from Gaussians of one width sigma around the moved source points, mixed with
+ * a uniform share of outliers; expectation-maximisation lowers the negative log-likelihood of that, which never rises
+ * (Myronenko and Song 2010). The clouds may differ in size. Each is first brought to mean 0 and root mean square
+ * distance 1 from it, where beta, lambda and sigma^2 of the paper are at home; results are in the caller's units.
+ * All is computed in double, in a float build, too: sigma^2 falls below what float resolves.
+ *
+ * The Gram matrix of the Gaussian kernel is factored once, G = L L^T by Cholesky with the largest remaining diagonal
+ * entry as pivot, until none is above kernel_tolerance. That entry bounds every entry of G - L L^T; eigenpairs would do
+ * with fewer columns, but cost more to find, and the deformation at other points would need all source points: so it
+ * needs the pivots only. The rest is exact coherent point drift with the kernel L L^T. */
+#ifndef REG_CPD_H
+#define REG_CPD_H
 
 
-typedef enum reg_field_kind {
-    REG_FIELD_DISTANCE = 0, /* phi: distance to the target (m); exact everywhere, nothing is computed beforehand */
-    REG_FIELD_LAPLACE = 1   /* Lap phi = 0 in a box, phi = 0 on the target and the distance on the box: the field of a
-                             * charged conductor. Inside a closed target it is 0 */
-} reg_field_kind;
+typedef enum reg_cpd_kind {
+    REG_CPD_RIGID = 0,      /* rotation, translation */
+    REG_CPD_SIMILARITY = 1, /* rotation, translation, scale */
+    REG_CPD_AFFINE = 2,
+    REG_CPD_NONRIGID = 3    /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
+} reg_cpd_kind;
 
-/* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
-typedef struct reg_field_def {
-    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
-    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
-    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
-    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
-    int point_count;
-    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
-                               * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
-                               * takes some 0.3 s */
-    sb_allocator allocator;   /* zeros: malloc */
-    sb_jobs jobs;             /* threads for the creation; zeros: none */
-    unsigned cookie;          /* set by reg_default_field_def */
-} reg_field_def;
-REG_API reg_field_def reg_default_field_def(void);
+typedef enum reg_cpd_stop {
+    REG_CPD_CONVERGED = 0,  /* the objective fell by no more than the tolerance */
+    REG_CPD_EXACT = 1,      /* the clouds lie on each other: sigma fell to 1e-5 of the target's size */
+    REG_CPD_ITERATIONS = 2, /* cap */
+    REG_CPD_TIME = 3        /* cap */
+} reg_cpd_stop;
 
-typedef struct reg_field reg_field;
+/* How far a fit is, and how it ended. */
+typedef struct reg_cpd_info {
+    int iterations;        /* updates of the motion */
+    int rank;              /* columns of the kernel's factor; 0 unless non-rigid */
+    reg_cpd_stop stop;
+    sb_real sigma;         /* m: distance, per coordinate, that is left between partners */
+    sb_real explained;     /* expected number of target points that are no outliers */
+    sb_real change;        /* fall of the objective in the last iteration, per target point */
+    double objective;      /* negative log-likelihood (clouds of rms 1) + lambda/2 |L^T W|^2 + landmarks */
+    double pairs;          /* pairs of points that were summed, all iterations together */
+    double seconds;        /* with a clock, otherwise 0 */
+    double kernel_seconds; /* of these for factoring the kernel */
+} reg_cpd_info;
 
-/* SB_ERROR_ARGUMENT (no target or two, a field out of range), SB_ERROR_NOT_FINITE (error->node: the point, or the
- * normal), what sb_surface_create says of the surface, SB_ERROR_MEMORY; *field is then untouched. Everything is copied.
- * Queries allocate nothing and may come from any number of threads. Release with reg_field_destroy. */
-REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error);
-REG_API void reg_field_destroy(reg_field *field); /* NULL is fine */
+/* How to fit. Start from reg_default_cpd_options(). */
+typedef struct reg_cpd_options {
+    reg_cpd_kind kind;        /* default non-rigid */
+    sb_real outliers;         /* w: expected share of target points without partner, in [0, 1); default 0.1 */
+    sb_real beta;             /* width of the kernel over the source's rms size, in [1e-6, 1e6]; default 2, the paper's:
+                               * smaller is less stiff */
+    sb_real lambda;           /* price of deformation, in [1e-12, 1e12]; default 3, the paper's. For organs of a few
+                               * thousand points beta 0.7 and lambda 1000 did best */
+    int shared_frame;         /* 1: both clouds are measured by the source's mean and size, which keeps a rough
+                               * alignment as start (take it for partial clouds). 0 (default): each by its own; kind
+                               * rigid takes the source's size for both in any case */
+    sb_real start_sigma;      /* m; 0 (default): from the mean squared distance of all pairs. That lets a soft source
+                               * collapse and unfold another way round: after a rough alignment take what it left */
+    sb_real kernel_tolerance; /* in (1e-12, 1); default 1e-4 */
+    int max_rank;             /* columns of the kernel's factor at most; default 1000. With a smaller number than the
+                               * tolerance needs, deformation is made of the smoothest modes */
+    sb_real sum_tolerance;    /* share of each target point's probability that sums may leave out, in [0, 0.1]; 0: none
+                               * is. Default 1e-5 */
+    sb_real tolerance;        /* >= 0: ends when an iteration lowers the objective per target point by no more; 1e-6 */
+    int max_iterations;       /* >= 0; default 300; 0 only pairs */
+    double max_seconds;       /* looked at after each iteration; 0 (default): no cap; needs the clock */
+    double max_pairs;         /* source points times target points; larger clouds are refused: thin them. 4e8 */
 
-/* The place of the target closest to a point. */
-typedef struct reg_field_hit {
-    sb_vec3 point;    /* m */
-    sb_vec3 normal;   /* of the target there, unit length; 0 where none is known */
-    sb_real distance; /* m */
-    int item;         /* triangle (of the surface cut into triangles), or point of the cloud */
-    int on_border;    /* 1: on the rim of an open target, beyond which nothing was seen */
-} reg_field_hit;
-/* 1 and *hit; 0 for a point that is not finite or absurdly far away (*hit untouched). guess: the item of a query
- * nearby, or -1; it changes the time, not the answer. About 1 us with a good guess. */
-REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit);
+    int landmark_count;              /* known partners, >= 0 */
+    const int *landmark_points;      /* [landmark_count] of the source; borrowed during the call */
+    const sb_vec3 *landmark_targets; /* [landmark_count] m, where they are seen */
+    sb_real landmark_sigma;          /* m, > 0: how sure that is */
 
-/* The potential on a line through a point. */
-typedef struct reg_field_sample {
-    sb_real phi;         /* m */
-    sb_real phi_n;       /* slope along the direction over the length `step` */
-    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
-} reg_field_sample;
-/* Samples the potential at point (m) along the unit vector direction:
- *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds
- * with h = step (m, > 0), which rounds the potential's kink on the target off. phi_nn is the exact derivative of this
- * phi_n, from the slopes at its two ends, not a difference of its own: Newton's method then converges as it should.
- * Laplace's phi outside its box is that of the nearest point of the box. Returns 0 as above.
- * Source: Suwelack 2014, (7.3), (7.15). */
-REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
-                            reg_field_sample *sample);
-/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. On
- * the target itself, where the distance has none, it is 0. Returns 0 as above. */
-REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient);
+    int (*progress)(void *user, const reg_cpd_info *info); /* after each iteration, by the caller's thread; a result
+                                                            * other than 0 cancels. Default NULL */
+    void *progress_user;
+    sb_clock clock;           /* default NULL */
+    sb_allocator allocator;   /* default malloc */
+    sb_jobs jobs;             /* default inline; any gives the same bits */
+    unsigned cookie;          /* set by reg_default_cpd_options; options made without it are refused */
+} reg_cpd_options;
 
-/* Smallest box around the target (m). */
-REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high);
-/* Laplace: sweeps that its solution took; 0 for distances. */
-REG_API int reg_field_sweeps(const reg_field *field);
+REG_API reg_cpd_options reg_default_cpd_options(void);
+
+/* What was fitted. */
+typedef struct reg_cpd reg_cpd;
+
+/* Moves source onto target.
+ * source, target  [count] (m), at least one point each, in any order; copied
+ * options         NULL: defaults
+ * fit             made on success; the caller's, for reg_cpd_destroy; untouched otherwise
+ * A cap that was reached is no error: info.stop tells, and the fit is as good as it got.
+ * Cost of an iteration: at most source_count target_count exponentials (about 5 ns each), and as sigma shrinks those of
+ * near blocks of points only; non-rigid in addition source_count rank^2 / 2 + rank^3 / 6 multiply-adds. Memory: rank
+ * (source_count + rank) doubles. The same bits for any jobs.
+ * SB_ERROR_ARGUMENT (also a landmark of no point: error->node is its index), _NOT_FINITE (error->node; the message
+ * names the cloud), _UNSUPPORTED (more than max_pairs), _CANCELLED, _NOT_CONVERGED (no target point is near enough any
+ * source point to be more than an outlier), _MEMORY. */
+REG_API sb_result reg_cpd_fit(const sb_vec3 *source, int source_count, const sb_vec3 *target, int target_count,
+                              const reg_cpd_options *options, reg_cpd **fit, sb_error *error);
+REG_API void reg_cpd_destroy(reg_cpd *fit); /* NULL is fine */
+
+REG_API reg_cpd_info reg_cpd_get_info(const reg_cpd *fit);
+/* The source where it was moved to: [source_count] (m), in its order; the fit's. */
+REG_API const sb_vec3 *reg_cpd_moved(const reg_cpd *fit);
+/* For each source point the target point that is most probably its partner, -1 where all probabilities are 0; the
+ * fit's. Several source points may name one target point: compare probabilities. */
+REG_API const int *reg_cpd_partners(const reg_cpd *fit);
+/* [source_count] the probability of that: that the target point was drawn from this source point. */
+REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit);
+/* x -> linear x + translation (m) of kinds rigid, similarity and affine; of non-rigid what the frames of the clouds
+ * make of a point far from the source. */
+REG_API void reg_cpd_linear(const reg_cpd *fit, sb_mat3 *linear, sb_vec3 *translation);
+/* moved[count]: where the points (m) go; in place is fine. `rank` exponentials for each point. Nothing happens for
+ * NULL. Points that are not finite give NaN. Thread-safe. */
+REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count, sb_vec3 *moved);
+
+#endif /* REG_CPD_H */
+
+/* ==== src/register/match.h ==== */
+/* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 5.
+ *
+ * The organ is a body of any mesh and material (corotated; linear is the thesis' other variant). Its surface carries
+ * charges, one in each triangle or at each vertex, held by the element they lie in. The surface may be the model's own
+ * skin or, better, the fine surface that the coarse model was made from: then that surface is matched, not the coarse
+ * model's facets. In the potential phi of the target (see field.h) a charge q A feels the force -q A grad phi, whose
+ * stiffness along its line of action is taken into the system:
+ *     (K + K_phi) du = -(f_int + f_phi),     f_phi = q A N_I phi' m,    K_phi = q A N_I N_J phi'' m m^T
+ * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
+ * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits.
+ *
+ * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
+ * dynamics: with its stiffness damping the same number of steps led to the same end.
+ *
+ * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes
+ * out to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
+ * along its surface the motion found is the one of least energy, which may be off by the length of the drag. Landmarks
+ * mend that.
+ *
+ * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the growth of the
+ * charge (q I_int / I_phi alone has an unstable fixed point). */
+#ifndef REG_MATCH_H
+#define REG_MATCH_H
 
 
-#endif /* REG_FIELD_H */
+typedef enum reg_match_method {
+    REG_PBSM = 0,        /* the potential is the distance: default */
+    REG_PBSM_LAPLACE = 1 /* Laplace's potential on a grid, computed once at creation */
+} reg_match_method;
+
+/* Why a match is as far as it is. */
+typedef enum reg_match_stop {
+    REG_MATCH_RUNNING = 0,    /* more steps would help */
+    REG_MATCH_SETTLED = 1,    /* full charge, and the mean distance no longer falls */
+    REG_MATCH_STEP_CAP = 2,   /* the steps asked for are done */
+    REG_MATCH_TIME_CAP = 3,   /* def.max_seconds are over */
+    REG_MATCH_NO_OVERLAP = 4, /* less than def.least_active of the surface is near the target: nothing was moved */
+    REG_MATCH_FAILED = 5      /* a step failed and was undone: info.error */
+} reg_match_stop;
+
+/* What a match is made from. Start from reg_default_match_def(), set body and a target. Lengths are shares of the
+ * organ's size: the diagonal of its bounding box. */
+typedef struct reg_match_def {
+    sb_body *body;            /* volume mesh at rest or deformed; borrowed: the match moves it, and it must outlive the
+                               * match. Supports hold their nodes where they are to be (sb_body_fix_nodes for regions
+                               * known not to move); dead loads, springs and mappings act; constraints are refused.
+                               * Gravity acts too: leave it 0 when the rest shape already hangs in it */
+    const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
+                               * the body. Read at creation only */
+    const sb_mesh *target;    /* surface that was seen, outward, in the same frame; or NULL, then: */
+    const sb_vec3 *target_points;  /* [target_count] cloud (m) */
+    const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
+    int target_count;
+    reg_match_method method;
+    int cells;                /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
+    int partial;              /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
+                               * SB_AUTO (default): 1 for open surfaces and for clouds */
+    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
+                               * both > 0; default 0.1, 0.02 */
+    sb_real least_cosine;     /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
+                               * default 0.5 */
+    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
+                               * landmarks it is not asked for */
+    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
+                               * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
+    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2 */
+    sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
+                               * decides what it leaves open. Less follows noise less */
+    sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
+    const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
+    const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
+    int landmark_count;
+    sb_real landmark_stiffness; /* of each one's spring, in Young's modulus times mean element size, > 0; default 50 */
+    sb_real settled;          /* the mean distance has settled when it falls by less than this share three steps
+                               * running, > 0; default 0.005 */
+    double max_seconds;       /* most time of all steps together, > 0; needs `clock`; default 1e9 */
+    sb_clock clock;           /* default NULL: times read 0 */
+    sb_allocator allocator;   /* default malloc; the threads are the body's */
+    unsigned cookie;          /* set by reg_default_match_def */
+} reg_match_def;
+REG_API reg_match_def reg_default_match_def(void);
+
+typedef struct reg_match reg_match;
+
+/* How a match stands. Distances are those before the last step moved the body, since that is where it looked. */
+typedef struct reg_match_info {
+    int iterations;           /* steps of this match so far */
+    reg_match_stop stop;
+    sb_real mean_distance;    /* of the active charges from the target, by area (m) */
+    sb_real max_distance;     /* m */
+    sb_real landmark_distance;/* largest, of landmarks from where they are seen (m) */
+    sb_real active;           /* share of the surface's area that acts */
+    sb_real charge;           /* Young's moduli */
+    sb_real change;           /* largest displacement of a node in the last step (m) */
+    int pcg_iterations;       /* of the last step */
+    double seconds;           /* of all steps; with a clock, as are those of the last step: */
+    double seconds_field;     /* looking for the target, */
+    double seconds_system;    /* forces and tangent, */
+    double seconds_solve;     /* and the linear system */
+    sb_error error;           /* of a call that failed */
+} reg_match_info;
+
+/* Makes a match; the body is not touched. SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no
+ * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements), what
+ * reg_field_create says of the target and sb_embedding_create of the surface (points far outside included),
+ * SB_ERROR_MEMORY; *match is then untouched. All memory that steps need is taken here. */
+REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, sb_error *error);
+REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
+
+/* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
+ * SB_ERROR_INVERTED (element named), SB_ERROR_DIVERGED, SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED when too little of
+ * the surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
+ * may move between steps: matching then follows them. */
+REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
+/* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
+ * which. Errors as of a step. */
+REG_API sb_result reg_match_run(reg_match *match, int steps, reg_match_info *info);
+/* Back to the first charge and reach, as if no step had been: for a body that was reset or moved. The time goes on. */
+REG_API void reg_match_restart(reg_match *match);
+
+/* New places of the landmarks, targets[landmark_count] (m): between any two steps. SB_ERROR_NOT_FINITE names none and
+ * changes nothing; a settled match runs again. */
+REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targets);
+/* Where the landmarks are now (m): points[landmark_count]. */
+REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points);
+
+/* The body's: sb_body_positions and sb_body_displacements are the result. */
+REG_API const sb_body *reg_match_body(const reg_match *match);
+REG_API reg_match_info reg_match_get_info(const reg_match *match);
+
+/* The charges, for pictures of what acts: [reg_match_sample_count]. */
+typedef struct reg_match_sample {
+    sb_vec3 point;      /* m, where the last step looked */
+    sb_real area;       /* m^2 at rest */
+    sb_real distance;   /* m from the target */
+    int active;
+} reg_match_sample;
+REG_API int reg_match_sample_count(const reg_match *match);
+/* SB_ERROR_INDEX for no such sample; *sample is then untouched. */
+REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_match_sample *sample);
+
+#endif /* REG_MATCH_H */
 
 /* ==== src/register/nicp.h ==== */
 /* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 5.
@@ -2063,6 +2353,469 @@ REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, i
     return sbi_export_close(&out, error);
 }
 
+/* ==== src/register/field.c ==== */
+/* field: distances to surfaces and clouds, and Laplace's potential on a grid. */
+
+#include <string.h>
+
+
+#define REGI_FIELD_COOKIE 0x66696c64u
+
+enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that tell whether one of them is on its rim */
+
+/* Laplace's potential at the corners of a grid of cubes. */
+typedef struct regi_field_grid {
+    sb_vec3 low;
+    sb_real cell;           /* m */
+    int count[3];           /* corners along each axis */
+    sb_real *phi;           /* [corners] m, x fastest */
+    int sweeps;
+} regi_field_grid;
+
+struct reg_field {
+    sb_allocator allocator;
+    reg_field_kind kind;
+    sb_vec3 low, high;
+    sb_surface *surface;
+    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
+    int point_count;
+    sb_vec3 *points;        /* of the cloud */
+    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
+    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
+    regi_field_grid grid;
+};
+
+REG_API reg_field_def reg_default_field_def(void)
+{
+    reg_field_def def;
+    memset(&def, 0, sizeof def);
+    def.kind = REG_FIELD_DISTANCE;
+    def.cells = 64;
+    def.cookie = REGI_FIELD_COOKIE;
+    return def;
+}
+
+REG_API void reg_field_destroy(reg_field *field)
+{
+    sb_allocator allocator;
+    if (!field)
+        return;
+    allocator = field->allocator;
+    sb_surface_destroy(field->surface);
+    reg_kdtree_destroy(field->tree);
+    sbi_free(&allocator, field->points);
+    sbi_free(&allocator, field->normals);
+    sbi_free(&allocator, field->border);
+    sbi_free(&allocator, field->grid.phi);
+    sbi_free(&allocator, field);
+}
+
+/* ---- checks ---- */
+
+static sb_result regi_field_check_points(const reg_field_def *def, sb_error *error)
+{
+    if (def->point_count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cloud of %d points is no target", def->point_count);
+    for (int i = 0; i < def->point_count; i++) {
+        if (!sb_v3_is_finite(def->points[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d of the target is not finite", i);
+        if (def->normals && !sb_v3_is_finite(def->normals[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "normal %d of the target is not finite", i);
+    }
+    return SB_OK;
+}
+
+static sb_result regi_field_check(const reg_field_def *def, sb_error *error)
+{
+    if (!def || def->cookie != REGI_FIELD_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs a def made by reg_default_field_def");
+    if (def->kind != REG_FIELD_DISTANCE && def->kind != REG_FIELD_LAPLACE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no field of kind %d", (int)def->kind);
+    if ((def->surface != NULL) == (def->points != NULL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs either a surface or points");
+    if (def->cells < 8 || def->cells > 256)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cells is %d, not in [8, 256]", def->cells);
+    if (!sb_v3_is_finite(def->low) || !sb_v3_is_finite(def->high))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "a corner of the field's box is not finite");
+    if (def->high.x < def->low.x || def->high.y < def->low.y || def->high.z < def->low.z)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the box of the field has high below low");
+    return def->points ? regi_field_check_points(def, error) : SB_OK;
+}
+
+/* ---- a surface and its rim ---- */
+
+/* Bits of the edges that no other triangle shares, then of all corners at such edges. rim: scratch [nodes], zeroed. */
+static void regi_field_mark_border(const sb_mesh *mesh, const sb_index_table *neighbours, unsigned char *rim,
+                                   unsigned char *border)
+{
+    for (int t = 0; t < mesh->element_count; t++) {
+        border[t] = 0;
+        for (int i = 0; i < 3; i++)
+            if (neighbours->items[3 * t + i] < 0) {
+                border[t] = (unsigned char)(border[t] | 1 << i);
+                rim[mesh->elements[3 * t + i]] = rim[mesh->elements[3 * t + (i + 1) % 3]] = 1;
+            }
+    }
+    for (int t = 0; t < mesh->element_count; t++)
+        for (int i = 0; i < 3; i++)
+            if (rim[mesh->elements[3 * t + i]])
+                border[t] = (unsigned char)(border[t] | 8 << i);
+}
+
+static sb_result regi_field_find_border(reg_field *field, const sb_mesh *mesh, sb_error *error)
+{
+    sb_index_table neighbours;
+    unsigned char *rim;
+    sb_result result = sb_mesh_neighbours(mesh, &field->allocator, &neighbours, error);
+    if (result != SB_OK)
+        return result;
+    rim = (unsigned char *)sbi_alloc_zeroed(&field->allocator, (size_t)mesh->node_count, 1);
+    field->border = (unsigned char *)sbi_alloc(&field->allocator, (size_t)mesh->element_count, 1);
+    if (rim && field->border)
+        regi_field_mark_border(mesh, &neighbours, rim, field->border);
+    else
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rim of %d triangles", mesh->element_count);
+    sbi_free(&field->allocator, rim);
+    sb_index_table_free(&neighbours);
+    return result;
+}
+
+static sb_result regi_field_make_surface(reg_field *field, const sb_mesh *surface, sb_error *error)
+{
+    sb_mesh triangles;
+    sb_result result = sb_surface_triangulate(surface, &field->allocator, &triangles, error);
+    if (result != SB_OK)
+        return result;
+    result = sb_surface_create(&triangles, &field->allocator, &field->surface, error);
+    if (result == SB_OK)
+        result = regi_field_find_border(field, &triangles, error);
+    if (result == SB_OK)
+        sb_surface_bounds(field->surface, &field->low, &field->high);
+    sb_mesh_free(&triangles);
+    return result;
+}
+
+/* ---- a cloud and its rim ---- */
+
+/* On a rim the neighbours lie to one side: the centre of a half disc is 0.42 radii from the middle of its straight
+ * edge. */
+static int regi_field_is_rim(const reg_field *field, int point)
+{
+    int near[REGI_FIELD_NEIGHBOURS];
+    sb_real squares[REGI_FIELD_NEIGHBOURS];
+    sb_vec3 centre = sb_v3(0, 0, 0), at = field->points[point];
+    int count = reg_kdtree_k_nearest(field->tree, at, REGI_FIELD_NEIGHBOURS, near, squares);
+    if (count < REGI_FIELD_NEIGHBOURS)
+        return 0;
+    for (int i = 0; i < count; i++)
+        centre = sb_v3_madd(centre, (sb_real)1 / (sb_real)count, sb_v3_sub(field->points[near[i]], at));
+    return sb_v3_dot(centre, centre) > (sb_real)(0.3 * 0.3) * squares[count - 1];
+}
+
+enum { REGI_FIELD_CHUNK = 1024 };
+
+static void regi_field_find_rims(void *user, int chunk)
+{
+    reg_field *field = (reg_field *)user;
+    int first = chunk * REGI_FIELD_CHUNK, last = first + sbi_min_int(REGI_FIELD_CHUNK, field->point_count - first);
+    for (int i = first; i < last; i++)
+        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
+}
+
+static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *def, sb_error *error)
+{
+    size_t count = (size_t)def->point_count;
+    sb_result result = reg_kdtree_create(def->points, def->point_count, &field->allocator, &field->tree, error);
+    if (result != SB_OK)
+        return result;
+    field->point_count = def->point_count;
+    field->points = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
+    field->border = (unsigned char *)sbi_alloc(&field->allocator, count, 1);
+    if (def->normals)
+        field->normals = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
+    if (!field->points || !field->border || (def->normals && !field->normals))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a target of %d points", def->point_count);
+    memcpy(field->points, def->points, count * sizeof(sb_vec3));
+    field->low = field->high = def->points[0];
+    for (int i = 0; i < def->point_count; i++) {
+        sb_vec3 p = def->points[i], n = def->normals ? def->normals[i] : p;
+        sb_real length = sb_v3_norm(n);
+        field->low = sb_v3(sb_min(field->low.x, p.x), sb_min(field->low.y, p.y), sb_min(field->low.z, p.z));
+        field->high = sb_v3(sb_max(field->high.x, p.x), sb_max(field->high.y, p.y), sb_max(field->high.z, p.z));
+        if (def->normals)
+            field->normals[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, n) : sb_v3(0, 0, 0);
+    }
+    sbi_run(&def->jobs, regi_field_find_rims, field, (def->point_count - 1) / REGI_FIELD_CHUNK + 1);
+    return SB_OK;
+}
+
+/* ---- closest places ---- */
+
+static int regi_field_closest_triangle(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
+{
+    sb_surface_hit found;
+    unsigned rim;
+    if (!sb_surface_closest_from(field->surface, point, SB_REAL_MAX, guess, &found))
+        return 0;
+    rim = field->border[found.triangle];
+    hit->point = found.point;
+    hit->normal = sb_surface_normal(field->surface, &found);
+    hit->distance = found.distance;
+    hit->item = found.triangle;
+    hit->on_border = (found.feature == SB_SURFACE_EDGE && (rim >> found.index & 1)) ||
+                     (found.feature == SB_SURFACE_VERTEX && (rim >> (3 + found.index) & 1));
+    return 1;
+}
+
+static int regi_field_closest_point(const reg_field *field, sb_vec3 point, reg_field_hit *hit)
+{
+    sb_real square = 0;
+    int nearest = sb_v3_is_finite(point) ? reg_kdtree_nearest(field->tree, point, SB_REAL_MAX, &square) : -1;
+    if (nearest < 0 || !sb_is_finite(square))
+        return 0;
+    hit->point = field->points[nearest];
+    hit->normal = field->normals ? field->normals[nearest] : sb_v3(0, 0, 0);
+    hit->distance = sb_sqrt(square);
+    hit->item = nearest;
+    hit->on_border = field->border[nearest];
+    return 1;
+}
+
+REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
+{
+    return field->tree ? regi_field_closest_point(field, point, hit)
+                       : regi_field_closest_triangle(field, point, guess, hit);
+}
+
+/* ---- the grid ---- */
+
+/* Cell and place within it, in [0, 1], along one axis. */
+static int regi_field_locate(sb_real x, sb_real low, sb_real cell, int corners, sb_real *share)
+{
+    sb_real place = (x - low) / cell, last = (sb_real)(corners - 1);
+    int index;
+    place = sb_max(0, sb_min(place, last));
+    index = sbi_min_int((int)place, corners - 2);
+    *share = place - (sb_real)index;
+    return index;
+}
+
+/* Trilinear interpolation and its gradient. */
+static sb_real regi_field_interpolate(const regi_field_grid *grid, sb_vec3 point, sb_vec3 *gradient)
+{
+    sb_real s[3], phi = 0, slope[3] = {0, 0, 0};
+    int i = regi_field_locate(point.x, grid->low.x, grid->cell, grid->count[0], &s[0]);
+    int j = regi_field_locate(point.y, grid->low.y, grid->cell, grid->count[1], &s[1]);
+    int k = regi_field_locate(point.z, grid->low.z, grid->cell, grid->count[2], &s[2]);
+    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
+    const sb_real *at = grid->phi + (size_t)i + (size_t)j * row + (size_t)k * plane;
+    for (int corner = 0; corner < 8; corner++) {
+        int bit[3] = {corner & 1, corner >> 1 & 1, corner >> 2};
+        sb_real value = at[(size_t)bit[0] + (size_t)bit[1] * row + (size_t)bit[2] * plane], w[3];
+        for (int a = 0; a < 3; a++)
+            w[a] = bit[a] ? s[a] : 1 - s[a];
+        phi += w[0] * w[1] * w[2] * value;
+        for (int a = 0; a < 3; a++)
+            slope[a] += (bit[a] ? value : -value) * w[(a + 1) % 3] * w[(a + 2) % 3];
+    }
+    *gradient = sb_v3_scale((sb_real)1 / grid->cell, sb_v3(slope[0], slope[1], slope[2]));
+    return phi;
+}
+
+static sb_vec3 regi_field_corner(const regi_field_grid *grid, int i, int j, int k)
+{
+    return sb_v3_madd(grid->low, grid->cell, sb_v3((sb_real)i, (sb_real)j, (sb_real)k));
+}
+
+/* What setting up the grid's rows of corners needs; each (j, k) is one task. */
+typedef struct regi_field_filling {
+    const reg_field *field;
+    unsigned char *held; /* [corners] 1: the value is given */
+} regi_field_filling;
+
+/* Corners next to the target have their distance to it, which is what its zero means for them; those on the box
+ * have theirs too; all others start there. */
+static void regi_field_fill_row(void *user, int row)
+{
+    const regi_field_filling *filling = (const regi_field_filling *)user;
+    const regi_field_grid *grid = &filling->field->grid;
+    int j = row % grid->count[1], k = row / grid->count[1], guess = -1;
+    int outer = j == 0 || k == 0 || j == grid->count[1] - 1 || k == grid->count[2] - 1;
+    for (int i = 0; i < grid->count[0]; i++) {
+        size_t at = (size_t)row * (size_t)grid->count[0] + (size_t)i;
+        reg_field_hit hit;
+        hit.distance = 0;
+        if (reg_field_closest(filling->field, regi_field_corner(grid, i, j, k), guess, &hit))
+            guess = hit.item;
+        grid->phi[at] = hit.distance;
+        filling->held[at] = outer || i == 0 || i == grid->count[0] - 1 || hit.distance < (sb_real)0.87 * grid->cell;
+    }
+}
+
+/* One half sweep of successive over-relaxation over the corners of one colour of a chessboard. Returns the largest
+ * change. */
+static sb_real regi_field_relax(regi_field_grid *grid, const unsigned char *held, int colour, sb_real omega)
+{
+    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
+    sb_real most = 0;
+    for (int k = 1; k < grid->count[2] - 1; k++)
+        for (int j = 1; j < grid->count[1] - 1; j++) {
+            sb_real *phi = grid->phi + (size_t)k * plane + (size_t)j * row;
+            const unsigned char *given = held + (size_t)k * plane + (size_t)j * row;
+            for (int i = 1 + (j + k + colour) % 2; i < grid->count[0] - 1; i += 2) {
+                sb_real *p = phi + i;
+                sb_real mean = (p[-1] + p[1] + *(p - row) + *(p + row) + *(p - plane) + *(p + plane)) / 6;
+                sb_real change = given[i] ? 0 : omega * (mean - *p);
+                *p += change;
+                most = sb_max(most, sb_abs(change));
+            }
+        }
+    return most;
+}
+
+/* The factor that is best for a cube of as many cells. */
+static sb_real regi_field_omega(const regi_field_grid *grid)
+{
+    sb_real s, c;
+    int longest = sbi_max_int(grid->count[0], sbi_max_int(grid->count[1], grid->count[2]));
+    sb_sin_cos((sb_real)3.14159265358979 / (sb_real)longest, &s, &c);
+    return 2 / (1 + s);
+}
+
+/* Until no corner changes by more than 1e-4 cells in a sweep, which is far below what the grid resolves. */
+static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
+{
+    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-4 * grid->cell, change = enough + 1;
+    for (grid->sweeps = 0; grid->sweeps < 2000 && change > enough; grid->sweeps++) {
+        change = regi_field_relax(grid, held, 0, omega);
+        change = sb_max(change, regi_field_relax(grid, held, 1, omega));
+    }
+}
+
+/* The box of the def, enlarged, and the number of corners; 0 when it is too large for numbers. */
+static int regi_field_plan(reg_field *field, const reg_field_def *def)
+{
+    regi_field_grid *grid = &field->grid;
+    sb_real margin = (sb_real)0.1 * sb_v3_norm(sb_v3_sub(field->high, field->low)), longest;
+    sb_vec3 edge, low = sb_v3_sub(field->low, sb_v3(margin, margin, margin));
+    sb_vec3 high = sb_v3_add(field->high, sb_v3(margin, margin, margin)), size = sb_v3_sub(def->high, def->low);
+    if (size.x > 0 || size.y > 0 || size.z > 0) {
+        low = sb_v3(sb_min(low.x, def->low.x), sb_min(low.y, def->low.y), sb_min(low.z, def->low.z));
+        high = sb_v3(sb_max(high.x, def->high.x), sb_max(high.y, def->high.y), sb_max(high.z, def->high.z));
+    }
+    edge = sb_v3_sub(high, low);
+    longest = sb_max(edge.x, sb_max(edge.y, edge.z));
+    if (!sb_is_finite(longest) || !sb_v3_is_finite(edge))
+        return 0;
+    grid->low = low;
+    grid->cell = longest > 0 ? longest / (sb_real)def->cells : 1;
+    grid->count[0] = sbi_max_int((int)(edge.x / grid->cell + (sb_real)0.999), 2) + 1;
+    grid->count[1] = sbi_max_int((int)(edge.y / grid->cell + (sb_real)0.999), 2) + 1;
+    grid->count[2] = sbi_max_int((int)(edge.z / grid->cell + (sb_real)0.999), 2) + 1;
+    return 1;
+}
+
+static sb_result regi_field_make_grid(reg_field *field, const reg_field_def *def, sb_error *error)
+{
+    regi_field_filling filling;
+    size_t corners;
+    if (!regi_field_plan(field, def))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the target is too large for a potential");
+    corners = (size_t)field->grid.count[0] * (size_t)field->grid.count[1] * (size_t)field->grid.count[2];
+    field->grid.phi = (sb_real *)sbi_alloc(&field->allocator, corners, sizeof(sb_real));
+    filling.field = field;
+    filling.held = (unsigned char *)sbi_alloc(&field->allocator, corners, 1);
+    if (!field->grid.phi || !filling.held) {
+        sbi_free(&field->allocator, filling.held);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential of %d cells a side", def->cells);
+    }
+    sbi_run(&def->jobs, regi_field_fill_row, &filling, field->grid.count[1] * field->grid.count[2]);
+    regi_field_solve(&field->grid, filling.held);
+    sbi_free(&field->allocator, filling.held);
+    return SB_OK;
+}
+
+/* ---- life ---- */
+
+REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error)
+{
+    reg_field *made;
+    sb_result result = regi_field_check(def, error);
+    if (result == SB_OK && !field)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the field");
+    if (result != SB_OK)
+        return result;
+    made = (reg_field *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
+    made->allocator = def->allocator;
+    made->kind = def->kind;
+    result = def->surface ? regi_field_make_surface(made, def->surface, error)
+                          : regi_field_make_cloud(made, def, error);
+    if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
+        result = regi_field_make_grid(made, def, error);
+    if (result != SB_OK) {
+        reg_field_destroy(made);
+        return result;
+    }
+    *field = made;
+    return SB_OK;
+}
+
+/* ---- the potential ---- */
+
+REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient)
+{
+    reg_field_hit hit;
+    sb_vec3 slope = sb_v3(0, 0, 0);
+    if (field->kind == REG_FIELD_LAPLACE) {
+        if (!sb_v3_is_finite(point))
+            return 0;
+        *phi = regi_field_interpolate(&field->grid, point, &slope);
+    } else {
+        if (!reg_field_closest(field, point, guess, &hit))
+            return 0;
+        *phi = hit.distance;
+        if (hit.distance > 0)
+            slope = sb_v3_scale((sb_real)1 / hit.distance, sb_v3_sub(point, hit.point));
+    }
+    if (gradient)
+        *gradient = slope;
+    return 1;
+}
+
+REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
+                            reg_field_sample *sample)
+{
+    sb_real half = (sb_real)0.5 * step, before, after, phi;
+    sb_vec3 slope_before, slope_after;
+    if (!reg_field_at(field, point, guess, &phi, NULL) ||
+        !reg_field_at(field, sb_v3_madd(point, -half, direction), guess, &before, &slope_before) ||
+        !reg_field_at(field, sb_v3_madd(point, half, direction), guess, &after, &slope_after))
+        return 0;
+    sample->phi = phi;
+    sample->phi_n = (after - before) / step;
+    sample->phi_nn = sb_v3_dot(direction, sb_v3_sub(slope_after, slope_before)) / step;
+    return 1;
+}
+
+REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high)
+{
+    *low = field->low;
+    *high = field->high;
+}
+
+REGI_API int regi_field_is_open(const reg_field *field)
+{
+    int triangles = field->surface ? sb_surface_triangle_count(field->surface) : 0;
+    for (int t = 0; t < triangles; t++)
+        if (field->border[t])
+            return 1;
+    return field->tree != NULL;
+}
+
+REG_API int reg_field_sweeps(const reg_field *field) { return field->grid.sweeps; }
+
 /* ==== src/register/icp.c ==== */
 /* icp: pairs, fits, the iteration, and the search for a start.
  *
@@ -2980,468 +3733,2401 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
     return result;
 }
 
-/* ==== src/register/field.c ==== */
-/* field: distances to surfaces and clouds, and Laplace's potential on a grid. */
+/* ==== src/register/cpd_state.h ==== */
+/* cpd_state: what coherent point drift shares among its parts. Internal: cpd_sums.c finds expected partners,
+ * cpd_kernel.c factors the kernel and solves for the deformation, cpd.c iterates. All in the frames of the clouds. */
+#ifndef REGI_CPD_STATE_H
+#define REGI_CPD_STATE_H
+
+
+enum {
+    REGI_CPD_LANES = 16, /* points of a block: a loop of fixed length, which compilers vectorise at -O2 */
+    REGI_CPD_CHUNKS = 8  /* parts of the target with sums of their own: tasks, whatever the number of threads */
+};
+
+/* Coordinates of a block of points. The last block is filled up with its last point. */
+typedef struct regi_cpd_block {
+    double x[REGI_CPD_LANES], y[REGI_CPD_LANES], z[REGI_CPD_LANES];
+} regi_cpd_block;
+
+typedef struct regi_cpd_box {
+    double low[3], high[3];
+} regi_cpd_box;
+
+/* A cloud in an order that keeps neighbours together. */
+typedef struct regi_cpd_cloud {
+    int count, blocks;
+    int *order;             /* [count] the caller's index of each point */
+    regi_cpd_block *points; /* [blocks] */
+    regi_cpd_box *boxes;    /* [blocks] */
+} regi_cpd_cloud;
+
+/* What a block of source points gathers: sum_n P_mn, and sum_n P_mn (x_n - T y_m), which keeps digits that the sum of
+ * P x loses once sigma is small. */
+typedef struct regi_cpd_sums {
+    double p[REGI_CPD_LANES], x[REGI_CPD_LANES], y[REGI_CPD_LANES], z[REGI_CPD_LANES];
+} regi_cpd_sums;
+
+typedef struct regi_cpd_totals {
+    double explained; /* sum P */
+    double squares;   /* sum P |x_n - T y_m|^2 */
+    double logs;      /* sum_n -log(sum_m exp(-|x_n - T y_m|^2 / 2 s2) + c) */
+    double pairs;
+} regi_cpd_totals;
+
+/* Most probable partner of each source point. */
+typedef struct regi_cpd_best {
+    double probability[REGI_CPD_LANES];
+    int target[REGI_CPD_LANES]; /* the caller's index, or -1 */
+} regi_cpd_best;
+
+/* One evaluation of all P_mn. */
+typedef struct regi_cpd_expectation {
+    const regi_cpd_cloud *target;
+    const regi_cpd_cloud *source;  /* boxes: of the moved points */
+    const regi_cpd_block *moved;   /* [source blocks] */
+    double sigma2, outlier;        /* outlier: c, in the sum beside the Gaussians */
+    double tolerance;              /* share of each target point that may be left out */
+    regi_cpd_sums *sums;           /* [CHUNKS][source blocks]; the first row becomes the result */
+    regi_cpd_totals totals[REGI_CPD_CHUNKS]; /* likewise */
+    double (*terms)[REGI_CPD_LANES]; /* [CHUNKS][source blocks] */
+    int *near_blocks;              /* [CHUNKS][source blocks] */
+    regi_cpd_best *best;           /* [source blocks], or NULL: not wanted */
+} regi_cpd_expectation;
+
+/* The factor of the kernel, G = L L^T to the tolerance, by columns. */
+typedef struct regi_cpd_kernel {
+    sb_allocator allocator;
+    int rank, capacity;
+    size_t rows;         /* source points, filled up to whole blocks; those rows are 0 */
+    double inverse;      /* 1 / (2 beta^2) */
+    double *columns;     /* [capacity][rows] */
+    int *pivots;         /* [capacity] rows */
+    double *diagonal;    /* [rows] what is left of the diagonal; -1: a pivot */
+    double *system;      /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
+    double *scaled;      /* [rank][REGI_CPD_SLICE] */
+    size_t stride;
+    double *weights[3];  /* [stride] c: T = Y + L c */
+} regi_cpd_kernel;
+
+#if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Fills sums, totals[0] and best. Allocates nothing. */
+REGI_API void regi_cpd_expect(regi_cpd_expectation *e, const sb_jobs *jobs);
+REGI_API void regi_cpd_bound(const regi_cpd_block *points, int blocks, regi_cpd_box *boxes);
+
+/* Factors the kernel of `points`, until the largest remaining diagonal entry is within tolerance or at max_rank
+ * columns. On failure (SB_ERROR_MEMORY) free it, too. */
+REGI_API sb_result regi_cpd_kernel_create(const regi_cpd_cloud *source, double beta, double tolerance, int max_rank,
+                                          const sb_allocator *allocator, regi_cpd_kernel *kernel, sb_error *error);
+REGI_API void regi_cpd_kernel_free(regi_cpd_kernel *kernel);
+/* weights = (L^T P L + ridge)^-1 L^T r; p[rows], r[3][rows] in the order of the source. Returns |weights|^2. */
+REGI_API double regi_cpd_kernel_solve(regi_cpd_kernel *kernel, const double *p, double *const r[3], double ridge,
+                                      const sb_jobs *jobs);
+/* a = l l^T in place, lower half, by strips of columns; a is known to be at least `ridge` above singular. */
+REGI_API void regi_cpd_factor(double *a, int n, size_t stride, double ridge);
+/* b becomes (l l^T)^-1 b. */
+REGI_API void regi_cpd_back_solve(const double *l, int n, size_t stride, double *b);
+/* moved = points + L weights. */
+REGI_API void regi_cpd_kernel_move(const regi_cpd_kernel *kernel, const regi_cpd_block *points, regi_cpd_block *moved);
+/* weights become those of the Gaussians at the pivots. */
+REGI_API void regi_cpd_kernel_spread(regi_cpd_kernel *kernel);
+#endif
+
+#endif /* REGI_CPD_STATE_H */
+
+/* ==== src/register/cpd_sums.c ==== */
+/* cpd_sums: the expectation step, P_mn = exp(-|x_n - T y_m|^2 / 2 s2) / (sum_k exp(-|x_n - T y_k|^2 / 2 s2) + c).
+ *
+ * Both clouds lie in blocks of neighbours. For a block of the target, blocks of the source are left out whose share of
+ * every P is small for certain, by the distances of boxes; all others are summed in loops over whole blocks. That is
+ * faster than a search tree with its single points, needs none for the source, which moves, and the bound holds without
+ * a guess of the width: a term left out is below tolerance / M of the largest term, or of c. */
+
+#include <string.h>
+
+/* e^x for x <= 0 to 1e-11 of it (below -700: e^-700), of operations that vectorise: 2^n 2^f with n in the low bits of
+ * a sum with 1.5 2^52. */
+SBI_FORCE_INLINE double regi_cpd_exp(double x)
+{
+    double t = (x > -700.0 ? x : -700.0) * 1.4426950408889634, n = t + 6755399441055744.0;
+    double f = t - (n - 6755399441055744.0), p;
+    p = 1.3215486790144307e-6 + f * 1.0178086009239699e-7;
+    p = 1.5403530393381608e-4 + f * (1.5252733804059841e-5 + f * p);
+    p = 9.618129107628477e-3 + f * (1.3333558146428443e-3 + f * p);
+    p = 2.402265069591007e-1 + f * (5.550410866482158e-2 + f * p);
+    p = 1.0 + f * (6.931471805599453e-1 + f * p);
+    return sbi_dense_from_bits(sbi_dense_bits(p) + (sbi_dense_bits(n) << 52));
+}
+
+REGI_API void regi_cpd_bound(const regi_cpd_block *points, int blocks, regi_cpd_box *boxes)
+{
+    for (int b = 0; b < blocks; b++)
+        for (int axis = 0; axis < 3; axis++) {
+            const double *x = axis == 0 ? points[b].x : axis == 1 ? points[b].y : points[b].z;
+            double low = x[0], high = x[0];
+            for (int l = 1; l < REGI_CPD_LANES; l++) {
+                low = x[l] < low ? x[l] : low;
+                high = x[l] > high ? x[l] : high;
+            }
+            boxes[b].low[axis] = low;
+            boxes[b].high[axis] = high;
+        }
+}
+
+/* Squares of the smallest and the largest distance between points of two boxes. */
+static void regi_cpd_box_distances(const regi_cpd_box *a, const regi_cpd_box *b, double *least, double *most)
+{
+    double near_sum = 0, far_sum = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double up = b->high[axis] - a->low[axis], down = a->high[axis] - b->low[axis];
+        double gap = -up > -down ? -up : -down, reach = up > down ? up : down;
+        near_sum += gap > 0 ? gap * gap : 0.0;
+        far_sum += reach * reach;
+    }
+    *least = near_sum;
+    *most = far_sum;
+}
+
+/* Blocks of the source that count for a block of the target; returns how many. */
+static int regi_cpd_find_near(const regi_cpd_expectation *e, const regi_cpd_box *box, int *blocks)
+{
+    double width = 2 * e->sigma2, limit = 1.7976931348623157e308, least, most;
+    double share = e->tolerance > 0 ? sbi_dense_log((double)e->source->count / e->tolerance) : 0.0;
+    int count = 0;
+    if (e->tolerance > 0) {
+        for (int b = 0; b < e->source->blocks; b++) {
+            regi_cpd_box_distances(box, e->source->boxes + b, &least, &most);
+            limit = most < limit ? most : limit;
+        }
+        limit += width * share;
+        if (e->outlier > 0 && e->outlier < 1) { /* a point that is near has most of its probability */
+            double alone = width * (share - sbi_dense_log(e->outlier));
+            limit = alone < limit ? alone : limit;
+        }
+    }
+    for (int b = 0; b < e->source->blocks; b++) {
+        regi_cpd_box_distances(box, e->source->boxes + b, &least, &most);
+        if (least <= limit)
+            blocks[count++] = b;
+    }
+    return count;
+}
+
+/* terms = squared distances; returns the smallest. */
+static double regi_cpd_distances(const regi_cpd_block *moved, const int *blocks, int count, const double at[3],
+                                 double (*SB_RESTRICT terms)[REGI_CPD_LANES])
+{
+    double low[REGI_CPD_LANES], least;
+    for (int l = 0; l < REGI_CPD_LANES; l++)
+        low[l] = 1.7976931348623157e308;
+    for (int i = 0; i < count; i++) {
+        const regi_cpd_block *block = moved + blocks[i];
+        double *SB_RESTRICT out = terms[i];
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            double x = at[0] - block->x[l], y = at[1] - block->y[l], z = at[2] - block->z[l], d = x * x + y * y + z * z;
+            out[l] = d;
+            low[l] = d < low[l] ? d : low[l];
+        }
+    }
+    least = low[0];
+    for (int l = 1; l < REGI_CPD_LANES; l++)
+        least = low[l] < least ? low[l] : least;
+    return least;
+}
+
+/* terms = exp((least - terms) / 2 s2), 0 for what fills up the last block; returns their sum. */
+static double regi_cpd_exponentials(const regi_cpd_expectation *e, double least, const int *blocks, int count,
+                                    double (*SB_RESTRICT terms)[REGI_CPD_LANES])
+{
+    double sums[REGI_CPD_LANES], sum = 0, scale = 1 / (2 * e->sigma2);
+    int used = e->source->count - (e->source->blocks - 1) * REGI_CPD_LANES;
+    for (int l = 0; l < REGI_CPD_LANES; l++)
+        sums[l] = 0;
+    for (int i = 0; i < count; i++) {
+        double *SB_RESTRICT out = terms[i];
+        for (int l = 0; l < REGI_CPD_LANES; l++)
+            out[l] = regi_cpd_exp((least - out[l]) * scale);
+        if (blocks[i] == e->source->blocks - 1)
+            for (int l = used; l < REGI_CPD_LANES; l++)
+                out[l] = 0;
+        for (int l = 0; l < REGI_CPD_LANES; l++)
+            sums[l] += out[l];
+    }
+    for (int l = 0; l < REGI_CPD_LANES; l++)
+        sum += sums[l];
+    return sum;
+}
+
+/* Adds P of one target point, factor terms, to the sums; returns sum P |x - T|^2. */
+static double regi_cpd_gather(const regi_cpd_block *moved, const int *blocks, int count, const double at[3],
+                              double factor, double (*SB_RESTRICT terms)[REGI_CPD_LANES],
+                              regi_cpd_sums *SB_RESTRICT sums)
+{
+    double squares[REGI_CPD_LANES], sum = 0;
+    for (int l = 0; l < REGI_CPD_LANES; l++)
+        squares[l] = 0;
+    for (int i = 0; i < count; i++) {
+        const regi_cpd_block *block = moved + blocks[i];
+        regi_cpd_sums *SB_RESTRICT out = sums + blocks[i];
+        const double *SB_RESTRICT term = terms[i];
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            double p = factor * term[l], x = at[0] - block->x[l], y = at[1] - block->y[l], z = at[2] - block->z[l];
+            out->p[l] += p;
+            out->x[l] += p * x;
+            out->y[l] += p * y;
+            out->z[l] += p * z;
+            squares[l] += p * (x * x + y * y + z * z);
+        }
+    }
+    for (int l = 0; l < REGI_CPD_LANES; l++)
+        sum += squares[l];
+    return sum;
+}
+
+static void regi_cpd_compare(const int *blocks, int count, int target, double factor,
+                             double (*SB_RESTRICT terms)[REGI_CPD_LANES], regi_cpd_best *best)
+{
+    for (int i = 0; i < count; i++) {
+        regi_cpd_best *b = best + blocks[i];
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            double p = factor * terms[i][l];
+            if (p > b->probability[l] || (p > 0 && p == b->probability[l] && target < b->target[l])) {
+                b->probability[l] = p;
+                b->target[l] = target;
+            }
+        }
+    }
+}
+
+/* One target point. The largest term is made 1, so that a point far from all still has partners when c is 0. */
+static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int count)
+{
+    const regi_cpd_block *block = e->target->points + index / REGI_CPD_LANES;
+    int lane = index % REGI_CPD_LANES;
+    size_t first = (size_t)chunk * (size_t)e->source->blocks;
+    const int *blocks = e->near_blocks + first;
+    double (*terms)[REGI_CPD_LANES] = e->terms + first;
+    double at[3], least, sum, depth, factor;
+    regi_cpd_totals *totals = e->totals + chunk;
+    at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
+    least = regi_cpd_distances(e->moved, blocks, count, at, terms);
+    depth = least / (2 * e->sigma2);
+    if (e->outlier > 0 && (count == 0 || depth > 700)) { /* below anything that can be told from 0 beside c */
+        totals->logs -= sbi_dense_log(e->outlier);
+        return;
+    }
+    sum = regi_cpd_exponentials(e, least, blocks, count, terms);
+    if (e->outlier > 0) {
+        double size = sbi_dense_exp(-depth), whole = size * sum + e->outlier;
+        factor = size / whole;
+        totals->logs -= sbi_dense_log(whole);
+    } else {
+        factor = 1 / sum;
+        totals->logs += depth - sbi_dense_log(sum);
+    }
+    totals->explained += factor * sum;
+    totals->pairs += (double)(count * REGI_CPD_LANES);
+    totals->squares += regi_cpd_gather(e->moved, blocks, count, at, factor, terms, e->sums + first);
+    if (e->best)
+        regi_cpd_compare(blocks, count, e->target->order[index], factor, terms, e->best);
+}
+
+static void regi_cpd_expect_chunk(void *user, int chunk)
+{
+    regi_cpd_expectation *e = (regi_cpd_expectation *)user;
+    size_t first = (size_t)chunk * (size_t)e->source->blocks;
+    int chunks = e->best ? 1 : REGI_CPD_CHUNKS; /* partners are kept once */
+    int begin = (int)((int64_t)e->target->blocks * chunk / chunks);
+    int end = (int)((int64_t)e->target->blocks * (chunk + 1) / chunks);
+    memset(e->sums + first, 0, (size_t)e->source->blocks * sizeof(regi_cpd_sums));
+    memset(e->totals + chunk, 0, sizeof(regi_cpd_totals));
+    if (chunk >= chunks)
+        return;
+    for (int b = begin; b < end; b++) {
+        int count = regi_cpd_find_near(e, e->target->boxes + b, e->near_blocks + first);
+        int last = sbi_min_int((b + 1) * REGI_CPD_LANES, e->target->count);
+        for (int i = b * REGI_CPD_LANES; i < last; i++)
+            regi_cpd_take(e, chunk, i, count);
+    }
+}
+
+REGI_API void regi_cpd_expect(regi_cpd_expectation *e, const sb_jobs *jobs)
+{
+    int blocks = e->source->blocks;
+    for (int b = 0; e->best && b < blocks; b++)
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            e->best[b].probability[l] = 0;
+            e->best[b].target[l] = -1;
+        }
+    sbi_run(jobs, regi_cpd_expect_chunk, e, REGI_CPD_CHUNKS);
+    for (int chunk = 1; chunk < REGI_CPD_CHUNKS; chunk++) {
+        const regi_cpd_sums *from = e->sums + (size_t)chunk * (size_t)blocks;
+        e->totals[0].explained += e->totals[chunk].explained;
+        e->totals[0].squares += e->totals[chunk].squares;
+        e->totals[0].logs += e->totals[chunk].logs;
+        e->totals[0].pairs += e->totals[chunk].pairs;
+        for (int b = 0; b < blocks; b++)
+            for (int l = 0; l < REGI_CPD_LANES; l++) {
+                e->sums[b].p[l] += from[b].p[l];
+                e->sums[b].x[l] += from[b].x[l];
+                e->sums[b].y[l] += from[b].y[l];
+                e->sums[b].z[l] += from[b].z[l];
+            }
+    }
+}
+
+/* ==== src/register/cpd_kernel.c ==== */
+/* cpd_kernel: the factor of the Gaussian kernel, and the system for the deformation.
+ *
+ * With G = L L^T the system of the paper, (P G + lambda s2) W = r with r = P X - P Y, is met by T = Y + L c with
+ * (L^T P L + lambda s2) c = L^T r: symmetric and positive definite, and points without partners (P = 0) need no
+ * division. c = L^T W, so |c|^2 is the regularising term tr(W^T G W). */
+
+#include <string.h>
+
+enum {
+    REGI_CPD_FIRST = 64,  /* columns that are made room for at first */
+    REGI_CPD_SLICE = 512, /* rows of L that are weighted at a time: all columns of a slice stay in the cache */
+    REGI_CPD_STRIP = 32,  /* rows of the system per task, and per step of its factorisation */
+    REGI_CPD_FOUR = 4     /* lanes of a sum of products */
+};
+
+static double regi_cpd_gauss(const double a[3], double x, double y, double z, double inverse)
+{
+    double dx = a[0] - x, dy = a[1] - y, dz = a[2] - z;
+    return sbi_dense_exp(-(dx * dx + dy * dy + dz * dz) * inverse);
+}
+
+static double regi_cpd_not_below_0(double x) { return x > 0 ? x : 0.0; }
+
+/* sum a_i b_i; count is a multiple of REGI_CPD_FOUR. */
+static double regi_cpd_dot(const double *a, const double *b, size_t count)
+{
+    double sum[REGI_CPD_FOUR] = {0, 0, 0, 0};
+    for (size_t i = 0; i < count; i += REGI_CPD_FOUR)
+        for (int l = 0; l < REGI_CPD_FOUR; l++)
+            sum[l] += a[i + (size_t)l] * b[i + (size_t)l];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+/* out += s a over whole blocks. */
+static void regi_cpd_add(double *SB_RESTRICT out, double s, const double *SB_RESTRICT a, size_t count)
+{
+    for (size_t i = 0; i < count; i += REGI_CPD_LANES)
+        for (int l = 0; l < REGI_CPD_LANES; l++)
+            out[i + (size_t)l] += s * a[i + (size_t)l];
+}
+
+/* ---- factor ---- */
+
+REGI_API void regi_cpd_kernel_free(regi_cpd_kernel *kernel)
+{
+    sbi_free(&kernel->allocator, kernel->columns);
+    sbi_free(&kernel->allocator, kernel->pivots);
+    sbi_free(&kernel->allocator, kernel->diagonal);
+    sbi_free(&kernel->allocator, kernel->system);
+    sbi_free(&kernel->allocator, kernel->scaled);
+    sbi_free(&kernel->allocator, kernel->weights[0]);
+}
+
+static int regi_cpd_grow(regi_cpd_kernel *kernel, int capacity)
+{
+    size_t old = (size_t)kernel->rank * kernel->rows;
+    double *columns = kernel->rows <= SIZE_MAX / sizeof(double)
+                          ? (double *)sbi_alloc(&kernel->allocator, (size_t)capacity, kernel->rows * sizeof(double))
+                          : NULL;
+    int *pivots = (int *)sbi_alloc(&kernel->allocator, (size_t)capacity, sizeof(int));
+    if (!columns || !pivots) {
+        sbi_free(&kernel->allocator, columns);
+        sbi_free(&kernel->allocator, pivots);
+        return 0;
+    }
+    if (old > 0) {
+        memcpy(columns, kernel->columns, old * sizeof(double));
+        memcpy(pivots, kernel->pivots, (size_t)kernel->rank * sizeof(int));
+    }
+    sbi_free(&kernel->allocator, kernel->columns);
+    sbi_free(&kernel->allocator, kernel->pivots);
+    kernel->columns = columns;
+    kernel->pivots = pivots;
+    kernel->capacity = capacity;
+    return 1;
+}
+
+/* The row with the largest remaining diagonal entry above tolerance, of equal ones the first; -1: none. */
+static int regi_cpd_next_pivot(const regi_cpd_kernel *kernel, int count, double tolerance)
+{
+    double most = tolerance;
+    int pivot = -1;
+    for (int i = 0; i < count; i++)
+        if (kernel->diagonal[i] > most) {
+            most = kernel->diagonal[i];
+            pivot = i;
+        }
+    return pivot;
+}
+
+/* Column `rank` of the factor: what the columns before leave of the pivot's column of G. */
+static void regi_cpd_add_column(regi_cpd_kernel *kernel, const regi_cpd_cloud *source, int pivot)
+{
+    const regi_cpd_block *home = source->points + pivot / REGI_CPD_LANES;
+    double *column = kernel->columns + (size_t)kernel->rank * kernel->rows;
+    double root = sqrt(kernel->diagonal[pivot]), at[3];
+    at[0] = home->x[pivot % REGI_CPD_LANES], at[1] = home->y[pivot % REGI_CPD_LANES];
+    at[2] = home->z[pivot % REGI_CPD_LANES];
+    for (int b = 0; b < source->blocks; b++)
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            const regi_cpd_block *p = source->points + b;
+            column[(size_t)b * REGI_CPD_LANES + (size_t)l] =
+                regi_cpd_gauss(at, p->x[l], p->y[l], p->z[l], kernel->inverse);
+        }
+    for (int j = 0; j < kernel->rank; j++) {
+        const double *before = kernel->columns + (size_t)j * kernel->rows;
+        regi_cpd_add(column, -before[pivot], before, kernel->rows);
+    }
+    for (size_t i = 0; i < kernel->rows; i++)
+        column[i] = i < (size_t)source->count ? column[i] / root : 0.0;
+    for (int i = 0; i < source->count; i++)
+        if (kernel->diagonal[i] >= 0)
+            kernel->diagonal[i] = regi_cpd_not_below_0(kernel->diagonal[i] - column[i] * column[i]);
+    for (int j = 0; j < kernel->rank; j++)
+        column[kernel->pivots[j]] = 0; /* but for rounding it is */
+    column[pivot] = root;
+    kernel->diagonal[pivot] = -1;
+    kernel->pivots[kernel->rank++] = pivot;
+}
+
+/* Memory for the systems of a kernel of known rank. */
+static int regi_cpd_kernel_room(regi_cpd_kernel *kernel)
+{
+    size_t rank = (size_t)kernel->rank, stride = (rank + REGI_CPD_FOUR - 1) / REGI_CPD_FOUR * REGI_CPD_FOUR;
+    kernel->stride = stride;
+    kernel->system = (double *)sbi_alloc_zeroed(&kernel->allocator, rank, stride * sizeof(double));
+    kernel->scaled = (double *)sbi_alloc(&kernel->allocator, rank, REGI_CPD_SLICE * sizeof(double));
+    kernel->weights[0] = (double *)sbi_alloc_zeroed(&kernel->allocator, 3 * stride, sizeof(double));
+    if (!kernel->system || !kernel->scaled || !kernel->weights[0])
+        return 0;
+    kernel->weights[1] = kernel->weights[0] + stride;
+    kernel->weights[2] = kernel->weights[1] + stride;
+    return 1;
+}
+
+REGI_API sb_result regi_cpd_kernel_create(const regi_cpd_cloud *source, double beta, double tolerance, int max_rank,
+                                          const sb_allocator *allocator, regi_cpd_kernel *kernel, sb_error *error)
+{
+    int most = sbi_min_int(max_rank, source->count), pivot = 0, fits;
+    memset(kernel, 0, sizeof *kernel);
+    kernel->allocator = *allocator;
+    kernel->rows = (size_t)source->blocks * REGI_CPD_LANES;
+    kernel->inverse = 1 / (2 * beta * beta);
+    kernel->diagonal = (double *)sbi_alloc(allocator, kernel->rows, sizeof(double));
+    fits = kernel->diagonal != NULL;
+    for (size_t i = 0; fits && i < kernel->rows; i++)
+        kernel->diagonal[i] = 1;
+    while (fits && kernel->rank < most && pivot >= 0) {
+        if (kernel->rank == kernel->capacity)
+            fits = regi_cpd_grow(kernel, kernel->rank > most / 2 ? most
+                                         : kernel->rank > 0      ? 2 * kernel->rank
+                                                                 : sbi_min_int(most, REGI_CPD_FIRST));
+        pivot = fits ? regi_cpd_next_pivot(kernel, source->count, tolerance) : -1;
+        if (pivot >= 0)
+            regi_cpd_add_column(kernel, source, pivot);
+    }
+    if (fits && regi_cpd_kernel_room(kernel))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d columns of the kernel of %d points", kernel->rank + 1,
+                    source->count);
+}
+
+/* ---- system ---- */
+
+/* Products of rows a, a2 with rows b, b2 over `count` entries, a multiple of REGI_CPD_FOUR. */
+static void regi_cpd_tile(const double *SB_RESTRICT a, const double *SB_RESTRICT a2, const double *SB_RESTRICT b,
+                          const double *SB_RESTRICT b2, size_t count, double out[4])
+{
+    double s[4][REGI_CPD_FOUR];
+    for (int l = 0; l < REGI_CPD_FOUR; l++)
+        s[0][l] = s[1][l] = s[2][l] = s[3][l] = 0;
+    for (size_t i = 0; i < count; i += REGI_CPD_FOUR)
+        for (int l = 0; l < REGI_CPD_FOUR; l++) {
+            double p = a[i + (size_t)l], p2 = a2[i + (size_t)l], q = b[i + (size_t)l], q2 = b2[i + (size_t)l];
+            s[0][l] += p * q;
+            s[1][l] += p * q2;
+            s[2][l] += p2 * q;
+            s[3][l] += p2 * q2;
+        }
+    for (int k = 0; k < 4; k++)
+        out[k] = (s[k][0] + s[k][1]) + (s[k][2] + s[k][3]);
+}
+
+/* c[i][j] += sign * row i . row j for i in [first, last), j in [from, to) with j <= i; rows of a lie `stride` apart;
+ * first and from are even. */
+static void regi_cpd_rows(double *c, size_t c_stride, const double *a, size_t stride, size_t count, double sign,
+                          int first, int last, int from, int to)
+{
+    for (int i = first; i < last; i += 2) {
+        int i2 = sbi_min_int(i + 1, last - 1), end = sbi_min_int(to, i2 + 1);
+        for (int j = from; j < end; j += 2) {
+            int j2 = sbi_min_int(j + 1, end - 1);
+            double t[4], *row = c + (size_t)i * c_stride, *row2 = c + (size_t)i2 * c_stride;
+            regi_cpd_tile(a + (size_t)i * stride, a + (size_t)i2 * stride, a + (size_t)j * stride,
+                          a + (size_t)j2 * stride, count, t);
+            row[j] += sign * t[0];
+            if (j2 > j && j2 <= i)
+                row[j2] += sign * t[1];
+            if (i2 > i) {
+                row2[j] += sign * t[2];
+                if (j2 > j)
+                    row2[j2] += sign * t[3];
+            }
+        }
+    }
+}
+
+typedef struct regi_cpd_strips {
+    regi_cpd_kernel *kernel;
+    size_t count; /* rows of the slice */
+} regi_cpd_strips;
+
+static void regi_cpd_add_strip(void *user, int index)
+{
+    const regi_cpd_strips *strips = (const regi_cpd_strips *)user;
+    regi_cpd_kernel *kernel = strips->kernel;
+    int first = index * REGI_CPD_STRIP, last = sbi_min_int(first + REGI_CPD_STRIP, kernel->rank);
+    regi_cpd_rows(kernel->system, kernel->stride, kernel->scaled, REGI_CPD_SLICE, strips->count, 1, first, last, 0,
+                  last);
+}
+
+/* The lower half of L^T P L + ridge. */
+static void regi_cpd_assemble(regi_cpd_kernel *kernel, const double *p, double ridge, const sb_jobs *jobs)
+{
+    regi_cpd_strips strips;
+    double root[REGI_CPD_SLICE];
+    int rank = kernel->rank;
+    strips.kernel = kernel;
+    memset(kernel->system, 0, (size_t)rank * kernel->stride * sizeof(double));
+    for (size_t begin = 0; begin < kernel->rows; begin += REGI_CPD_SLICE) {
+        strips.count = kernel->rows - begin < REGI_CPD_SLICE ? kernel->rows - begin : (size_t)REGI_CPD_SLICE;
+        for (size_t i = 0; i < strips.count; i++)
+            root[i] = sqrt(p[begin + i]);
+        for (int k = 0; k < rank; k++) {
+            const double *column = kernel->columns + (size_t)k * kernel->rows + begin;
+            double *scaled = kernel->scaled + (size_t)k * REGI_CPD_SLICE;
+            for (size_t i = 0; i < strips.count; i++)
+                scaled[i] = root[i] * column[i];
+        }
+        sbi_run(jobs, regi_cpd_add_strip, &strips, (rank + REGI_CPD_STRIP - 1) / REGI_CPD_STRIP);
+    }
+    for (int k = 0; k < rank; k++)
+        kernel->system[(size_t)k * kernel->stride + (size_t)k] += ridge;
+}
+
+/* Row i of the factor between columns from and to; rows up to i are done, and the sums with columns before `from` are
+ * subtracted. The ridge keeps every pivot above 0: at least that much is left of it. */
+static void regi_cpd_finish_row(double *a, size_t stride, int i, int from, int to, double ridge)
+{
+    double *row = a + (size_t)i * stride;
+    for (int j = from; j < to && j <= i; j++) {
+        const double *other = a + (size_t)j * stride;
+        double sum = row[j];
+        for (int k = from; k < j; k++)
+            sum -= row[k] * other[k];
+        row[j] = j < i ? sum / other[j] : sqrt(sum > ridge ? sum : ridge);
+    }
+}
+
+REGI_API void regi_cpd_factor(double *a, int n, size_t stride, double ridge)
+{
+    for (int from = 0; from < n; from += REGI_CPD_STRIP) {
+        int to = sbi_min_int(from + REGI_CPD_STRIP, n);
+        for (int first = from; first < n; first += REGI_CPD_STRIP)
+            regi_cpd_rows(a, stride, a, stride, (size_t)from, -1, first, sbi_min_int(first + REGI_CPD_STRIP, n), from,
+                          to);
+        for (int i = from; i < n; i++)
+            regi_cpd_finish_row(a, stride, i, from, to, ridge);
+    }
+}
+
+REGI_API void regi_cpd_back_solve(const double *l, int n, size_t stride, double *b)
+{
+    for (int i = 0; i < n; i++) {
+        const double *row = l + (size_t)i * stride;
+        double sum = b[i];
+        for (int j = 0; j < i; j++)
+            sum -= row[j] * b[j];
+        b[i] = sum / row[i];
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        const double *row = l + (size_t)i * stride;
+        b[i] /= row[i];
+        for (int j = 0; j < i; j++)
+            b[j] -= row[j] * b[i];
+    }
+}
+
+REGI_API double regi_cpd_kernel_solve(regi_cpd_kernel *kernel, const double *p, double *const r[3], double ridge,
+                                      const sb_jobs *jobs)
+{
+    double energy = 0;
+    regi_cpd_assemble(kernel, p, ridge, jobs);
+    regi_cpd_factor(kernel->system, kernel->rank, kernel->stride, ridge);
+    for (int axis = 0; axis < 3; axis++) {
+        double *c = kernel->weights[axis];
+        for (int k = 0; k < kernel->rank; k++)
+            c[k] = regi_cpd_dot(kernel->columns + (size_t)k * kernel->rows, r[axis], kernel->rows);
+        regi_cpd_back_solve(kernel->system, kernel->rank, kernel->stride, c);
+        energy += regi_cpd_dot(c, c, kernel->stride);
+    }
+    return energy;
+}
+
+REGI_API void regi_cpd_kernel_move(const regi_cpd_kernel *kernel, const regi_cpd_block *points, regi_cpd_block *moved)
+{
+    int blocks = (int)(kernel->rows / REGI_CPD_LANES);
+    memcpy(moved, points, (size_t)blocks * sizeof *moved);
+    for (int b = 0; b < blocks; b++)
+        for (int k = 0; k < kernel->rank; k++) {
+            const double *column = kernel->columns + (size_t)k * kernel->rows + (size_t)b * REGI_CPD_LANES;
+            regi_cpd_add(moved[b].x, kernel->weights[0][k], column, REGI_CPD_LANES);
+            regi_cpd_add(moved[b].y, kernel->weights[1][k], column, REGI_CPD_LANES);
+            regi_cpd_add(moved[b].z, kernel->weights[2][k], column, REGI_CPD_LANES);
+        }
+}
+
+/* L^-T of the pivots' rows, which are lower triangular: row pivots[k] of column j is 0 for j > k. */
+REGI_API void regi_cpd_kernel_spread(regi_cpd_kernel *kernel)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        double *c = kernel->weights[axis];
+        for (int k = kernel->rank - 1; k >= 0; k--) {
+            const double *column = kernel->columns + (size_t)k * kernel->rows;
+            double sum = c[k];
+            for (int i = k + 1; i < kernel->rank; i++)
+                sum -= column[kernel->pivots[i]] * c[i];
+            c[k] = sum / column[kernel->pivots[k]];
+        }
+    }
+}
+
+/* ==== src/register/cpd.c ==== */
+/* cpd: coherent point drift; the formulas are those of Myronenko and Song 2010, figures 2 to 4. */
 
 #include <string.h>
 
 
-#define REGI_FIELD_COOKIE 0x66696c64u
+enum { REGI_CPD_COOKIE = 0x63706431 };
 
-enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that tell whether one of them is on its rim */
+static const double regi_cpd_least_sigma2 = 1e-10; /* in the frame of the target */
 
-/* Laplace's potential at the corners of a grid of cubes. */
-typedef struct regi_field_grid {
-    sb_vec3 low;
-    sb_real cell;           /* m */
-    int count[3];           /* corners along each axis */
-    sb_real *phi;           /* [corners] m, x fastest */
-    int sweeps;
-} regi_field_grid;
+/* z = (x / unit - mean) / size: mean 0, rms 1. */
+typedef struct regi_cpd_frame {
+    double unit, mean[3], size;
+} regi_cpd_frame;
 
-struct reg_field {
+/* y -> linear y + shift, in the frames of the clouds. */
+typedef struct regi_cpd_affine {
+    double linear[3][3], shift[3];
+} regi_cpd_affine;
+
+struct reg_cpd {
     sb_allocator allocator;
-    reg_field_kind kind;
-    sb_vec3 low, high;
-    sb_surface *surface;
-    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
-    int point_count;
-    sb_vec3 *points;        /* of the cloud */
-    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
-    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
-    regi_field_grid grid;
+    reg_cpd_info info;
+    int count;
+    regi_cpd_frame source, target;
+    regi_cpd_affine map;           /* the identity when non-rigid */
+    double inverse;                /* 1 / (2 beta^2) */
+    double (*centres)[3];          /* [rank] pivots in the source's frame */
+    double (*weights)[3];          /* [rank] */
+    sb_vec3 *moved;                /* [count] */
+    int *partners;                 /* [count] */
+    sb_real *probabilities;        /* [count] */
+    void *memory;
 };
 
-REG_API reg_field_def reg_default_field_def(void)
+/* A fit being made. */
+typedef struct regi_cpd_run {
+    reg_cpd_options options;
+    regi_cpd_frame source_frame, target_frame;
+    regi_cpd_cloud source, target;
+    regi_cpd_block *moved, *next; /* [source blocks] the source after this iteration and after the next */
+    double (*landmarks)[3];       /* [landmark_count] their places in the target's frame */
+    int *landmark_slots;          /* [landmark_count] in the order of the source */
+    double landmark_weight;       /* 1 / sigma^2 of the landmarks, in the target's frame */
+    double *p, *r[3];             /* [rows] P and P X - P Y, with landmarks */
+    regi_cpd_affine map;
+    double sigma2, energy;        /* energy: |L^T W|^2 */
+    regi_cpd_kernel kernel;
+    regi_cpd_expectation e;
+    reg_cpd_info info;
+    double start;                 /* s */
+    sb_vec3 *sort_points;         /* [larger count] */
+    uint32_t *sort_scratch;       /* [3 larger count] */
+    int *slot_of;                 /* [source count] */
+    void *memory;
+} regi_cpd_run;
+
+/* ---- options and input ---- */
+
+REG_API reg_cpd_options reg_default_cpd_options(void)
 {
-    reg_field_def def;
-    memset(&def, 0, sizeof def);
-    def.kind = REG_FIELD_DISTANCE;
-    def.cells = 64;
-    def.cookie = REGI_FIELD_COOKIE;
-    return def;
+    reg_cpd_options options;
+    memset(&options, 0, sizeof options);
+    options.kind = REG_CPD_NONRIGID;
+    options.outliers = (sb_real)0.1;
+    options.beta = 2;
+    options.lambda = 3;
+    options.kernel_tolerance = (sb_real)1e-4;
+    options.max_rank = 1000;
+    options.sum_tolerance = (sb_real)1e-5;
+    options.tolerance = (sb_real)1e-6;
+    options.max_iterations = 300;
+    options.max_pairs = 4e8;
+    options.cookie = REGI_CPD_COOKIE;
+    return options;
 }
 
-REG_API void reg_field_destroy(reg_field *field)
+static sb_result regi_cpd_check_options(const reg_cpd_options *o, sb_error *error)
+{
+    if (o->cookie != REGI_CPD_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by reg_default_cpd_options");
+    if ((int)o->kind < REG_CPD_RIGID || (int)o->kind > REG_CPD_NONRIGID)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "kind %d is none of reg_cpd_kind", (int)o->kind);
+    if (!(o->outliers >= 0) || !(o->outliers < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the share of outliers is %g, not in [0, 1)", (double)o->outliers);
+    if (!(o->beta >= (sb_real)1e-6) || !(o->beta <= (sb_real)1e6))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "beta is %g, not in [1e-6, 1e6]", (double)o->beta);
+    if (!(o->lambda >= (sb_real)1e-12) || !(o->lambda <= (sb_real)1e12))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "lambda is %g, not in [1e-12, 1e12]", (double)o->lambda);
+    if (!(o->start_sigma >= 0) || !sb_is_finite(o->start_sigma))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "start_sigma is %g", (double)o->start_sigma);
+    if (!(o->kernel_tolerance > (sb_real)1e-12) || !(o->kernel_tolerance < 1) || o->max_rank < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "kernel_tolerance %g is not in (1e-12, 1), or max_rank %d below 1",
+                        (double)o->kernel_tolerance, o->max_rank);
+    if (!(o->sum_tolerance >= 0) || !(o->sum_tolerance <= (sb_real)0.1) || !(o->tolerance >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sum_tolerance is %g, not in [0, 0.1], or tolerance %g below 0",
+                        (double)o->sum_tolerance, (double)o->tolerance);
+    if (o->max_iterations < 0 || !(o->max_seconds >= 0) || !(o->max_pairs >= 0) || (o->max_seconds > 0 && !o->clock))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cap is below 0, or one of time has no clock");
+    return SB_OK;
+}
+
+static sb_result regi_cpd_check_cloud(const sb_vec3 *points, int count, const char *name, sb_error *error)
+{
+    if (!points || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s has no points", name);
+    for (int i = 0; i < count; i++)
+        if (!sb_v3_is_finite(points[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d of the %s is not finite", i, name);
+    return SB_OK;
+}
+
+static sb_result regi_cpd_check_landmarks(const reg_cpd_options *o, int source_count, sb_error *error)
+{
+    if (o->landmark_count == 0)
+        return SB_OK;
+    if (o->landmark_count < 0 || !o->landmark_points || !o->landmark_targets)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks, or no arrays of them", o->landmark_count);
+    if (!(o->landmark_sigma > 0) || !sb_is_finite(o->landmark_sigma))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "landmark_sigma is %g m", (double)o->landmark_sigma);
+    for (int i = 0; i < o->landmark_count; i++)
+        if (o->landmark_points[i] < 0 || o->landmark_points[i] >= source_count)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "landmark %d is at point %d of %d", i,
+                                 o->landmark_points[i], source_count);
+    return regi_cpd_check_cloud(o->landmark_targets, o->landmark_count, "landmarks", error);
+}
+
+static sb_result regi_cpd_check(const sb_vec3 *source, int source_count, const sb_vec3 *target, int target_count,
+                                const reg_cpd_options *options, sb_error *error)
+{
+    sb_result result = regi_cpd_check_options(options, error);
+    if (result == SB_OK)
+        result = regi_cpd_check_cloud(source, source_count, "source", error);
+    if (result == SB_OK)
+        result = regi_cpd_check_cloud(target, target_count, "target", error);
+    if (result == SB_OK)
+        result = regi_cpd_check_landmarks(options, source_count, error);
+    if (result == SB_OK && (double)source_count * (double)target_count > options->max_pairs)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "%d times %d points are more than max_pairs %g: thin the clouds",
+                        source_count, target_count, options->max_pairs);
+    return result;
+}
+
+/* ---- frames ---- */
+
+static double regi_cpd_largest(double a, double b) { return a > b ? a : b; }
+
+static void regi_cpd_into(const regi_cpd_frame *frame, sb_vec3 point, double z[3])
+{
+    z[0] = ((double)point.x / frame->unit - frame->mean[0]) / frame->size;
+    z[1] = ((double)point.y / frame->unit - frame->mean[1]) / frame->size;
+    z[2] = ((double)point.z / frame->unit - frame->mean[2]) / frame->size;
+}
+
+static sb_vec3 regi_cpd_out_of(const regi_cpd_frame *frame, const double z[3])
+{
+    return sb_v3((sb_real)((z[0] * frame->size + frame->mean[0]) * frame->unit),
+                 (sb_real)((z[1] * frame->size + frame->mean[1]) * frame->unit),
+                 (sb_real)((z[2] * frame->size + frame->mean[2]) * frame->unit));
+}
+
+/* Mean in units of frame->unit. */
+static void regi_cpd_centre(const sb_vec3 *points, int count, regi_cpd_frame *frame)
+{
+    for (int k = 0; k < 3; k++)
+        frame->mean[k] = 0;
+    for (int i = 0; i < count; i++) {
+        frame->mean[0] += ((double)points[i].x / frame->unit - frame->mean[0]) / (i + 1);
+        frame->mean[1] += ((double)points[i].y / frame->unit - frame->mean[1]) / (i + 1);
+        frame->mean[2] += ((double)points[i].z / frame->unit - frame->mean[2]) / (i + 1);
+    }
+}
+
+/* Size 0 for points in one place. */
+static regi_cpd_frame regi_cpd_measure(const sb_vec3 *points, int count)
+{
+    regi_cpd_frame frame;
+    double sum = 0, z[3];
+    memset(&frame, 0, sizeof frame);
+    for (int i = 0; i < count; i++) {
+        frame.unit = regi_cpd_largest(frame.unit, fabs((double)points[i].x));
+        frame.unit = regi_cpd_largest(frame.unit, fabs((double)points[i].y));
+        frame.unit = regi_cpd_largest(frame.unit, fabs((double)points[i].z));
+    }
+    if (!(frame.unit > 0))
+        frame.unit = 1;
+    frame.size = 1;
+    regi_cpd_centre(points, count, &frame);
+    for (int i = 0; i < count; i++) {
+        regi_cpd_into(&frame, points[i], z);
+        sum += z[0] * z[0] + z[1] * z[1] + z[2] * z[2];
+    }
+    frame.size = sqrt(sum / count);
+    if (!(frame.size > 1e-14)) /* the rounding of the mean */
+        frame.size = 0;
+    return frame;
+}
+
+/* The frames of both clouds. A cloud in one place has no size of its own and takes the other's. */
+static void regi_cpd_set_frames(regi_cpd_run *run, const sb_vec3 *source, int source_count, const sb_vec3 *target,
+                                int target_count)
+{
+    regi_cpd_frame y = regi_cpd_measure(source, source_count), x = regi_cpd_measure(target, target_count);
+    if (!(y.size > 0)) {
+        y.unit = x.size > 0 ? x.unit : y.unit;
+        y.size = x.size > 0 ? x.size : 1.0;
+        regi_cpd_centre(source, source_count, &y);
+    }
+    if (run->options.shared_frame) {
+        x = y;
+    } else if (run->options.kind == REG_CPD_RIGID || !(x.size > 0)) {
+        x.unit = y.unit;
+        x.size = y.size;
+        regi_cpd_centre(target, target_count, &x);
+    }
+    run->source_frame = y;
+    run->target_frame = x;
+}
+
+/* ---- memory ---- */
+
+/* Hands out, or measures, all arrays whose size is known beforehand. */
+static void regi_cpd_layout(regi_cpd_run *run, sbi_arena *arena)
+{
+    size_t m = (size_t)run->source.count, n = (size_t)run->target.count, blocks = (size_t)run->source.blocks;
+    size_t more = m > n ? m : n, landmarks = (size_t)run->options.landmark_count, rows = blocks * REGI_CPD_LANES;
+    run->source.order = (int *)sbi_arena_take(arena, m, sizeof(int));
+    run->source.points = (regi_cpd_block *)sbi_arena_take(arena, blocks, sizeof(regi_cpd_block));
+    run->source.boxes = (regi_cpd_box *)sbi_arena_take(arena, blocks, sizeof(regi_cpd_box));
+    run->target.order = (int *)sbi_arena_take(arena, n, sizeof(int));
+    run->target.points = (regi_cpd_block *)sbi_arena_take(arena, (size_t)run->target.blocks, sizeof(regi_cpd_block));
+    run->target.boxes = (regi_cpd_box *)sbi_arena_take(arena, (size_t)run->target.blocks, sizeof(regi_cpd_box));
+    run->moved = (regi_cpd_block *)sbi_arena_take(arena, blocks, sizeof(regi_cpd_block));
+    run->next = (regi_cpd_block *)sbi_arena_take(arena, blocks, sizeof(regi_cpd_block));
+    run->landmarks = (double(*)[3])sbi_arena_take(arena, landmarks, 3 * sizeof(double));
+    run->landmark_slots = (int *)sbi_arena_take(arena, landmarks, sizeof(int));
+    run->p = (double *)sbi_arena_take(arena, rows, sizeof(double));
+    for (int k = 0; k < 3; k++)
+        run->r[k] = (double *)sbi_arena_take(arena, rows, sizeof(double));
+    run->e.sums = (regi_cpd_sums *)sbi_arena_take(arena, blocks, REGI_CPD_CHUNKS * sizeof(regi_cpd_sums));
+    run->e.terms = (double(*)[REGI_CPD_LANES])sbi_arena_take(arena, rows, REGI_CPD_CHUNKS * sizeof(double));
+    run->e.near_blocks = (int *)sbi_arena_take(arena, blocks, REGI_CPD_CHUNKS * sizeof(int));
+    run->e.best = (regi_cpd_best *)sbi_arena_take(arena, blocks, sizeof(regi_cpd_best));
+    run->sort_points = (sb_vec3 *)sbi_arena_take(arena, more, sizeof(sb_vec3));
+    run->sort_scratch = (uint32_t *)sbi_arena_take(arena, more, 3 * sizeof(uint32_t));
+    run->slot_of = (int *)sbi_arena_take(arena, m, sizeof(int));
+}
+
+static sb_result regi_cpd_allocate(regi_cpd_run *run, sb_error *error)
+{
+    sbi_arena arena;
+    memset(&arena, 0, sizeof arena);
+    regi_cpd_layout(run, &arena);
+    run->memory = arena.overflow ? NULL : sbi_alloc(&run->options.allocator, arena.used, 1);
+    if (!run->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for clouds of %d and %d points", run->source.count,
+                        run->target.count);
+    arena.base = (unsigned char *)run->memory;
+    arena.used = 0;
+    regi_cpd_layout(run, &arena);
+    return SB_OK;
+}
+
+/* ---- start ---- */
+
+/* Sorts the points and puts them into blocks, in their frame. */
+static sb_result regi_cpd_fill(regi_cpd_run *run, regi_cpd_cloud *cloud, const sb_vec3 *points,
+                               const regi_cpd_frame *frame, sb_error *error)
+{
+    double z[3], most = 0;
+    for (int i = 0; i < cloud->count; i++) {
+        regi_cpd_into(frame, points[i], z);
+        run->sort_points[i] = sb_v3((sb_real)z[0], (sb_real)z[1], (sb_real)z[2]);
+        for (int k = 0; k < 3; k++)
+            most = z[k] - z[k] == 0.0 ? regi_cpd_largest(most, fabs(z[k])) : 1.7976931348623157e308;
+        if (!(most < 1e15)) /* source and target far apart: squares must keep the digits of the smaller */
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the clouds are too far apart or too unlike in size");
+    }
+    sbi_embed_sort(run->sort_points, cloud->count, cloud->order, run->sort_scratch);
+    for (int i = 0; i < cloud->blocks * REGI_CPD_LANES; i++) {
+        regi_cpd_block *block = cloud->points + i / REGI_CPD_LANES;
+        regi_cpd_into(frame, points[cloud->order[sbi_min_int(i, cloud->count - 1)]], z);
+        block->x[i % REGI_CPD_LANES] = z[0];
+        block->y[i % REGI_CPD_LANES] = z[1];
+        block->z[i % REGI_CPD_LANES] = z[2];
+    }
+    regi_cpd_bound(cloud->points, cloud->blocks, cloud->boxes);
+    return SB_OK;
+}
+
+static sb_result regi_cpd_fill_landmarks(regi_cpd_run *run, sb_error *error)
+{
+    const reg_cpd_options *o = &run->options;
+    double sigma = (double)o->landmark_sigma / run->target_frame.unit / run->target_frame.size;
+    for (int i = 0; i < run->source.count; i++)
+        run->slot_of[run->source.order[i]] = i;
+    for (int i = 0; i < o->landmark_count; i++) {
+        double *z = run->landmarks[i];
+        run->landmark_slots[i] = run->slot_of[o->landmark_points[i]];
+        regi_cpd_into(&run->target_frame, o->landmark_targets[i], z);
+        if (!(fabs(z[0]) < 1e15) || !(fabs(z[1]) < 1e15) || !(fabs(z[2]) < 1e15))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "landmark %d is too far from the target", i);
+    }
+    if (o->landmark_count > 0) {
+        if (!(sigma > 1e-9)) /* a weight that the system can take */
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "landmark_sigma %g m is below 1e-9 of the target's size",
+                            (double)o->landmark_sigma);
+        run->landmark_weight = 1 / (sigma * sigma);
+    }
+    return SB_OK;
+}
+
+/* Mean squared distance, per axis, of all pairs of points. */
+static double regi_cpd_spread(const regi_cpd_cloud *a, const regi_cpd_cloud *b)
+{
+    const regi_cpd_cloud *cloud[2];
+    double mean[2][3], squares = 0, gap = 0;
+    cloud[0] = a, cloud[1] = b;
+    for (int c = 0; c < 2; c++) {
+        double sum = 0;
+        mean[c][0] = mean[c][1] = mean[c][2] = 0;
+        for (int i = 0; i < cloud[c]->count; i++) {
+            const regi_cpd_block *p = cloud[c]->points + i / REGI_CPD_LANES;
+            int l = i % REGI_CPD_LANES;
+            mean[c][0] += p->x[l] / cloud[c]->count;
+            mean[c][1] += p->y[l] / cloud[c]->count;
+            mean[c][2] += p->z[l] / cloud[c]->count;
+            sum += p->x[l] * p->x[l] + p->y[l] * p->y[l] + p->z[l] * p->z[l];
+        }
+        squares += sum / cloud[c]->count;
+    }
+    for (int k = 0; k < 3; k++)
+        gap += mean[0][k] * mean[1][k];
+    return (squares - 2 * gap) / 3;
+}
+
+static sb_result regi_cpd_prepare(regi_cpd_run *run, const sb_vec3 *source, const sb_vec3 *target, sb_error *error)
+{
+    const reg_cpd_options *o = &run->options;
+    double sigma = (double)o->start_sigma / run->target_frame.unit / run->target_frame.size;
+    sb_result result = regi_cpd_allocate(run, error);
+    if (result == SB_OK)
+        result = regi_cpd_fill(run, &run->source, source, &run->source_frame, error);
+    if (result == SB_OK)
+        result = regi_cpd_fill(run, &run->target, target, &run->target_frame, error);
+    if (result == SB_OK)
+        result = regi_cpd_fill_landmarks(run, error);
+    if (result == SB_OK && o->kind == REG_CPD_NONRIGID) {
+        double begun = o->clock ? o->clock() : 0.0;
+        result = regi_cpd_kernel_create(&run->source, (double)o->beta, (double)o->kernel_tolerance, o->max_rank,
+                                        &o->allocator, &run->kernel, error);
+        run->info.rank = run->kernel.rank;
+        run->info.kernel_seconds = o->clock ? o->clock() - begun : 0.0;
+    }
+    if (result != SB_OK)
+        return result;
+    for (int k = 0; k < 3; k++)
+        run->map.linear[k][k] = 1;
+    memcpy(run->moved, run->source.points, (size_t)run->source.blocks * sizeof *run->moved);
+    run->sigma2 = sigma > 0 ? sigma * sigma : regi_cpd_spread(&run->source, &run->target);
+    if (!(run->sigma2 > regi_cpd_least_sigma2))
+        run->sigma2 = regi_cpd_least_sigma2;
+    return SB_OK;
+}
+
+/* ---- expectation ---- */
+
+/* 1 / sigma^2 sum |T y - x|^2 of the landmarks. */
+static double regi_cpd_landmark_energy(const regi_cpd_run *run)
+{
+    double sum = 0;
+    for (int i = 0; i < run->options.landmark_count; i++) {
+        int slot = run->landmark_slots[i], lane = slot % REGI_CPD_LANES;
+        const regi_cpd_block *block = run->moved + slot / REGI_CPD_LANES;
+        const double *z = run->landmarks[i];
+        double x = block->x[lane] - z[0], y = block->y[lane] - z[1], w = block->z[lane] - z[2];
+        sum += x * x + y * y + w * w;
+    }
+    return run->landmark_weight * sum;
+}
+
+static sb_result regi_cpd_look(regi_cpd_run *run, int with_partners, sb_error *error)
+{
+    const reg_cpd_options *o = &run->options;
+    regi_cpd_expectation e = run->e;
+    double m = run->source.count, n = run->target.count, w = (double)o->outliers, area;
+    double turn = 6.283185307179586 * run->sigma2;
+    area = turn * sqrt(turn); /* the reciprocal of a Gaussian's peak */
+    e.source = &run->source;
+    e.target = &run->target;
+    e.moved = run->moved;
+    e.sigma2 = run->sigma2;
+    e.outlier = area * w / (1 - w) * m / n;
+    e.tolerance = (double)o->sum_tolerance;
+    e.best = with_partners ? run->e.best : NULL;
+    regi_cpd_bound(run->moved, run->source.blocks, run->source.boxes);
+    regi_cpd_expect(&e, &o->jobs);
+    memcpy(run->e.totals, e.totals, sizeof e.totals);
+    if (!(e.totals[0].explained > 1e-12 * n))
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "no target point is near enough the source: all are outliers");
+    run->info.pairs += e.totals[0].pairs;
+    run->info.explained = (sb_real)e.totals[0].explained;
+    run->info.sigma = (sb_real)(sqrt(run->sigma2) * run->target_frame.size * run->target_frame.unit);
+    run->info.objective = e.totals[0].logs + n * sbi_dense_log(m * area / (1 - w)) +
+                          0.5 * ((double)o->lambda * run->energy + regi_cpd_landmark_energy(run));
+    return SB_OK;
+}
+
+/* ---- maximisation ---- */
+
+/* p and r = sum P x - p T, with the landmarks as further partners of that weight. */
+static void regi_cpd_collect(regi_cpd_run *run)
+{
+    double weight = run->sigma2 * run->landmark_weight;
+    for (int b = 0; b < run->source.blocks; b++) {
+        size_t first = (size_t)b * REGI_CPD_LANES, bytes = sizeof run->e.sums[b].p;
+        memcpy(run->p + first, run->e.sums[b].p, bytes);
+        memcpy(run->r[0] + first, run->e.sums[b].x, bytes);
+        memcpy(run->r[1] + first, run->e.sums[b].y, bytes);
+        memcpy(run->r[2] + first, run->e.sums[b].z, bytes);
+    }
+    for (int i = 0; i < run->options.landmark_count; i++) {
+        int slot = run->landmark_slots[i], lane = slot % REGI_CPD_LANES;
+        const regi_cpd_block *block = run->moved + slot / REGI_CPD_LANES;
+        run->p[slot] += weight;
+        run->r[0][slot] += weight * (run->landmarks[i][0] - block->x[lane]);
+        run->r[1][slot] += weight * (run->landmarks[i][1] - block->y[lane]);
+        run->r[2][slot] += weight * (run->landmarks[i][2] - block->z[lane]);
+    }
+}
+
+/* Moments of the expected pairs: `cross` of the target's with the source's points, `spread` of the source's. */
+typedef struct regi_cpd_moments {
+    double x[3], y[3]; /* weighted means */
+    double cross[3][3], spread[3][3];
+} regi_cpd_moments;
+
+static void regi_cpd_weigh(const regi_cpd_run *run, regi_cpd_moments *s)
+{
+    double total = 0;
+    memset(s, 0, sizeof *s);
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 0; i < run->source.count; i++) {
+            int b = i / REGI_CPD_LANES, l = i % REGI_CPD_LANES;
+            const regi_cpd_block *from = run->source.points + b, *at = run->moved + b;
+            double p = run->p[i], y[3], x[3]; /* x: p times the mean place of the partners */
+            y[0] = from->x[l], y[1] = from->y[l], y[2] = from->z[l];
+            x[0] = run->r[0][i] + p * at->x[l], x[1] = run->r[1][i] + p * at->y[l];
+            x[2] = run->r[2][i] + p * at->z[l];
+            total += pass == 0 ? p : 0.0;
+            for (int j = 0; j < 3; j++) {
+                s->x[j] += pass == 0 ? x[j] : 0.0;
+                s->y[j] += pass == 0 ? p * y[j] : 0.0;
+                for (int k = 0; k < 3 && pass == 1; k++) {
+                    s->cross[j][k] += (x[j] - p * s->x[j]) * (y[k] - s->y[k]);
+                    s->spread[j][k] += p * (y[j] - s->y[j]) * (y[k] - s->y[k]);
+                }
+            }
+        }
+        for (int j = 0; j < 3 && pass == 0; j++) {
+            s->x[j] /= total;
+            s->y[j] /= total;
+        }
+    }
+}
+
+/* The rotation nearest to the cross moments, times the scale. Where they say nothing the last one stays. */
+static void regi_cpd_turn(regi_cpd_run *run, const regi_cpd_moments *s)
+{
+    double most = 0, trace = 0, spread = s->spread[0][0] + s->spread[1][1] + s->spread[2][2], scale = 1;
+    sb_mat3 a, u, v, rotation;
+    sb_vec3 stretches;
+    for (int j = 0; j < 9; j++)
+        most = regi_cpd_largest(most, fabs(s->cross[j / 3][j % 3]));
+    if (!(most > 0))
+        return;
+    for (int j = 0; j < 9; j++)
+        a.m[j / 3][j % 3] = (sb_real)(s->cross[j / 3][j % 3] / most);
+    sb_m3_svd(a, &u, &stretches, &v);
+    rotation = sb_m3_mult(u, v);
+    for (int j = 0; j < 9; j++)
+        trace += s->cross[j / 3][j % 3] * (double)rotation.m[j / 3][j % 3];
+    if (run->options.kind == REG_CPD_SIMILARITY && trace > 0 && spread > 0)
+        scale = trace / spread;
+    for (int j = 0; j < 9; j++)
+        run->map.linear[j / 3][j % 3] = scale * (double)rotation.m[j / 3][j % 3];
+}
+
+/* B += (A - B C) C^-1 of the moments A and C. C is made regular by a little: directions in which the source has no
+ * extent keep the B they had, all others get theirs to 1e-10 in the first iteration, and further digits in the next. */
+static void regi_cpd_stretch(regi_cpd_run *run, const regi_cpd_moments *s)
+{
+    double ridge = 1e-10 * (s->spread[0][0] + s->spread[1][1] + s->spread[2][2]), c[3][4], row[3];
+    if (!(ridge > 0))
+        return;
+    for (int j = 0; j < 3; j++)
+        for (int k = 0; k < 3; k++)
+            c[j][k] = s->spread[j][k] + (j == k ? ridge : 0.0);
+    regi_cpd_factor(c[0], 3, 4, ridge);
+    for (int j = 0; j < 3; j++) {
+        for (int k = 0; k < 3; k++) {
+            row[k] = s->cross[j][k];
+            for (int i = 0; i < 3; i++)
+                row[k] -= run->map.linear[j][i] * s->spread[i][k];
+        }
+        regi_cpd_back_solve(c[0], 3, 4, row);
+        for (int k = 0; k < 3; k++)
+            run->map.linear[j][k] += row[k];
+    }
+}
+
+static void regi_cpd_map(const regi_cpd_affine *map, const double y[3], double out[3])
+{
+    for (int j = 0; j < 3; j++)
+        out[j] = map->linear[j][0] * y[0] + map->linear[j][1] * y[1] + map->linear[j][2] * y[2] + map->shift[j];
+}
+
+static void regi_cpd_move_linear(regi_cpd_run *run)
+{
+    regi_cpd_moments s;
+    regi_cpd_weigh(run, &s);
+    if (run->options.kind == REG_CPD_AFFINE)
+        regi_cpd_stretch(run, &s);
+    else
+        regi_cpd_turn(run, &s);
+    for (int j = 0; j < 3; j++) {
+        run->map.shift[j] = s.x[j];
+        for (int k = 0; k < 3; k++)
+            run->map.shift[j] -= run->map.linear[j][k] * s.y[k];
+    }
+    for (int b = 0; b < run->source.blocks; b++)
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            const regi_cpd_block *from = run->source.points + b;
+            double y[3], x[3];
+            y[0] = from->x[l], y[1] = from->y[l], y[2] = from->z[l];
+            regi_cpd_map(&run->map, y, x);
+            run->next[b].x[l] = x[0], run->next[b].y[l] = x[1], run->next[b].z[l] = x[2];
+        }
+}
+
+static void regi_cpd_move_freely(regi_cpd_run *run)
+{
+    for (int b = 0; b < run->source.blocks; b++)
+        for (int l = 0; l < REGI_CPD_LANES; l++) { /* from distances to T to distances to Y */
+            const regi_cpd_block *from = run->source.points + b, *at = run->moved + b;
+            size_t i = (size_t)b * REGI_CPD_LANES + (size_t)l;
+            run->r[0][i] += run->p[i] * (at->x[l] - from->x[l]);
+            run->r[1][i] += run->p[i] * (at->y[l] - from->y[l]);
+            run->r[2][i] += run->p[i] * (at->z[l] - from->z[l]);
+        }
+    run->energy = regi_cpd_kernel_solve(&run->kernel, run->p, run->r, (double)run->options.lambda * run->sigma2,
+                                        &run->options.jobs);
+    regi_cpd_kernel_move(&run->kernel, run->source.points, run->next);
+}
+
+/* sigma^2 = sum P |x - T'|^2 / (3 sum P), by the way d from T to the new T': sum P |x - T|^2 - 2 d.r + P |d|^2. */
+static void regi_cpd_narrow(regi_cpd_run *run)
+{
+    double sum = run->e.totals[0].squares;
+    for (int b = 0; b < run->source.blocks; b++)
+        for (int l = 0; l < REGI_CPD_LANES; l++) {
+            const regi_cpd_sums *s = run->e.sums + b;
+            double x = run->next[b].x[l] - run->moved[b].x[l], y = run->next[b].y[l] - run->moved[b].y[l];
+            double z = run->next[b].z[l] - run->moved[b].z[l];
+            sum += s->p[l] * (x * x + y * y + z * z) - 2 * (s->x[l] * x + s->y[l] * y + s->z[l] * z);
+        }
+    run->sigma2 = sum / (3 * run->e.totals[0].explained);
+    if (!(run->sigma2 > regi_cpd_least_sigma2))
+        run->sigma2 = regi_cpd_least_sigma2;
+}
+
+/* ---- iteration ---- */
+
+static void regi_cpd_step(regi_cpd_run *run)
+{
+    regi_cpd_block *swap = run->moved;
+    regi_cpd_collect(run);
+    if (run->options.kind == REG_CPD_NONRIGID)
+        regi_cpd_move_freely(run);
+    else
+        regi_cpd_move_linear(run);
+    regi_cpd_narrow(run);
+    run->moved = run->next;
+    run->next = swap;
+    run->info.iterations++;
+}
+
+/* 1 when the last iteration was the last one; why is in info.stop. */
+static int regi_cpd_is_done(regi_cpd_run *run)
+{
+    const reg_cpd_options *o = &run->options;
+    if (!(run->sigma2 > regi_cpd_least_sigma2))
+        run->info.stop = REG_CPD_EXACT;
+    else if (run->info.iterations > 0 && run->info.change <= o->tolerance)
+        run->info.stop = REG_CPD_CONVERGED;
+    else if (run->info.iterations >= o->max_iterations)
+        run->info.stop = REG_CPD_ITERATIONS;
+    else if (o->max_seconds > 0 && run->info.seconds >= o->max_seconds)
+        run->info.stop = REG_CPD_TIME;
+    else
+        return 0;
+    return run->info.iterations > 0 || o->max_iterations == 0;
+}
+
+static sb_result regi_cpd_iterate(regi_cpd_run *run, sb_error *error)
+{
+    const reg_cpd_options *o = &run->options;
+    sb_result result = regi_cpd_look(run, 0, error);
+    while (result == SB_OK && !regi_cpd_is_done(run)) {
+        double before = run->info.objective;
+        regi_cpd_step(run);
+        result = regi_cpd_look(run, 0, error);
+        run->info.change = (sb_real)((before - run->info.objective) / run->target.count);
+        run->info.seconds = o->clock ? o->clock() - run->start : 0.0;
+        if (result == SB_OK && o->progress && o->progress(o->progress_user, &run->info) != 0)
+            return sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback after %d iterations",
+                            run->info.iterations);
+    }
+    return result == SB_OK ? regi_cpd_look(run, 1, error) : result;
+}
+
+/* ---- result ---- */
+
+static void regi_cpd_fit_layout(reg_cpd *fit, sbi_arena *arena)
+{
+    size_t count = (size_t)fit->count, rank = (size_t)fit->info.rank;
+    fit->centres = (double(*)[3])sbi_arena_take(arena, rank, 3 * sizeof(double));
+    fit->weights = (double(*)[3])sbi_arena_take(arena, rank, 3 * sizeof(double));
+    fit->moved = (sb_vec3 *)sbi_arena_take(arena, count, sizeof(sb_vec3));
+    fit->partners = (int *)sbi_arena_take(arena, count, sizeof(int));
+    fit->probabilities = (sb_real *)sbi_arena_take(arena, count, sizeof(sb_real));
+}
+
+static reg_cpd *regi_cpd_fit_allocate(const regi_cpd_run *run)
+{
+    const sb_allocator *allocator = &run->options.allocator;
+    reg_cpd *fit = (reg_cpd *)sbi_alloc_zeroed(allocator, 1, sizeof(reg_cpd));
+    sbi_arena arena;
+    if (!fit)
+        return NULL;
+    memset(&arena, 0, sizeof arena);
+    fit->allocator = *allocator;
+    fit->info = run->info;
+    fit->count = run->source.count;
+    regi_cpd_fit_layout(fit, &arena);
+    fit->memory = arena.overflow ? NULL : sbi_alloc(allocator, arena.used, 1);
+    if (!fit->memory) {
+        sbi_free(allocator, fit);
+        return NULL;
+    }
+    arena.base = (unsigned char *)fit->memory;
+    arena.used = 0;
+    regi_cpd_fit_layout(fit, &arena);
+    return fit;
+}
+
+static sb_result regi_cpd_finish(regi_cpd_run *run, reg_cpd **out, sb_error *error)
+{
+    reg_cpd *fit = regi_cpd_fit_allocate(run);
+    if (!fit)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fit of %d points", run->source.count);
+    fit->source = run->source_frame;
+    fit->target = run->target_frame;
+    fit->map = run->map;
+    fit->inverse = run->kernel.inverse;
+    for (int i = 0; i < fit->count; i++) {
+        int b = i / REGI_CPD_LANES, l = i % REGI_CPD_LANES, index = run->source.order[i];
+        double z[3];
+        z[0] = run->moved[b].x[l], z[1] = run->moved[b].y[l], z[2] = run->moved[b].z[l];
+        fit->moved[index] = regi_cpd_out_of(&fit->target, z);
+        fit->partners[index] = run->e.best[b].target[l];
+        fit->probabilities[index] = (sb_real)run->e.best[b].probability[l];
+    }
+    if (fit->info.rank > 0)
+        regi_cpd_kernel_spread(&run->kernel);
+    for (int k = 0; k < fit->info.rank; k++) {
+        int b = run->kernel.pivots[k] / REGI_CPD_LANES, l = run->kernel.pivots[k] % REGI_CPD_LANES;
+        fit->centres[k][0] = run->source.points[b].x[l];
+        fit->centres[k][1] = run->source.points[b].y[l];
+        fit->centres[k][2] = run->source.points[b].z[l];
+        for (int axis = 0; axis < 3; axis++)
+            fit->weights[k][axis] = run->kernel.weights[axis][k];
+    }
+    *out = fit;
+    return SB_OK;
+}
+
+REG_API sb_result reg_cpd_fit(const sb_vec3 *source, int source_count, const sb_vec3 *target, int target_count,
+                              const reg_cpd_options *options, reg_cpd **fit, sb_error *error)
+{
+    regi_cpd_run run;
+    sb_result result;
+    memset(&run, 0, sizeof run);
+    run.options = options ? *options : reg_default_cpd_options();
+    if (!fit)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no place for the fit");
+    result = regi_cpd_check(source, source_count, target, target_count, &run.options, error);
+    if (result != SB_OK)
+        return result;
+    run.start = run.options.clock ? run.options.clock() : 0.0;
+    run.source.count = source_count;
+    run.source.blocks = (source_count - 1) / REGI_CPD_LANES + 1;
+    run.target.count = target_count;
+    run.target.blocks = (target_count - 1) / REGI_CPD_LANES + 1;
+    run.kernel.allocator = run.options.allocator;
+    regi_cpd_set_frames(&run, source, source_count, target, target_count);
+    result = regi_cpd_prepare(&run, source, target, error);
+    if (result == SB_OK)
+        result = regi_cpd_iterate(&run, error);
+    if (result == SB_OK)
+        result = regi_cpd_finish(&run, fit, error);
+    regi_cpd_kernel_free(&run.kernel);
+    sbi_free(&run.options.allocator, run.memory);
+    return result;
+}
+
+REG_API void reg_cpd_destroy(reg_cpd *fit)
 {
     sb_allocator allocator;
-    if (!field)
+    if (!fit)
         return;
-    allocator = field->allocator;
-    sb_surface_destroy(field->surface);
-    reg_kdtree_destroy(field->tree);
-    sbi_free(&allocator, field->points);
-    sbi_free(&allocator, field->normals);
-    sbi_free(&allocator, field->border);
-    sbi_free(&allocator, field->grid.phi);
-    sbi_free(&allocator, field);
+    allocator = fit->allocator;
+    sbi_free(&allocator, fit->memory);
+    sbi_free(&allocator, fit);
+}
+
+REG_API reg_cpd_info reg_cpd_get_info(const reg_cpd *fit) { return fit->info; }
+REG_API const sb_vec3 *reg_cpd_moved(const reg_cpd *fit) { return fit->moved; }
+REG_API const int *reg_cpd_partners(const reg_cpd *fit) { return fit->partners; }
+REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit) { return fit->probabilities; }
+
+REG_API void reg_cpd_linear(const reg_cpd *fit, sb_mat3 *linear, sb_vec3 *translation)
+{
+    const regi_cpd_frame *from = &fit->source, *to = &fit->target;
+    double ratio = to->unit / from->unit * (to->size / from->size), at[3];
+    for (int j = 0; j < 3; j++) {
+        at[j] = to->mean[j] + to->size * fit->map.shift[j]; /* in units of the target */
+        for (int k = 0; k < 3; k++) {
+            linear->m[j][k] = (sb_real)(ratio * fit->map.linear[j][k]);
+            at[j] -= to->size / from->size * fit->map.linear[j][k] * from->mean[k];
+        }
+    }
+    *translation = sb_v3((sb_real)(to->unit * at[0]), (sb_real)(to->unit * at[1]), (sb_real)(to->unit * at[2]));
+}
+
+REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count, sb_vec3 *moved)
+{
+    if (!fit || !points || !moved)
+        return;
+    for (int i = 0; i < count; i++) {
+        double y[3], out[3];
+        regi_cpd_into(&fit->source, points[i], y);
+        regi_cpd_map(&fit->map, y, out);
+        for (int k = 0; k < fit->info.rank; k++) {
+            const double *centre = fit->centres[k], *weight = fit->weights[k];
+            double dx = y[0] - centre[0], dy = y[1] - centre[1], dz = y[2] - centre[2];
+            double g = sbi_dense_exp(-(dx * dx + dy * dy + dz * dz) * fit->inverse);
+            for (int axis = 0; axis < 3; axis++)
+                out[axis] += g * weight[axis];
+        }
+        moved[i] = regi_cpd_out_of(&fit->target, out);
+    }
+}
+
+/* ==== src/register/match_state.h ==== */
+/* match_state: what is inside a reg_match. Floor 5, internal: match.c makes it, match_step.c moves it. */
+#ifndef REG_MATCH_STATE_H
+#define REG_MATCH_STATE_H
+
+
+/* Charges per task of the look at the target: fixed, whatever the threads. */
+enum { REGI_MATCH_CHUNK = 128 };
+
+/* A charge, or a landmark: a point of an element. Its weights and their gradients at rest are in rows of their own. */
+typedef struct regi_match_charge {
+    int element;
+    int index;         /* triangle, vertex or landmark it is */
+    sb_real area;      /* m^2 at rest */
+    sb_vec3 normal;    /* outward at rest */
+    /* of the last look */
+    int guess;         /* item of the field that was closest, or -1 */
+    int active;
+    sb_vec3 point;     /* m */
+    sb_vec3 force;     /* slope of the potential: of unit charge, away from the target */
+    sb_vec3 line;      /* unit vector along which it is stiff */
+    sb_real stiffness; /* along it (1/m), >= 0 */
+    sb_real distance;  /* m */
+    sb_real energy;    /* potential (m) */
+} regi_match_charge;
+
+struct reg_match {
+    sb_allocator allocator;
+    sb_clock clock;
+    sb_body *body;
+    reg_field *field;
+    reg_match_method method;
+    int partial;
+    sb_real size;              /* of the organ (m) */
+    sb_real young;             /* Pa */
+    sb_real rounding;          /* half of the sampling length (m) */
+    sb_real first_reach, last_reach; /* m */
+    sb_real least_cosine, least_active;
+    sb_real first_charge, last_charge, least_growth, most_growth, settled;
+    sb_real landmark_stiffness; /* N/m */
+    double max_seconds;
+
+    void *memory;              /* the one block behind the arrays */
+    int charge_count, landmark_count, width; /* width: nodes per element */
+    regi_match_charge *charges; /* [charge_count + landmark_count], each kind by element */
+    sb_real *weights;          /* [charges and landmarks][width] */
+    sb_vec3 *gradients;        /* [charges][width] of the weights, at rest (1/m) */
+    sb_vec3 *targets;          /* [landmark_count], in the order of the def */
+    sb_vec3 *pull;             /* [nodes] force of charges and landmarks (N) */
+    sb_vec3 *trial;            /* [nodes] */
+    sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
+    double total_area;
+
+    /* state */
+    sb_real charge, reach;     /* Young's moduli; m */
+    sb_real last_mean;         /* m */
+    int calm;                  /* steps running that the mean distance did not fall */
+    reg_match_info info;
+};
+
+/* Where a charge or landmark is now (m). */
+REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge);
+
+#endif /* REG_MATCH_STATE_H */
+
+/* ==== src/register/match.c ==== */
+/* match: what a match is made from, and its charges. */
+
+#include <string.h>
+
+
+#define REGI_MATCH_COOKIE 0x6d617463u
+
+enum { REGI_MATCH_TRIANGLES = 4000 }; /* finer surfaces carry their charges at the vertices, which are half as many */
+
+REG_API reg_match_def reg_default_match_def(void)
+{
+    reg_match_def def;
+    memset(&def, 0, sizeof def);
+    def.method = REG_PBSM;
+    def.cells = 64;
+    def.partial = SB_AUTO;
+    def.reach = (sb_real)0.1;
+    def.last_reach = (sb_real)0.02;
+    def.least_cosine = (sb_real)0.5;
+    def.least_active = (sb_real)0.1;
+    def.sampling = (sb_real)0.015;
+    def.first_charge = (sb_real)0.2;
+    def.last_charge = 100;
+    def.least_growth = (sb_real)1.15;
+    def.most_growth = 2;
+    def.landmark_stiffness = 50;
+    def.settled = (sb_real)0.005;
+    def.max_seconds = 1e9;
+    def.cookie = REGI_MATCH_COOKIE;
+    return def;
 }
 
 /* ---- checks ---- */
 
-static sb_result regi_field_check_points(const reg_field_def *def, sb_error *error)
+static sb_result regi_match_check_numbers(const reg_match_def *def, sb_error *error)
 {
-    if (def->point_count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cloud of %d points is no target", def->point_count);
-    for (int i = 0; i < def->point_count; i++) {
-        if (!sb_v3_is_finite(def->points[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d of the target is not finite", i);
-        if (def->normals && !sb_v3_is_finite(def->normals[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "normal %d of the target is not finite", i);
-    }
+    const struct {
+        const char *name;
+        sb_real value, low, high;
+    } fields[] = {{"reach", def->reach, 0, SB_REAL_MAX},
+                  {"last_reach", def->last_reach, 0, SB_REAL_MAX},
+                  {"least_cosine", def->least_cosine, -1, 1},
+                  {"least_active", def->least_active, 0, 1},
+                  {"sampling", def->sampling, 0, SB_REAL_MAX},
+                  {"first_charge", def->first_charge, 0, SB_REAL_MAX},
+                  {"last_charge", def->last_charge, def->first_charge, SB_REAL_MAX},
+                  {"least_growth", def->least_growth, 1, SB_REAL_MAX},
+                  {"most_growth", def->most_growth, def->least_growth, SB_REAL_MAX},
+                  {"landmark_stiffness", def->landmark_stiffness, 0, SB_REAL_MAX},
+                  {"settled", def->settled, 0, SB_REAL_MAX}};
+    for (size_t i = 0; i < sizeof fields / sizeof fields[0]; i++)
+        if (!sb_is_finite(fields[i].value) || fields[i].value < fields[i].low || fields[i].value > fields[i].high)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s of a match is %g, out of range", fields[i].name,
+                            (double)fields[i].value);
+    if (!(def->reach > 0 && def->last_reach > 0 && def->sampling > 0 && def->first_charge > 0 && def->settled > 0 &&
+          def->landmark_stiffness > 0 && def->least_growth > 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reaches, sampling, charges, settled and landmark_stiffness of a "
+                        "match must be above 0, least_growth above 1");
+    if (!(def->max_seconds > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     return SB_OK;
 }
 
-static sb_result regi_field_check(const reg_field_def *def, sb_error *error)
+static sb_result regi_match_check_landmarks(const reg_match_def *def, sb_error *error)
 {
-    if (!def || def->cookie != REGI_FIELD_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs a def made by reg_default_field_def");
-    if (def->kind != REG_FIELD_DISTANCE && def->kind != REG_FIELD_LAPLACE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no field of kind %d", (int)def->kind);
-    if ((def->surface != NULL) == (def->points != NULL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs either a surface or points");
-    if (def->cells < 8 || def->cells > 256)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "cells is %d, not in [8, 256]", def->cells);
-    if (!sb_v3_is_finite(def->low) || !sb_v3_is_finite(def->high))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "a corner of the field's box is not finite");
-    if (def->high.x < def->low.x || def->high.y < def->low.y || def->high.z < def->low.z)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the box of the field has high below low");
-    return def->points ? regi_field_check_points(def, error) : SB_OK;
+    if (def->landmark_count < 0 || (def->landmark_count > 0 && (!def->landmarks || !def->landmark_targets)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks need points and targets", def->landmark_count);
+    for (int i = 0; i < def->landmark_count; i++)
+        if (!sb_v3_is_finite(def->landmarks[i]) || !sb_v3_is_finite(def->landmark_targets[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
+    return SB_OK;
 }
 
-/* ---- a surface and its rim ---- */
-
-/* Bits of the edges that no other triangle shares, then of all corners at such edges. rim: scratch [nodes], zeroed. */
-static void regi_field_mark_border(const sb_mesh *mesh, const sb_index_table *neighbours, unsigned char *rim,
-                                   unsigned char *border)
+static sb_result regi_match_check(const reg_match_def *def, sb_error *error)
 {
-    for (int t = 0; t < mesh->element_count; t++) {
-        border[t] = 0;
-        for (int i = 0; i < 3; i++)
-            if (neighbours->items[3 * t + i] < 0) {
-                border[t] = (unsigned char)(border[t] | 1 << i);
-                rim[mesh->elements[3 * t + i]] = rim[mesh->elements[3 * t + (i + 1) % 3]] = 1;
-            }
+    sb_result result;
+    if (!def || def->cookie != REGI_MATCH_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a match needs a def made by reg_default_match_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a match needs a body");
+    if ((def->target != NULL) == (def->target_points != NULL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a match needs either a target or target_points");
+    if (def->method != REG_PBSM && def->method != REG_PBSM_LAPLACE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no method %d of matching", (int)def->method);
+    if (def->partial != SB_AUTO && def->partial != 0 && def->partial != 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "partial is %d, not 0, 1 or SB_AUTO", def->partial);
+    if (def->body->elimination)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body with constraints cannot be matched");
+    if (def->body->domain.element_type == SB_CUSTOM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be matched");
+    result = regi_match_check_numbers(def, error);
+    return result == SB_OK ? regi_match_check_landmarks(def, error) : result;
+}
+
+/* ---- where the charges sit ---- */
+
+/* Points of a surface that carry its charges. */
+typedef struct regi_match_sites {
+    int count;
+    sb_vec3 *points;
+    sb_vec3 *areas; /* vectors (m^2) */
+} regi_match_sites;
+
+static void regi_match_free_sites(const sb_allocator *allocator, regi_match_sites *sites)
+{
+    sbi_free(allocator, sites->points);
+    sbi_free(allocator, sites->areas);
+}
+
+static void regi_match_place_sites(const sb_mesh *triangles, int at_vertices, regi_match_sites *sites)
+{
+    const sb_real third = (sb_real)1 / 3;
+    for (int t = 0; t < triangles->element_count; t++) {
+        const int *c = triangles->elements + 3 * t;
+        sb_vec3 a = triangles->nodes[c[0]], b = triangles->nodes[c[1]], d = triangles->nodes[c[2]];
+        sb_vec3 area = sb_v3_scale((sb_real)0.5, sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(d, a)));
+        if (!at_vertices) {
+            sites->points[t] = sb_v3_scale(third, sb_v3_add(a, sb_v3_add(b, d)));
+            sites->areas[t] = area;
+        }
+        for (int k = 0; k < 3 && at_vertices; k++) {
+            sites->points[c[k]] = triangles->nodes[c[k]];
+            sites->areas[c[k]] = sb_v3_madd(sites->areas[c[k]], third, area);
+        }
     }
-    for (int t = 0; t < mesh->element_count; t++)
-        for (int i = 0; i < 3; i++)
-            if (rim[mesh->elements[3 * t + i]])
-                border[t] = (unsigned char)(border[t] | 8 << i);
 }
 
-static sb_result regi_field_find_border(reg_field *field, const sb_mesh *mesh, sb_error *error)
+/* Those without area (unused vertices, flat triangles) carry nothing. */
+static void regi_match_drop_sites(regi_match_sites *sites)
 {
-    sb_index_table neighbours;
-    unsigned char *rim;
-    sb_result result = sb_mesh_neighbours(mesh, &field->allocator, &neighbours, error);
-    if (result != SB_OK)
-        return result;
-    rim = (unsigned char *)sbi_alloc_zeroed(&field->allocator, (size_t)mesh->node_count, 1);
-    field->border = (unsigned char *)sbi_alloc(&field->allocator, (size_t)mesh->element_count, 1);
-    if (rim && field->border)
-        regi_field_mark_border(mesh, &neighbours, rim, field->border);
-    else
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rim of %d triangles", mesh->element_count);
-    sbi_free(&field->allocator, rim);
-    sb_index_table_free(&neighbours);
-    return result;
+    int kept = 0;
+    for (int i = 0; i < sites->count; i++)
+        if (sb_v3_norm(sites->areas[i]) > 0) {
+            sites->points[kept] = sites->points[i];
+            sites->areas[kept++] = sites->areas[i];
+        }
+    sites->count = kept;
 }
 
-static sb_result regi_field_make_surface(reg_field *field, const sb_mesh *surface, sb_error *error)
+static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocator *allocator, regi_match_sites *sites,
+                                       sb_error *error)
 {
     sb_mesh triangles;
-    sb_result result = sb_surface_triangulate(surface, &field->allocator, &triangles, error);
+    int at_vertices;
+    sb_result result = sb_surface_triangulate(surface, allocator, &triangles, error);
     if (result != SB_OK)
         return result;
-    result = sb_surface_create(&triangles, &field->allocator, &field->surface, error);
-    if (result == SB_OK)
-        result = regi_field_find_border(field, &triangles, error);
-    if (result == SB_OK)
-        sb_surface_bounds(field->surface, &field->low, &field->high);
+    at_vertices = triangles.element_count > REGI_MATCH_TRIANGLES;
+    sites->count = at_vertices ? triangles.node_count : triangles.element_count;
+    sites->points = (sb_vec3 *)sbi_alloc_zeroed(allocator, (size_t)sites->count, sizeof(sb_vec3));
+    sites->areas = (sb_vec3 *)sbi_alloc_zeroed(allocator, (size_t)sites->count, sizeof(sb_vec3));
+    if (sites->points && sites->areas) {
+        regi_match_place_sites(&triangles, at_vertices, sites);
+        regi_match_drop_sites(sites);
+        if (sites->count == 0)
+            result = sbi_fail(error, SB_ERROR_MESH, "the organ's surface has no area");
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d charges", sites->count);
+    }
     sb_mesh_free(&triangles);
     return result;
 }
 
-/* ---- a cloud and its rim ---- */
-
-/* On a rim the neighbours lie to one side: the centre of a half disc is 0.42 radii from the middle of its straight
- * edge. */
-static int regi_field_is_rim(const reg_field *field, int point)
+static sb_mesh regi_match_mesh(const sb_body *body)
 {
-    int near[REGI_FIELD_NEIGHBOURS];
-    sb_real squares[REGI_FIELD_NEIGHBOURS];
-    sb_vec3 centre = sb_v3(0, 0, 0), at = field->points[point];
-    int count = reg_kdtree_k_nearest(field->tree, at, REGI_FIELD_NEIGHBOURS, near, squares);
-    if (count < REGI_FIELD_NEIGHBOURS)
-        return 0;
-    for (int i = 0; i < count; i++)
-        centre = sb_v3_madd(centre, (sb_real)1 / (sb_real)count, sb_v3_sub(field->points[near[i]], at));
-    return sb_v3_dot(centre, centre) > (sb_real)(0.3 * 0.3) * squares[count - 1];
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.node_count = body->domain.node_count;
+    mesh.nodes = body->reference;
+    mesh.element_type = body->domain.element_type;
+    mesh.element_count = body->domain.cell_count;
+    mesh.elements = body->domain.cells;
+    return mesh;
 }
 
-enum { REGI_FIELD_CHUNK = 1024 };
-
-static void regi_field_find_rims(void *user, int chunk)
+/* Charges of the def's surface, or of the body's boundary. */
+static sb_result regi_match_find_sites(const reg_match_def *def, regi_match_sites *sites, sb_error *error)
 {
-    reg_field *field = (reg_field *)user;
-    int first = chunk * REGI_FIELD_CHUNK, last = first + sbi_min_int(REGI_FIELD_CHUNK, field->point_count - first);
-    for (int i = first; i < last; i++)
-        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
-}
-
-static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *def, sb_error *error)
-{
-    size_t count = (size_t)def->point_count;
-    sb_result result = reg_kdtree_create(def->points, def->point_count, &field->allocator, &field->tree, error);
-    if (result != SB_OK)
-        return result;
-    field->point_count = def->point_count;
-    field->points = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
-    field->border = (unsigned char *)sbi_alloc(&field->allocator, count, 1);
-    if (def->normals)
-        field->normals = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
-    if (!field->points || !field->border || (def->normals && !field->normals))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a target of %d points", def->point_count);
-    memcpy(field->points, def->points, count * sizeof(sb_vec3));
-    field->low = field->high = def->points[0];
-    for (int i = 0; i < def->point_count; i++) {
-        sb_vec3 p = def->points[i], n = def->normals ? def->normals[i] : p;
-        sb_real length = sb_v3_norm(n);
-        field->low = sb_v3(sb_min(field->low.x, p.x), sb_min(field->low.y, p.y), sb_min(field->low.z, p.z));
-        field->high = sb_v3(sb_max(field->high.x, p.x), sb_max(field->high.y, p.y), sb_max(field->high.z, p.z));
-        if (def->normals)
-            field->normals[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, n) : sb_v3(0, 0, 0);
+    sb_mesh mesh = regi_match_mesh(def->body);
+    sb_boundary boundary;
+    sb_result result;
+    memset(sites, 0, sizeof *sites);
+    if (def->surface) {
+        result = regi_match_make_sites(def->surface, &def->allocator, sites, error);
+    } else {
+        result = sb_mesh_boundary(&mesh, 1, &def->allocator, &boundary, error);
+        if (result != SB_OK)
+            return result;
+        result = regi_match_make_sites(&boundary.surface, &def->allocator, sites, error);
+        sb_boundary_free(&boundary);
     }
-    sbi_run(&def->jobs, regi_field_find_rims, field, (def->point_count - 1) / REGI_FIELD_CHUNK + 1);
+    if (result != SB_OK)
+        regi_match_free_sites(&def->allocator, sites);
+    return result;
+}
+
+/* ---- points held by elements ---- */
+
+/* Weights of the nodes, and unless NULL their gradients at rest, of an embedded point. Outside the mesh both are those
+ * of the nearest point of the element, carried on linearly: exact for affine motions. */
+static void regi_match_weigh(const sb_mesh *mesh, const sb_embedded_point *point, sb_real *weights, sb_vec3 *gradients)
+{
+    sb_real slope[SB_MAX_ELEMENT_NODES][3];
+    sb_mat3 jacobian = sb_m3_zero(), inverse;
+    int width = sb_mesh_element_width(mesh);
+    const int *nodes = mesh->elements + (size_t)point->element * (size_t)width;
+    sb_element_shape(mesh->element_type, point->xi, weights, slope);
+    for (int a = 0; a < width; a++) {
+        sb_vec3 s = sb_v3(slope[a][0], slope[a][1], slope[a][2]);
+        weights[a] += s.x * point->step[0] + s.y * point->step[1] + s.z * point->step[2];
+        jacobian = sb_m3_add(jacobian, sb_m3_outer(mesh->nodes[nodes[a]], s));
+    }
+    inverse = sb_m3_transpose(sb_m3_inverse(jacobian));
+    for (int a = 0; a < width && gradients; a++)
+        gradients[a] = sb_m3_apply(inverse, sb_v3(slope[a][0], slope[a][1], slope[a][2]));
+}
+
+static sb_result regi_match_embed(const sb_mesh *mesh, const sb_vec3 *points, int count, const reg_match_def *def,
+                                  sb_real size, sb_embedding **embedding, sb_error *error)
+{
+    sb_embedding_def embed = sb_default_embedding_def();
+    embed.mesh = mesh;
+    embed.points = points;
+    embed.point_count = count;
+    embed.kind = SB_EMBED_PLAIN;
+    embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
+    embed.allocator = def->allocator;
+    embed.jobs = def->body->jobs;
+    return sb_embedding_create(&embed, embedding, error);
+}
+
+/* Fills charges[count] and their rows, by ascending element. start: scratch [elements + 1], zeroed. */
+static void regi_match_settle_points(const sb_embedding *embedding, const sb_mesh *mesh, int count, int *start,
+                                     regi_match_charge *charges, sb_real *weights, sb_vec3 *gradients)
+{
+    size_t width = (size_t)sb_mesh_element_width(mesh);
+    sb_embedded_point point;
+    for (int i = 0; i < count; i++) {
+        (void)sb_embedding_get_point(embedding, i, &point);
+        start[point.element + 1]++;
+    }
+    for (int e = 0; e < mesh->element_count; e++)
+        start[e + 1] += start[e];
+    for (int i = 0; i < count; i++) {
+        size_t at;
+        (void)sb_embedding_get_point(embedding, i, &point);
+        at = (size_t)start[point.element]++;
+        charges[at].element = point.element;
+        charges[at].index = i;
+        charges[at].guess = -1;
+        regi_match_weigh(mesh, &point, weights + at * width, gradients ? gradients + at * width : NULL);
+    }
+}
+
+/* ---- memory ---- */
+
+static void regi_match_layout(reg_match *match, sbi_arena *arena)
+{
+    size_t charges = (size_t)match->charge_count, all = charges + (size_t)match->landmark_count;
+    size_t width = (size_t)match->width, nodes = (size_t)match->body->domain.node_count;
+    match->charges = (regi_match_charge *)sbi_arena_take(arena, all, sizeof(regi_match_charge));
+    match->weights = (sb_real *)sbi_arena_take(arena, all, width * sizeof(sb_real));
+    match->gradients = (sb_vec3 *)sbi_arena_take(arena, charges, width * sizeof(sb_vec3));
+    match->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)match->landmark_count, sizeof(sb_vec3));
+    match->pull = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    match->trial = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    match->local = (sb_real *)sbi_arena_take(arena, 3 * width, 3 * width * sizeof(sb_real));
+}
+
+static sb_result regi_match_allocate(reg_match *match, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    regi_match_layout(match, &arena);
+    match->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&match->allocator, arena.used, 1);
+    if (!match->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a match of %d charges", match->charge_count);
+    arena.base = (unsigned char *)match->memory;
+    arena.used = 0;
+    regi_match_layout(match, &arena);
     return SB_OK;
 }
 
-/* ---- closest places ---- */
-
-static int regi_field_closest_triangle(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
+/* Charges and landmarks in the elements that hold them. */
+static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_match_sites *sites,
+                                 sb_error *error)
 {
-    sb_surface_hit found;
-    unsigned rim;
-    if (!sb_surface_closest_from(field->surface, point, SB_REAL_MAX, guess, &found))
-        return 0;
-    rim = field->border[found.triangle];
-    hit->point = found.point;
-    hit->normal = sb_surface_normal(field->surface, &found);
-    hit->distance = found.distance;
-    hit->item = found.triangle;
-    hit->on_border = (found.feature == SB_SURFACE_EDGE && (rim >> found.index & 1)) ||
-                     (found.feature == SB_SURFACE_VERTEX && (rim >> (3 + found.index) & 1));
-    return 1;
-}
-
-static int regi_field_closest_point(const reg_field *field, sb_vec3 point, reg_field_hit *hit)
-{
-    sb_real square = 0;
-    int nearest = sb_v3_is_finite(point) ? reg_kdtree_nearest(field->tree, point, SB_REAL_MAX, &square) : -1;
-    if (nearest < 0 || !sb_is_finite(square))
-        return 0;
-    hit->point = field->points[nearest];
-    hit->normal = field->normals ? field->normals[nearest] : sb_v3(0, 0, 0);
-    hit->distance = sb_sqrt(square);
-    hit->item = nearest;
-    hit->on_border = field->border[nearest];
-    return 1;
-}
-
-REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
-{
-    return field->tree ? regi_field_closest_point(field, point, hit)
-                       : regi_field_closest_triangle(field, point, guess, hit);
-}
-
-/* ---- the grid ---- */
-
-/* Cell and place within it, in [0, 1], along one axis. */
-static int regi_field_locate(sb_real x, sb_real low, sb_real cell, int corners, sb_real *share)
-{
-    sb_real place = (x - low) / cell, last = (sb_real)(corners - 1);
-    int index;
-    place = sb_max(0, sb_min(place, last));
-    index = sbi_min_int((int)place, corners - 2);
-    *share = place - (sb_real)index;
-    return index;
-}
-
-/* Trilinear interpolation and its gradient. */
-static sb_real regi_field_interpolate(const regi_field_grid *grid, sb_vec3 point, sb_vec3 *gradient)
-{
-    sb_real s[3], phi = 0, slope[3] = {0, 0, 0};
-    int i = regi_field_locate(point.x, grid->low.x, grid->cell, grid->count[0], &s[0]);
-    int j = regi_field_locate(point.y, grid->low.y, grid->cell, grid->count[1], &s[1]);
-    int k = regi_field_locate(point.z, grid->low.z, grid->cell, grid->count[2], &s[2]);
-    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
-    const sb_real *at = grid->phi + (size_t)i + (size_t)j * row + (size_t)k * plane;
-    for (int corner = 0; corner < 8; corner++) {
-        int bit[3] = {corner & 1, corner >> 1 & 1, corner >> 2};
-        sb_real value = at[(size_t)bit[0] + (size_t)bit[1] * row + (size_t)bit[2] * plane], w[3];
-        for (int a = 0; a < 3; a++)
-            w[a] = bit[a] ? s[a] : 1 - s[a];
-        phi += w[0] * w[1] * w[2] * value;
-        for (int a = 0; a < 3; a++)
-            slope[a] += (bit[a] ? value : -value) * w[(a + 1) % 3] * w[(a + 2) % 3];
+    sb_mesh mesh = regi_match_mesh(match->body);
+    size_t charges = (size_t)match->charge_count;
+    for (int kind = 0; kind < 2; kind++) {
+        const sb_vec3 *points = kind == 0 ? sites->points : def->landmarks;
+        int count = kind == 0 ? match->charge_count : match->landmark_count;
+        size_t first = kind == 0 ? 0 : charges;
+        sb_embedding *embedding = NULL;
+        int *start;
+        sb_result result;
+        if (count == 0)
+            continue;
+        result = regi_match_embed(&mesh, points, count, def, match->size, &embedding, error);
+        if (result != SB_OK)
+            return result;
+        start = (int *)sbi_alloc_zeroed(&match->allocator, (size_t)mesh.element_count + 1, sizeof(int));
+        if (start)
+            regi_match_settle_points(embedding, &mesh, count, start, match->charges + first,
+                                     match->weights + first * (size_t)match->width,
+                                     kind == 0 ? match->gradients : NULL);
+        sb_embedding_destroy(embedding);
+        sbi_free(&match->allocator, start);
+        if (!start)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to sort %d points", count);
     }
-    *gradient = sb_v3_scale((sb_real)1 / grid->cell, sb_v3(slope[0], slope[1], slope[2]));
-    return phi;
-}
-
-static sb_vec3 regi_field_corner(const regi_field_grid *grid, int i, int j, int k)
-{
-    return sb_v3_madd(grid->low, grid->cell, sb_v3((sb_real)i, (sb_real)j, (sb_real)k));
-}
-
-/* What setting up the grid's rows of corners needs; each (j, k) is one task. */
-typedef struct regi_field_filling {
-    const reg_field *field;
-    unsigned char *held; /* [corners] 1: the value is given */
-} regi_field_filling;
-
-/* Corners next to the target have their distance to it, which is what its zero means for them; those on the box
- * have theirs too; all others start there. */
-static void regi_field_fill_row(void *user, int row)
-{
-    const regi_field_filling *filling = (const regi_field_filling *)user;
-    const regi_field_grid *grid = &filling->field->grid;
-    int j = row % grid->count[1], k = row / grid->count[1], guess = -1;
-    int outer = j == 0 || k == 0 || j == grid->count[1] - 1 || k == grid->count[2] - 1;
-    for (int i = 0; i < grid->count[0]; i++) {
-        size_t at = (size_t)row * (size_t)grid->count[0] + (size_t)i;
-        reg_field_hit hit;
-        hit.distance = 0;
-        if (reg_field_closest(filling->field, regi_field_corner(grid, i, j, k), guess, &hit))
-            guess = hit.item;
-        grid->phi[at] = hit.distance;
-        filling->held[at] = outer || i == 0 || i == grid->count[0] - 1 || hit.distance < (sb_real)0.87 * grid->cell;
+    for (size_t i = 0; i < charges; i++) {
+        regi_match_charge *charge = match->charges + i;
+        sb_vec3 area = sites->areas[charge->index];
+        charge->area = sb_v3_norm(area);
+        charge->normal = sb_v3_scale((sb_real)1 / charge->area, area);
+        match->total_area += (double)charge->area;
     }
-}
-
-/* One half sweep of successive over-relaxation over the corners of one colour of a chessboard. Returns the largest
- * change. */
-static sb_real regi_field_relax(regi_field_grid *grid, const unsigned char *held, int colour, sb_real omega)
-{
-    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
-    sb_real most = 0;
-    for (int k = 1; k < grid->count[2] - 1; k++)
-        for (int j = 1; j < grid->count[1] - 1; j++) {
-            sb_real *phi = grid->phi + (size_t)k * plane + (size_t)j * row;
-            const unsigned char *given = held + (size_t)k * plane + (size_t)j * row;
-            for (int i = 1 + (j + k + colour) % 2; i < grid->count[0] - 1; i += 2) {
-                sb_real *p = phi + i;
-                sb_real mean = (p[-1] + p[1] + *(p - row) + *(p + row) + *(p - plane) + *(p + plane)) / 6;
-                sb_real change = given[i] ? 0 : omega * (mean - *p);
-                *p += change;
-                most = sb_max(most, sb_abs(change));
-            }
-        }
-    return most;
-}
-
-/* The factor that is best for a cube of as many cells. */
-static sb_real regi_field_omega(const regi_field_grid *grid)
-{
-    sb_real s, c;
-    int longest = sbi_max_int(grid->count[0], sbi_max_int(grid->count[1], grid->count[2]));
-    sb_sin_cos((sb_real)3.14159265358979 / (sb_real)longest, &s, &c);
-    return 2 / (1 + s);
-}
-
-/* Until no corner changes by more than 1e-4 cells in a sweep, which is far below what the grid resolves. */
-static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
-{
-    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-4 * grid->cell, change = enough + 1;
-    for (grid->sweeps = 0; grid->sweeps < 2000 && change > enough; grid->sweeps++) {
-        change = regi_field_relax(grid, held, 0, omega);
-        change = sb_max(change, regi_field_relax(grid, held, 1, omega));
-    }
-}
-
-/* The box of the def, enlarged, and the number of corners; 0 when it is too large for numbers. */
-static int regi_field_plan(reg_field *field, const reg_field_def *def)
-{
-    regi_field_grid *grid = &field->grid;
-    sb_real margin = (sb_real)0.1 * sb_v3_norm(sb_v3_sub(field->high, field->low)), longest;
-    sb_vec3 edge, low = sb_v3_sub(field->low, sb_v3(margin, margin, margin));
-    sb_vec3 high = sb_v3_add(field->high, sb_v3(margin, margin, margin)), size = sb_v3_sub(def->high, def->low);
-    if (size.x > 0 || size.y > 0 || size.z > 0) {
-        low = sb_v3(sb_min(low.x, def->low.x), sb_min(low.y, def->low.y), sb_min(low.z, def->low.z));
-        high = sb_v3(sb_max(high.x, def->high.x), sb_max(high.y, def->high.y), sb_max(high.z, def->high.z));
-    }
-    edge = sb_v3_sub(high, low);
-    longest = sb_max(edge.x, sb_max(edge.y, edge.z));
-    if (!sb_is_finite(longest) || !sb_v3_is_finite(edge))
-        return 0;
-    grid->low = low;
-    grid->cell = longest > 0 ? longest / (sb_real)def->cells : 1;
-    grid->count[0] = sbi_max_int((int)(edge.x / grid->cell + (sb_real)0.999), 2) + 1;
-    grid->count[1] = sbi_max_int((int)(edge.y / grid->cell + (sb_real)0.999), 2) + 1;
-    grid->count[2] = sbi_max_int((int)(edge.z / grid->cell + (sb_real)0.999), 2) + 1;
-    return 1;
-}
-
-static sb_result regi_field_make_grid(reg_field *field, const reg_field_def *def, sb_error *error)
-{
-    regi_field_filling filling;
-    size_t corners;
-    if (!regi_field_plan(field, def))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the target is too large for a potential");
-    corners = (size_t)field->grid.count[0] * (size_t)field->grid.count[1] * (size_t)field->grid.count[2];
-    field->grid.phi = (sb_real *)sbi_alloc(&field->allocator, corners, sizeof(sb_real));
-    filling.field = field;
-    filling.held = (unsigned char *)sbi_alloc(&field->allocator, corners, 1);
-    if (!field->grid.phi || !filling.held) {
-        sbi_free(&field->allocator, filling.held);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential of %d cells a side", def->cells);
-    }
-    sbi_run(&def->jobs, regi_field_fill_row, &filling, field->grid.count[1] * field->grid.count[2]);
-    regi_field_solve(&field->grid, filling.held);
-    sbi_free(&field->allocator, filling.held);
     return SB_OK;
 }
 
 /* ---- life ---- */
 
-REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error)
+static sb_result regi_match_make_field(reg_match *match, const reg_match_def *def, sb_error *error)
 {
-    reg_field *made;
-    sb_result result = regi_field_check(def, error);
-    if (result == SB_OK && !field)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the field");
-    if (result != SB_OK)
-        return result;
-    made = (reg_field *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
-    made->allocator = def->allocator;
-    made->kind = def->kind;
-    result = def->surface ? regi_field_make_surface(made, def->surface, error)
-                          : regi_field_make_cloud(made, def, error);
-    if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
-        result = regi_field_make_grid(made, def, error);
-    if (result != SB_OK) {
-        reg_field_destroy(made);
-        return result;
-    }
-    *field = made;
+    reg_field_def field = reg_default_field_def();
+    sb_mesh mesh = regi_match_mesh(match->body);
+    field.kind = def->method == REG_PBSM_LAPLACE ? REG_FIELD_LAPLACE : REG_FIELD_DISTANCE;
+    field.surface = def->target;
+    field.points = def->target_points;
+    field.normals = def->target_normals;
+    field.point_count = def->target_count;
+    field.cells = def->cells;
+    field.allocator = def->allocator;
+    field.jobs = match->body->jobs;
+    sb_mesh_bounds(&mesh, &field.low, &field.high);
+    return reg_field_create(&field, &match->field, error);
+}
+
+/* What charges are measured with: Young's modulus, as mean over the elements. */
+static sb_real regi_match_young(const sb_body *body)
+{
+    double sum = 0;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+    return (sb_real)(sum / (double)body->domain.cell_count);
+}
+
+static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_error *error)
+{
+    sb_mesh mesh = regi_match_mesh(def->body);
+    sb_vec3 low, high;
+    sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
+    sb_mesh_bounds(&mesh, &low, &high);
+    match->body = def->body;
+    match->clock = def->clock;
+    match->method = def->method;
+    match->width = sb_mesh_element_width(&mesh);
+    match->size = sb_v3_norm(sb_v3_sub(high, low));
+    match->young = regi_match_young(def->body);
+    if (!sb_is_finite(match->young) || !(match->young > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)match->young);
+    match->rounding = (sb_real)0.5 * def->sampling * match->size;
+    match->first_reach = def->reach * match->size;
+    match->last_reach = sb_min(def->last_reach, def->reach) * match->size;
+    match->least_cosine = def->least_cosine;
+    match->least_active = def->least_active;
+    match->first_charge = def->first_charge;
+    match->last_charge = def->last_charge;
+    match->least_growth = def->least_growth;
+    match->most_growth = def->most_growth;
+    match->settled = def->settled;
+    match->max_seconds = def->max_seconds;
+    match->landmark_count = def->landmark_count;
+    share = sb_mesh_volume(&mesh) / ((sb_real)mesh.element_count * match->size * match->size * match->size);
+    match->landmark_stiffness = def->landmark_stiffness * match->young * match->size * sb_exp(sb_log(share) / 3);
     return SB_OK;
 }
 
-/* ---- the potential ---- */
-
-REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient)
+static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
 {
-    reg_field_hit hit;
-    sb_vec3 slope = sb_v3(0, 0, 0);
-    if (field->kind == REG_FIELD_LAPLACE) {
-        if (!sb_v3_is_finite(point))
-            return 0;
-        *phi = regi_field_interpolate(&field->grid, point, &slope);
-    } else {
-        if (!reg_field_closest(field, point, guess, &hit))
-            return 0;
-        *phi = hit.distance;
-        if (hit.distance > 0)
-            slope = sb_v3_scale((sb_real)1 / hit.distance, sb_v3_sub(point, hit.point));
+    regi_match_sites sites;
+    sb_result result = regi_match_set(match, def, error);
+    if (result == SB_OK)
+        result = regi_match_make_field(match, def, error);
+    if (result != SB_OK)
+        return result;
+    match->partial = def->partial == SB_AUTO ? regi_field_is_open(match->field) : def->partial;
+    result = regi_match_find_sites(def, &sites, error);
+    if (result != SB_OK)
+        return result;
+    match->charge_count = sites.count;
+    result = regi_match_allocate(match, error);
+    if (result == SB_OK)
+        result = regi_match_hold(match, def, &sites, error);
+    regi_match_free_sites(&def->allocator, &sites);
+    if (result == SB_OK && match->landmark_count)
+        memcpy(match->targets, def->landmark_targets, (size_t)match->landmark_count * sizeof(sb_vec3));
+    return result;
+}
+
+REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, sb_error *error)
+{
+    reg_match *made;
+    sb_result result = regi_match_check(def, error);
+    if (result == SB_OK && !match)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the match");
+    if (result != SB_OK)
+        return result;
+    made = (reg_match *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a match");
+    made->allocator = def->allocator;
+    result = regi_match_build(made, def, error);
+    if (result != SB_OK) {
+        reg_match_destroy(made);
+        return result;
     }
-    if (gradient)
-        *gradient = slope;
-    return 1;
+    reg_match_restart(made);
+    *match = made;
+    return SB_OK;
 }
 
-REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
-                            reg_field_sample *sample)
+REG_API void reg_match_destroy(reg_match *match)
 {
-    sb_real half = (sb_real)0.5 * step, before, after, phi;
-    sb_vec3 slope_before, slope_after;
-    if (!reg_field_at(field, point, guess, &phi, NULL) ||
-        !reg_field_at(field, sb_v3_madd(point, -half, direction), guess, &before, &slope_before) ||
-        !reg_field_at(field, sb_v3_madd(point, half, direction), guess, &after, &slope_after))
+    sb_allocator allocator;
+    if (!match)
+        return;
+    allocator = match->allocator;
+    reg_field_destroy(match->field);
+    sbi_free(&allocator, match->memory);
+    sbi_free(&allocator, match);
+}
+
+REG_API void reg_match_restart(reg_match *match)
+{
+    double seconds = match->info.seconds;
+    memset(&match->info, 0, sizeof match->info);
+    match->info.seconds = seconds;
+    match->info.charge = match->first_charge;
+    match->info.error.line = 0;
+    match->info.error.element = match->info.error.node = -1;
+    match->charge = match->first_charge;
+    match->reach = match->first_reach;
+    match->last_mean = SB_REAL_MAX;
+    match->calm = 0;
+}
+
+/* ---- landmarks and readings ---- */
+
+REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targets)
+{
+    if (!match || (!targets && match->landmark_count))
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < match->landmark_count; i++)
+        if (!sb_v3_is_finite(targets[i]))
+            return SB_ERROR_NOT_FINITE;
+    if (match->landmark_count)
+        memcpy(match->targets, targets, (size_t)match->landmark_count * sizeof(sb_vec3));
+    match->last_mean = SB_REAL_MAX;
+    match->calm = 0;
+    match->info.stop = REG_MATCH_RUNNING;
+    return SB_OK;
+}
+
+REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points)
+{
+    for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++)
+        points[match->charges[i].index] = regi_match_point(match, i);
+}
+
+REG_API const sb_body *reg_match_body(const reg_match *match) { return match->body; }
+
+REG_API reg_match_info reg_match_get_info(const reg_match *match) { return match->info; }
+
+REG_API int reg_match_sample_count(const reg_match *match) { return match->charge_count; }
+
+REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_match_sample *sample)
+{
+    const regi_match_charge *charge;
+    if (!match || !sample)
+        return SB_ERROR_ARGUMENT;
+    if (index < 0 || index >= match->charge_count)
+        return SB_ERROR_INDEX;
+    charge = match->charges + index;
+    sample->point = charge->point;
+    sample->area = charge->area;
+    sample->distance = charge->distance;
+    sample->active = charge->active;
+    return SB_OK;
+}
+
+/* ==== src/register/match_step.c ==== */
+/* match_step: one step of a match: look at the target, pull, solve, raise the charge. */
+#include <string.h>
+
+
+static double regi_match_now(const reg_match *match) { return match->clock ? match->clock() : 0.0; }
+
+static const int *regi_match_nodes(const reg_match *match, int charge)
+{
+    return match->body->domain.cells + (size_t)match->charges[charge].element * (size_t)match->width;
+}
+
+REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge)
+{
+    const int *nodes = regi_match_nodes(match, charge);
+    const sb_real *weights = match->weights + (size_t)charge * (size_t)match->width;
+    sb_vec3 x = sb_v3(0, 0, 0);
+    for (int a = 0; a < match->width; a++)
+        x = sb_v3_madd(x, weights[a], match->body->position[nodes[a]]);
+    return x;
+}
+
+/* ---- looking at the target ---- */
+
+/* The outward normal now: cof(F) N. Where the element is flat, the one at rest. */
+static sb_vec3 regi_match_normal(const reg_match *match, int charge)
+{
+    const int *nodes = regi_match_nodes(match, charge);
+    const sb_vec3 *gradients = match->gradients + (size_t)charge * (size_t)match->width;
+    sb_vec3 rest = match->charges[charge].normal, r[3], normal;
+    sb_mat3 f = sb_m3_zero();
+    sb_real length;
+    for (int a = 0; a < match->width; a++)
+        f = sb_m3_add(f, sb_m3_outer(match->body->position[nodes[a]], gradients[a]));
+    for (int c = 0; c < 3; c++)
+        r[c] = sb_v3(f.m[0][c], f.m[1][c], f.m[2][c]);
+    normal = sb_v3_scale(rest.x, sb_v3_cross(r[1], r[2]));
+    normal = sb_v3_madd(normal, rest.y, sb_v3_cross(r[2], r[0]));
+    normal = sb_v3_madd(normal, rest.z, sb_v3_cross(r[0], r[1]));
+    length = sb_v3_norm(normal);
+    return length > 0 ? sb_v3_scale((sb_real)1 / length, normal) : rest;
+}
+
+/* Distance potential, rounded off within r of the target: phi' = d/r there and 1 beyond, along the normal of the target
+ * (of the organ, when the target's is not known). Beyond, its own second derivative is 0; 1/d in its place is the
+ * curvature of the parabola that touches it from above, so that a step never goes too far. */
+static void regi_match_feel_distance(const reg_match *match, regi_match_charge *charge, const reg_field_hit *hit,
+                                     sb_vec3 normal)
+{
+    sb_real r = match->rounding, d, size;
+    charge->line = sb_v3_dot(hit->normal, hit->normal) > 0 ? hit->normal : normal;
+    d = sb_v3_dot(sb_v3_sub(charge->point, hit->point), charge->line);
+    size = sb_abs(d);
+    charge->stiffness = 1 / sb_max(r, size);
+    charge->force = sb_v3_scale(d * charge->stiffness, charge->line);
+    charge->energy = size < r ? (sb_real)0.5 * d * d / r : size - (sb_real)0.5 * r;
+}
+
+/* Laplace's: the slope along the organ's normal. What the grid's gradient has across it is noise of the cells, against
+ * which nothing would hold the charge. */
+static int regi_match_feel_grid(const reg_match *match, regi_match_charge *charge, sb_vec3 normal)
+{
+    reg_field_sample sample;
+    if (!reg_field_along(match->field, charge->point, normal, 2 * match->rounding, -1, &sample))
         return 0;
-    sample->phi = phi;
-    sample->phi_n = (after - before) / step;
-    sample->phi_nn = sb_v3_dot(direction, sb_v3_sub(slope_after, slope_before)) / step;
+    charge->line = normal;
+    charge->energy = sample.phi;
+    charge->force = sb_v3_scale(sample.phi_n, normal);
+    charge->stiffness = sb_max(sample.phi_nn, sb_abs(sample.phi_n) / sb_max(match->rounding, charge->distance));
     return 1;
 }
 
-REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high)
+static void regi_match_look_at(reg_match *match, int index)
 {
-    *low = field->low;
-    *high = field->high;
+    regi_match_charge *charge = match->charges + index;
+    sb_vec3 normal = regi_match_normal(match, index);
+    reg_field_hit hit;
+    charge->point = regi_match_point(match, index);
+    charge->active = reg_field_closest(match->field, charge->point, charge->guess, &hit);
+    if (!charge->active)
+        return;
+    charge->guess = hit.item;
+    charge->distance = hit.distance;
+    if (match->partial) {
+        int known = sb_v3_dot(hit.normal, hit.normal) > 0;
+        charge->active = !hit.on_border && hit.distance < match->reach &&
+                         (!known || sb_v3_dot(normal, hit.normal) > match->least_cosine);
+    }
+    if (!charge->active)
+        return;
+    if (match->method == REG_PBSM_LAPLACE)
+        charge->active = regi_match_feel_grid(match, charge, normal);
+    else
+        regi_match_feel_distance(match, charge, &hit, normal);
 }
 
-REGI_API int regi_field_is_open(const reg_field *field)
+static void regi_match_look_chunk(void *user, int chunk)
 {
-    int triangles = field->surface ? sb_surface_triangle_count(field->surface) : 0;
-    for (int t = 0; t < triangles; t++)
-        if (field->border[t])
-            return 1;
-    return field->tree != NULL;
+    reg_match *match = (reg_match *)user;
+    int first = chunk * REGI_MATCH_CHUNK, last = sbi_min_int(first + REGI_MATCH_CHUNK, match->charge_count);
+    for (int i = first; i < last; i++)
+        regi_match_look_at(match, i);
 }
 
-REG_API int reg_field_sweeps(const reg_field *field) { return field->grid.sweeps; }
+/* Sums over the charges, in their order. Returns the electric energy (J). */
+static double regi_match_look(reg_match *match)
+{
+    double area = 0, mean = 0, energy = 0;
+    sb_real most = 0;
+    int chunks = (match->charge_count + REGI_MATCH_CHUNK - 1) / REGI_MATCH_CHUNK;
+    sbi_run(&match->body->jobs, regi_match_look_chunk, match, chunks);
+    for (int i = 0; i < match->charge_count; i++) {
+        const regi_match_charge *charge = match->charges + i;
+        if (!charge->active)
+            continue;
+        area += (double)charge->area;
+        mean += (double)charge->area * (double)charge->distance;
+        energy += (double)charge->area * (double)charge->energy;
+        most = sb_max(most, charge->distance);
+    }
+    match->info.active = (sb_real)(area / match->total_area);
+    match->info.mean_distance = area > 0 ? (sb_real)(mean / area) : 0;
+    match->info.max_distance = most;
+    return energy * (double)match->charge * (double)match->young;
+}
+
+/* ---- the system ---- */
+
+/* Adds `scale` line line^T of one charge to the element's stiffness, of which the blocks from the diagonal to the right
+ * are kept. */
+static void regi_match_add_line(sb_real *local, int width, const sb_real *weights, sb_vec3 line, sb_real scale)
+{
+    sb_real v[3 * SB_MAX_ELEMENT_NODES];
+    int size = 3 * width;
+    for (int a = 0; a < width; a++) {
+        v[3 * a] = weights[a] * line.x;
+        v[3 * a + 1] = weights[a] * line.y;
+        v[3 * a + 2] = weights[a] * line.z;
+    }
+    for (int i = 0; i < size; i++) {
+        sb_real s = scale * v[i], *SB_RESTRICT row = local + i * size;
+        for (int j = i - i % 3; j < size; j++)
+            row[j] += s * v[j];
+    }
+}
+
+static void regi_match_pull_nodes(reg_match *match, int index, sb_vec3 force)
+{
+    const int *nodes = regi_match_nodes(match, index);
+    const sb_real *weights = match->weights + (size_t)index * (size_t)match->width;
+    for (int a = 0; a < match->width; a++)
+        match->pull[nodes[a]] = sb_v3_madd(match->pull[nodes[a]], weights[a], force);
+}
+
+/* The element's stiffness to its blocks of the matrix. */
+static void regi_match_scatter(reg_match *match, int index)
+{
+    sb_matrix *matrix = &match->body->matrix;
+    const int *nodes = regi_match_nodes(match, index);
+    size_t size = 3 * (size_t)match->width;
+    for (int a = 0; a < match->width; a++)
+        for (int b = a; b < match->width; b++) {
+            int at = sb_matrix_find(matrix, nodes[a], nodes[b]);
+            sb_real *block = matrix->blocks[at], *mirror = matrix->blocks[matrix->transpose[at]];
+            const sb_real *from = match->local + 3 * (size_t)a * size + 3 * (size_t)b;
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    block[3 * i + j] += from[(size_t)i * size + (size_t)j];
+                    if (b != a)
+                        mirror[3 * j + i] += from[(size_t)i * size + (size_t)j];
+                }
+        }
+}
+
+/* Charges pull against the slope of the potential. */
+static void regi_match_add_charges(reg_match *match)
+{
+    size_t bytes = 9 * (size_t)match->width * (size_t)match->width * sizeof(sb_real);
+    sb_real q = match->charge * match->young;
+    for (int i = 0; i < match->charge_count;) {
+        int first = i, any = 0;
+        memset(match->local, 0, bytes);
+        for (; i < match->charge_count && match->charges[i].element == match->charges[first].element; i++) {
+            const regi_match_charge *charge = match->charges + i;
+            if (!charge->active)
+                continue;
+            any = 1;
+            regi_match_pull_nodes(match, i, sb_v3_scale(-q * charge->area, charge->force));
+            regi_match_add_line(match->local, match->width, match->weights + (size_t)i * (size_t)match->width,
+                                charge->line, q * charge->area * charge->stiffness);
+        }
+        if (any)
+            regi_match_scatter(match, first);
+    }
+}
+
+/* Landmarks are springs to where they are seen. */
+static void regi_match_add_landmarks(reg_match *match)
+{
+    size_t bytes = 9 * (size_t)match->width * (size_t)match->width * sizeof(sb_real);
+    match->info.landmark_distance = 0;
+    for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++) {
+        sb_vec3 gap = sb_v3_sub(match->targets[match->charges[i].index], regi_match_point(match, i));
+        memset(match->local, 0, bytes);
+        for (int axis = 0; axis < 3; axis++)
+            regi_match_add_line(match->local, match->width, match->weights + (size_t)i * (size_t)match->width,
+                                sb_v3(axis == 0, axis == 1, axis == 2), match->landmark_stiffness);
+        regi_match_pull_nodes(match, i, sb_v3_scale(match->landmark_stiffness, gap));
+        regi_match_scatter(match, i);
+        match->info.landmark_distance = sb_max(match->info.landmark_distance, sb_v3_norm(gap));
+    }
+}
+
+/* Rigid motions that nothing holds would leave the matrix singular: this much stiffness is far below what a charge
+ * adds. Source of the mass: any positive diagonal would do. */
+static sb_real regi_match_mass_factor(const reg_match *match)
+{
+    sb_real mass = sb_body_mass(match->body);
+    return mass > 0 ? (sb_real)1e-4 * match->young * match->size / mass : 0;
+}
+
+/* matrix and rhs of the step; supports go where they are to be. */
+static sb_result regi_match_assemble(reg_match *match, sb_real *elastic)
+{
+    sb_body *b = match->body;
+    int n = b->domain.node_count, bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    if (bad < 0)
+        bad = sbi_assembly_energy(&b->assembly, b->displacement, elastic);
+    if (bad >= 0)
+        return sbi_fail_element(&match->info.error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
+    sbi_body_add_mass(b, regi_match_mass_factor(match));
+    memset(match->pull, 0, (size_t)n * sizeof(sb_vec3));
+    regi_match_add_charges(match);
+    regi_match_add_landmarks(match);
+    if (b->load_count) {
+        sbi_loads_add_tangent(b, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
+        (void)sbi_loads_force(b, b->displacement, 1);
+    }
+    for (int i = 0; i < n; i++) {
+        sb_vec3 force = sb_v3_add(sb_v3_sub(match->pull[i], b->internal[i]), b->dead_load[i]);
+        force = sb_v3_madd(force, b->load_mass[i], b->gravity);
+        b->rhs[i] = b->load_count ? sb_v3_add(force, b->follower[i]) : force;
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sb_v3_sub(b->target[i], b->displacement[i]), sb_v3(0, 0, 0));
+    }
+    return SB_OK;
+}
+
+static sb_result regi_match_solve(reg_match *match)
+{
+    sb_body *b = match->body;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_pcg_info pcg;
+    sb_result result;
+    memset(&pcg, 0, sizeof pcg);
+    sb_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x);
+    result = sb_preconditioner_update(b->precond, &b->matrix, b->position, &match->info.error);
+    if (result != SB_OK)
+        return result;
+    options.tolerance = 1e-2; /* the next step sees what is left */
+    options.max_iterations = b->max_iterations;
+    options.jobs = &b->jobs;
+    result = sb_pcg_solve(&b->matrix, b->precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
+    match->info.pcg_iterations = pcg.iterations;
+    if (result == SB_ERROR_NOT_CONVERGED)
+        return SB_OK;
+    return result == SB_OK ? SB_OK
+                           : sbi_fail(&match->info.error, result, "the system of a match could not be solved");
+}
+
+/* ---- moving ---- */
+
+/* Largest component of the increment; not finite when one is not. */
+static sb_real regi_match_largest(const sb_body *b)
+{
+    sb_real most = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_real length = sb_v3_norm(b->increment[i]);
+        if (!sb_is_finite(length))
+            return length;
+        most = sb_max(most, length);
+    }
+    return most;
+}
+
+/* Takes the increment, shortened so that no node moves more than a tenth of the organ's size, and until the material
+ * admits the shape. */
+static sb_result regi_match_move(reg_match *match)
+{
+    sb_body *b = match->body;
+    sb_real largest = regi_match_largest(b), limit = (sb_real)0.1 * match->size, share, energy;
+    int bad = 0;
+    if (!sb_is_finite(largest))
+        return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the step of a match is not finite");
+    share = largest > limit ? limit / largest : 1;
+    for (int cut = 0; cut < 20; cut++, share *= (sb_real)0.5) {
+        for (int i = 0; i < b->domain.node_count; i++)
+            match->trial[i] = sb_v3_madd(b->displacement[i], share, b->increment[i]);
+        bad = sbi_assembly_energy(&b->assembly, match->trial, &energy);
+        if (bad < 0 && sb_is_finite(energy)) {
+            match->info.change = share * largest;
+            return sb_body_set_displacements(b, match->trial);
+        }
+    }
+    return sbi_fail_element(&match->info.error, SB_ERROR_INVERTED, bad,
+                            "element %d would turn inside out however short the step", bad);
+}
+
+/* ---- control ---- */
+
+/* q <- q clamp(I_int / I_phi), and a partial target's reach shrinks. */
+static void regi_match_raise(reg_match *match, double elastic, double electric)
+{
+    sb_real ratio = electric > 0 ? (sb_real)(elastic / electric) : match->most_growth;
+    ratio = sb_max(match->least_growth, sb_min(ratio, match->most_growth));
+    match->charge = sb_min(match->charge * ratio, match->last_charge);
+    match->reach = sb_max(match->last_reach, (sb_real)0.93 * match->reach);
+}
+
+/* Three steps running at full charge and reach without a fall of the mean distance worth the name. */
+static void regi_match_judge(reg_match *match)
+{
+    sb_real mean = match->info.mean_distance;
+    int full = match->info.charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
+    match->calm = full && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
+    if (!(mean >= match->last_mean))
+        match->last_mean = mean;
+    match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
+}
+
+static sb_result regi_match_try(reg_match *match)
+{
+    double begin = regi_match_now(match), looked, assembled, electric = regi_match_look(match);
+    sb_real elastic = 0;
+    sb_result result;
+    looked = regi_match_now(match);
+    match->info.seconds_field = looked - begin;
+    if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
+        return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
+                        "target and faces as it does: align them first", 100 * (double)match->info.active);
+    result = regi_match_assemble(match, &elastic);
+    assembled = regi_match_now(match);
+    match->info.seconds_system = assembled - looked;
+    if (result == SB_OK)
+        result = regi_match_solve(match);
+    match->info.seconds_solve = regi_match_now(match) - assembled;
+    if (result == SB_OK)
+        result = regi_match_move(match);
+    if (result != SB_OK)
+        return result;
+    match->info.charge = match->charge;
+    regi_match_judge(match);
+    regi_match_raise(match, (double)elastic, electric);
+    match->info.iterations++;
+    return SB_OK;
+}
+
+REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info)
+{
+    sb_result result;
+    double begin;
+    if (!match)
+        return SB_ERROR_ARGUMENT;
+    begin = regi_match_now(match);
+    memset(&match->info.error, 0, sizeof match->info.error);
+    match->info.error.element = match->info.error.node = -1;
+    if (match->body->elimination)
+        result = sbi_fail(&match->info.error, SB_ERROR_UNSUPPORTED, "the body has constraints now");
+    else
+        result = regi_match_try(match);
+    match->info.seconds += regi_match_now(match) - begin;
+    if (result != SB_OK)
+        match->info.stop = result == SB_ERROR_NOT_CONVERGED ? REG_MATCH_NO_OVERLAP : REG_MATCH_FAILED;
+    if (info)
+        *info = match->info;
+    return result;
+}
+
+REG_API sb_result reg_match_run(reg_match *match, int steps, reg_match_info *info)
+{
+    sb_result result = SB_OK;
+    if (!match || steps < 1)
+        return SB_ERROR_ARGUMENT;
+    match->info.stop = REG_MATCH_RUNNING;
+    for (int i = 0; result == SB_OK && match->info.stop == REG_MATCH_RUNNING; i++) {
+        if (i == steps)
+            match->info.stop = REG_MATCH_STEP_CAP;
+        else if (match->info.seconds >= match->max_seconds)
+            match->info.stop = REG_MATCH_TIME_CAP;
+        else
+            result = reg_match_step(match, NULL);
+    }
+    if (info)
+        *info = match->info;
+    return result;
+}
 
 /* ==== src/register/nicp_state.h ==== */
 /* nicp_state: what is inside a reg_nicp. Floor 5, internal: nicp.c makes it, nicp_step.c moves it. */
