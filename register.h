@@ -98,6 +98,14 @@
 #define reg_cloud_spread reg_cloud_spread_f32
 #define reg_outlier_limit reg_outlier_limit_f32
 #define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
+#define reg_default_field_def reg_default_field_def_f32
+#define reg_field_create reg_field_create_f32
+#define reg_field_destroy reg_field_destroy_f32
+#define reg_field_closest reg_field_closest_f32
+#define reg_field_along reg_field_along_f32
+#define reg_field_at reg_field_at_f32
+#define reg_field_bounds reg_field_bounds_f32
+#define reg_field_sweeps reg_field_sweeps_f32
 #define reg_default_icp_options reg_default_icp_options_f32
 #define reg_icp_stop_string reg_icp_stop_string_f32
 #define reg_icp reg_icp_f32
@@ -110,14 +118,6 @@
 #define reg_cpd_probabilities reg_cpd_probabilities_f32
 #define reg_cpd_linear reg_cpd_linear_f32
 #define reg_cpd_apply reg_cpd_apply_f32
-#define reg_default_field_def reg_default_field_def_f32
-#define reg_field_create reg_field_create_f32
-#define reg_field_destroy reg_field_destroy_f32
-#define reg_field_closest reg_field_closest_f32
-#define reg_field_along reg_field_along_f32
-#define reg_field_at reg_field_at_f32
-#define reg_field_bounds reg_field_bounds_f32
-#define reg_field_sweeps reg_field_sweeps_f32
 #define reg_default_match_def reg_default_match_def_f32
 #define reg_match_create reg_match_create_f32
 #define reg_match_destroy reg_match_destroy_f32
@@ -130,6 +130,20 @@
 #define reg_match_get_info reg_match_get_info_f32
 #define reg_match_sample_count reg_match_sample_count_f32
 #define reg_match_get_sample reg_match_get_sample_f32
+#define reg_default_nicp_def reg_default_nicp_def_f32
+#define reg_nicp_create reg_nicp_create_f32
+#define reg_nicp_destroy reg_nicp_destroy_f32
+#define reg_nicp_step reg_nicp_step_f32
+#define reg_nicp_run reg_nicp_run_f32
+#define reg_nicp_restart reg_nicp_restart_f32
+#define reg_nicp_move_landmarks reg_nicp_move_landmarks_f32
+#define reg_nicp_landmarks reg_nicp_landmarks_f32
+#define reg_nicp_body reg_nicp_body_f32
+#define reg_nicp_get_info reg_nicp_get_info_f32
+#define reg_nicp_surface_count reg_nicp_surface_count_f32
+#define reg_nicp_positions reg_nicp_positions_f32
+#define reg_nicp_source_count reg_nicp_source_count_f32
+#define reg_nicp_get_source reg_nicp_get_source_f32
 #endif
 #endif
 
@@ -347,6 +361,81 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
 
 
 #endif /* REG_CLOUD_H */
+
+/* ==== src/register/field.h ==== */
+/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 3. */
+#ifndef REG_FIELD_H
+#define REG_FIELD_H
+
+
+typedef enum reg_field_kind {
+    REG_FIELD_DISTANCE = 0, /* phi: distance to the target (m); exact everywhere, nothing is computed beforehand */
+    REG_FIELD_LAPLACE = 1   /* Lap phi = 0 in a box, phi = 0 on the target and the distance on the box: the field of a
+                             * charged conductor. Inside a closed target it is 0 */
+} reg_field_kind;
+
+/* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
+typedef struct reg_field_def {
+    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
+    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
+    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
+    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
+    int point_count;
+    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
+                               * target. Equal corners (default): that */
+    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+                               * takes some 0.3 s */
+    sb_allocator allocator;   /* zeros: malloc */
+    sb_jobs jobs;             /* threads for the creation; zeros: none */
+    unsigned cookie;          /* set by reg_default_field_def */
+} reg_field_def;
+REG_API reg_field_def reg_default_field_def(void);
+
+typedef struct reg_field reg_field;
+
+/* SB_ERROR_ARGUMENT (no target or two, a field out of range), SB_ERROR_NOT_FINITE (error->node: the point, or the
+ * normal), what sb_surface_create says of the surface, SB_ERROR_MEMORY; *field is then untouched. Everything is copied.
+ * Queries allocate nothing and may come from any number of threads. Release with reg_field_destroy. */
+REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error);
+REG_API void reg_field_destroy(reg_field *field); /* NULL is fine */
+
+/* The place of the target closest to a point. */
+typedef struct reg_field_hit {
+    sb_vec3 point;    /* m */
+    sb_vec3 normal;   /* of the target there, unit length; 0 where none is known */
+    sb_real distance; /* m */
+    int item;         /* triangle (of the surface cut into triangles), or point of the cloud */
+    int on_border;    /* 1: on the rim of an open target, beyond which nothing was seen */
+} reg_field_hit;
+/* 1 and *hit; 0 for a point that is not finite or absurdly far away (*hit untouched). guess: the item of a query
+ * nearby, or -1; it changes the time, not the answer. About 1 us with a good guess. */
+REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit);
+
+/* The potential on a line through a point. */
+typedef struct reg_field_sample {
+    sb_real phi;         /* m */
+    sb_real phi_n;       /* slope along the direction over the length `step` */
+    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
+} reg_field_sample;
+/* Samples the potential at point (m) along the unit vector direction:
+ *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds
+ * with h = step (m, > 0), which rounds the potential's kink on the target off. phi_nn is the exact derivative of this
+ * phi_n, from the slopes at its two ends, not a difference of its own: Newton's method then converges as it should.
+ * Laplace's phi outside its box is that of the nearest point of the box. Returns 0 as above.
+ * Source: Suwelack 2014, (7.3), (7.15). */
+REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
+                            reg_field_sample *sample);
+/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. On
+ * the target itself, where the distance has none, it is 0. Returns 0 as above. */
+REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient);
+
+/* Smallest box around the target (m). */
+REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high);
+/* Laplace: sweeps that its solution took; 0 for distances. */
+REG_API int reg_field_sweeps(const reg_field *field);
+
+
+#endif /* REG_FIELD_H */
 
 /* ==== src/register/icp.h ==== */
 /* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 4.
@@ -572,81 +661,6 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
 
 #endif /* REG_CPD_H */
 
-/* ==== src/register/field.h ==== */
-/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 3. */
-#ifndef REG_FIELD_H
-#define REG_FIELD_H
-
-
-typedef enum reg_field_kind {
-    REG_FIELD_DISTANCE = 0, /* phi: distance to the target (m); exact everywhere, nothing is computed beforehand */
-    REG_FIELD_LAPLACE = 1   /* Lap phi = 0 in a box, phi = 0 on the target and the distance on the box: the field of a
-                             * charged conductor. Inside a closed target it is 0 */
-} reg_field_kind;
-
-/* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
-typedef struct reg_field_def {
-    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
-    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
-    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
-    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
-    int point_count;
-    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
-                               * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
-                               * takes some 0.3 s */
-    sb_allocator allocator;   /* zeros: malloc */
-    sb_jobs jobs;             /* threads for the creation; zeros: none */
-    unsigned cookie;          /* set by reg_default_field_def */
-} reg_field_def;
-REG_API reg_field_def reg_default_field_def(void);
-
-typedef struct reg_field reg_field;
-
-/* SB_ERROR_ARGUMENT (no target or two, a field out of range), SB_ERROR_NOT_FINITE (error->node: the point, or the
- * normal), what sb_surface_create says of the surface, SB_ERROR_MEMORY; *field is then untouched. Everything is copied.
- * Queries allocate nothing and may come from any number of threads. Release with reg_field_destroy. */
-REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error);
-REG_API void reg_field_destroy(reg_field *field); /* NULL is fine */
-
-/* The place of the target closest to a point. */
-typedef struct reg_field_hit {
-    sb_vec3 point;    /* m */
-    sb_vec3 normal;   /* of the target there, unit length; 0 where none is known */
-    sb_real distance; /* m */
-    int item;         /* triangle (of the surface cut into triangles), or point of the cloud */
-    int on_border;    /* 1: on the rim of an open target, beyond which nothing was seen */
-} reg_field_hit;
-/* 1 and *hit; 0 for a point that is not finite or absurdly far away (*hit untouched). guess: the item of a query
- * nearby, or -1; it changes the time, not the answer. About 1 us with a good guess. */
-REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit);
-
-/* The potential on a line through a point. */
-typedef struct reg_field_sample {
-    sb_real phi;         /* m */
-    sb_real phi_n;       /* slope along the direction over the length `step` */
-    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
-} reg_field_sample;
-/* Samples the potential at point (m) along the unit vector direction:
- *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds
- * with h = step (m, > 0), which rounds the potential's kink on the target off. phi_nn is the exact derivative of this
- * phi_n, from the slopes at its two ends, not a difference of its own: Newton's method then converges as it should.
- * Laplace's phi outside its box is that of the nearest point of the box. Returns 0 as above.
- * Source: Suwelack 2014, (7.3), (7.15). */
-REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
-                            reg_field_sample *sample);
-/* phi (m) at a point, and its gradient unless NULL: away from the closest point, or of the trilinear interpolation. On
- * the target itself, where the distance has none, it is 0. Returns 0 as above. */
-REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient);
-
-/* Smallest box around the target (m). */
-REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high);
-/* Laplace: sweeps that its solution took; 0 for distances. */
-REG_API int reg_field_sweeps(const reg_field *field);
-
-
-#endif /* REG_FIELD_H */
-
 /* ==== src/register/match.h ==== */
 /* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 5.
  *
@@ -790,6 +804,167 @@ REG_API int reg_match_sample_count(const reg_match *match);
 REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_match_sample *sample);
 
 #endif /* REG_MATCH_H */
+
+/* ==== src/register/nicp.h ==== */
+/* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 5.
+ *
+ * Points of the organ's surface, the sources, are paired with the target both ways: each source i with the closest place
+ * N_s(i) of the target, and each point j of the target with its closest source N_t(j). A source is drawn by
+ *     u_i = alpha [p(N_s(i)) - p(i)] + (1 - alpha) mean_{j in V(i)} [p(j) - p'(j)],   V(i) = {j: N_t(j) = i},
+ * p'(j) being the place of the organ's surface closest to j; alpha = 1 where V(i) is empty. Pairs that are too far apart
+ * for the rest, that look different ways, or that end on the rim of what was seen do not count; nor do sources that the
+ * camera does not see. A penalty of stiffness k draws the sources to y = p + u, and the body finds its balance:
+ *     f_int(u) + H K (H^T x - y) = loads,   K = k [(1 - s) I + s n n^T]
+ * with n across the target and a share s by which it is softer along it. Then all is looked at anew. k grows from increment to increment, k = k0 (k1 / k0)^(i / n): gentle as long as pairs are
+ * guesses, firm when they can be trusted.
+ *
+ * Match (match.h) does the same job by a potential instead of pairs. This one follows scans without normals, uses the
+ * camera, and takes bodies in weighted-cell grids and with constraints.
+ *
+ * Source: Brunet 2020, chapter 5, algorithm 3, with the corrected schedule of k, sign of the penalty and loop counters;
+ * its mean over V(i) is of p(j) - p(i), in which the sources' spacing shows as noise along the surface. */
+#ifndef REG_NICP_H
+#define REG_NICP_H
+
+
+/* Which sources may be paired. */
+typedef enum reg_nicp_view {
+    REG_NICP_ALL = 0,    /* all: default; an open target or a cloud with a rim sorts out by itself what it does not show */
+    REG_NICP_FACING = 1, /* those whose normal looks to the camera's side */
+    REG_NICP_VISIBLE = 2 /* of these, those that no part of the organ hides from the camera */
+} reg_nicp_view;
+
+/* Why a run is as far as it is. */
+typedef enum reg_nicp_stop {
+    REG_NICP_RUNNING = 0,    /* more iterations would help */
+    REG_NICP_CONVERGED = 1,  /* two increments running gave the same shape */
+    REG_NICP_INCREMENTS = 2, /* the last increment is done */
+    REG_NICP_STEP_CAP = 3,   /* the iterations asked for are done */
+    REG_NICP_TIME_CAP = 4,   /* def.max_seconds are over */
+    REG_NICP_NO_OVERLAP = 5, /* less than def.least_active of the surface has a partner: nothing was moved */
+    REG_NICP_FAILED = 6      /* no balance was found, and the body is as before: info.error */
+} reg_nicp_stop;
+
+/* What a registration is made from. Start from reg_default_nicp_def(), set body and a target. Lengths are shares of the
+ * organ's size: the diagonal of its bounding box. */
+typedef struct reg_nicp_def {
+    sb_body *body;            /* at rest or deformed; borrowed: it is moved, carries the penalties as mappings (load.h)
+                               * while the registration lives, of stiffness 0 between its steps, and must outlive it. Its
+                               * supports, loads and constraints act. Gravity too: leave it 0 when the rest shape already hangs in it */
+    const sb_grid *grid;      /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes through
+                               * the grid's mapping. Read at creation only, as are all below */
+    const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
+                               * the body */
+    int sources;              /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
+    const sb_mesh *target;    /* surface that was seen, outward, in the same frame; or NULL, then: */
+    const sb_vec3 *target_points;  /* [target_count] cloud (m) */
+    const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
+    int target_count;
+    int samples;              /* most points of the target that look for sources, evenly spread, >= 0; default 2000 */
+    reg_nicp_view view;
+    sb_vec3 camera;           /* where it was seen from (m), in the target's frame; with FACING and VISIBLE */
+    sb_real blending;         /* alpha, [0, 1]; default 0.75. 1: only N_s counts */
+    sb_real sliding;          /* the penalty along the surface is softer by this share, [0, 1]; default 0.999: the organ may
+                               * slide along the target, whose closest places say little about that. 0: as in the source,
+                               * which costs a third of the accuracy. With 1 nothing holds a ball that may turn */
+    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the target's
+                               * shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
+    sb_real least_cosine;     /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
+                               * target has no normals */
+    reg_outliers outliers;    /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
+    sb_real outlier_parameter; /* default 3 */
+    sb_real reach, last_reach;/* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
+                               * 0.03 */
+    sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
+                               * default 300. Where the organ bends by more than a tenth of its size: 30 */
+    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 10,000 */
+    int increments;           /* of the stiffness, >= 1; default 4 */
+    int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
+    int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
+    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.1: the next look changes them more than that */
+    sb_real tolerance;        /* rms motion of the surface that counts as none, > 0; default 5e-5 */
+    sb_real least_active;     /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
+                               * with landmarks */
+    const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
+    const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
+    int landmark_count;
+    sb_real landmark_stiffness; /* of each one's spring, in Young's modulus times mean element size, > 0; default 50 */
+    double max_seconds;       /* most time of all steps together, > 0; needs `clock`; default 1e9 */
+    sb_clock clock;           /* default NULL: times read 0 */
+    sb_allocator allocator;   /* default malloc; the threads are the body's */
+    unsigned cookie;          /* set by reg_default_nicp_def */
+} reg_nicp_def;
+REG_API reg_nicp_def reg_default_nicp_def(void);
+
+typedef struct reg_nicp reg_nicp;
+
+/* How it stands. Distances are those before the last step moved the body, since that is where it looked. */
+typedef struct reg_nicp_info {
+    int iterations;           /* looks at the target so far */
+    int increment;            /* of the stiffness, from 1 */
+    reg_nicp_stop stop;
+    sb_real mean_distance;    /* of paired sources from the target, by area (m) */
+    sb_real max_distance;     /* m */
+    sb_real landmark_distance;/* largest, of landmarks from where they are seen (m) */
+    sb_real active;           /* share of the surface's area that is paired */
+    int visible;              /* sources that the camera sees */
+    int pruned;               /* sources whose partner was too far away, looked elsewhere, or lay on the rim */
+    sb_real stiffness;        /* penalty per area (Pa/m) */
+    sb_real change;           /* rms motion of the sources in the last step (m) */
+    int newton_iterations;    /* of the last step */
+    int pcg_iterations;
+    double seconds;           /* of all steps; with a clock, as are those of the last step: */
+    double seconds_pairs;     /* looking for partners, */
+    double seconds_solve;     /* and finding the balance */
+    sb_error error;           /* of a call that failed */
+} reg_nicp_info;
+
+/* Makes a registration; the body's shape is not touched, its loads get the penalties, with no force yet.
+ * SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no Young's modulus to measure the penalty
+ * with), what reg_field_create says of the target, what sb_surface_create, sb_embedding_create and sb_grid_map_points
+ * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements, or one that is being
+ * recorded), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
+REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_error *error);
+REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
+
+/* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
+ * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, and what sb_body_solve_static says. Allocates
+ * nothing. The same bits for any number of threads. */
+REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
+/* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are SB_OK,
+ * and info->stop says which. Errors as of a step. */
+REG_API sb_result reg_nicp_run(reg_nicp *nicp, int steps, reg_nicp_info *info);
+/* Back to the first increment, as if no step had been: for a body that was reset or moved. The time goes on. */
+REG_API void reg_nicp_restart(reg_nicp *nicp);
+
+/* New places of the landmarks, targets[landmark_count] (m): between any two steps. SB_ERROR_NOT_FINITE changes nothing;
+ * a run that had ended goes on with the last increment. */
+REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets);
+/* Where the landmarks are now (m): points[landmark_count]. */
+REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points);
+
+/* The body's: sb_body_positions and sb_body_displacements are the result. */
+REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp);
+REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp);
+/* Where the surface is now: points[reg_nicp_surface_count] (m), the vertices of def.surface, or the boundary's nodes in
+ * the order of sb_mesh_boundary. Through the grid's mapping for bodies in grids. */
+REG_API int reg_nicp_surface_count(const reg_nicp *nicp);
+REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points);
+
+/* The sources, for pictures of what is paired: [reg_nicp_source_count]. */
+typedef struct reg_nicp_source {
+    int vertex;         /* of the surface */
+    sb_vec3 point;      /* m, where the last step looked */
+    sb_vec3 goal;       /* m, where it was drawn to */
+    sb_real area;       /* m^2 at rest that it stands for */
+    sb_real distance;   /* m from the target */
+    int visible, active;
+} reg_nicp_source;
+REG_API int reg_nicp_source_count(const reg_nicp *nicp);
+/* SB_ERROR_INDEX for no such source; *source is then untouched. */
+REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_source *source);
+
+#endif /* REG_NICP_H */
 
 #endif /* REGISTER_H */
 
@@ -2177,6 +2352,469 @@ REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, i
     }
     return sbi_export_close(&out, error);
 }
+
+/* ==== src/register/field.c ==== */
+/* field: distances to surfaces and clouds, and Laplace's potential on a grid. */
+
+#include <string.h>
+
+
+#define REGI_FIELD_COOKIE 0x66696c64u
+
+enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that tell whether one of them is on its rim */
+
+/* Laplace's potential at the corners of a grid of cubes. */
+typedef struct regi_field_grid {
+    sb_vec3 low;
+    sb_real cell;           /* m */
+    int count[3];           /* corners along each axis */
+    sb_real *phi;           /* [corners] m, x fastest */
+    int sweeps;
+} regi_field_grid;
+
+struct reg_field {
+    sb_allocator allocator;
+    reg_field_kind kind;
+    sb_vec3 low, high;
+    sb_surface *surface;
+    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
+    int point_count;
+    sb_vec3 *points;        /* of the cloud */
+    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
+    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
+    regi_field_grid grid;
+};
+
+REG_API reg_field_def reg_default_field_def(void)
+{
+    reg_field_def def;
+    memset(&def, 0, sizeof def);
+    def.kind = REG_FIELD_DISTANCE;
+    def.cells = 64;
+    def.cookie = REGI_FIELD_COOKIE;
+    return def;
+}
+
+REG_API void reg_field_destroy(reg_field *field)
+{
+    sb_allocator allocator;
+    if (!field)
+        return;
+    allocator = field->allocator;
+    sb_surface_destroy(field->surface);
+    reg_kdtree_destroy(field->tree);
+    sbi_free(&allocator, field->points);
+    sbi_free(&allocator, field->normals);
+    sbi_free(&allocator, field->border);
+    sbi_free(&allocator, field->grid.phi);
+    sbi_free(&allocator, field);
+}
+
+/* ---- checks ---- */
+
+static sb_result regi_field_check_points(const reg_field_def *def, sb_error *error)
+{
+    if (def->point_count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cloud of %d points is no target", def->point_count);
+    for (int i = 0; i < def->point_count; i++) {
+        if (!sb_v3_is_finite(def->points[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d of the target is not finite", i);
+        if (def->normals && !sb_v3_is_finite(def->normals[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "normal %d of the target is not finite", i);
+    }
+    return SB_OK;
+}
+
+static sb_result regi_field_check(const reg_field_def *def, sb_error *error)
+{
+    if (!def || def->cookie != REGI_FIELD_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs a def made by reg_default_field_def");
+    if (def->kind != REG_FIELD_DISTANCE && def->kind != REG_FIELD_LAPLACE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no field of kind %d", (int)def->kind);
+    if ((def->surface != NULL) == (def->points != NULL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs either a surface or points");
+    if (def->cells < 8 || def->cells > 256)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cells is %d, not in [8, 256]", def->cells);
+    if (!sb_v3_is_finite(def->low) || !sb_v3_is_finite(def->high))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "a corner of the field's box is not finite");
+    if (def->high.x < def->low.x || def->high.y < def->low.y || def->high.z < def->low.z)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the box of the field has high below low");
+    return def->points ? regi_field_check_points(def, error) : SB_OK;
+}
+
+/* ---- a surface and its rim ---- */
+
+/* Bits of the edges that no other triangle shares, then of all corners at such edges. rim: scratch [nodes], zeroed. */
+static void regi_field_mark_border(const sb_mesh *mesh, const sb_index_table *neighbours, unsigned char *rim,
+                                   unsigned char *border)
+{
+    for (int t = 0; t < mesh->element_count; t++) {
+        border[t] = 0;
+        for (int i = 0; i < 3; i++)
+            if (neighbours->items[3 * t + i] < 0) {
+                border[t] = (unsigned char)(border[t] | 1 << i);
+                rim[mesh->elements[3 * t + i]] = rim[mesh->elements[3 * t + (i + 1) % 3]] = 1;
+            }
+    }
+    for (int t = 0; t < mesh->element_count; t++)
+        for (int i = 0; i < 3; i++)
+            if (rim[mesh->elements[3 * t + i]])
+                border[t] = (unsigned char)(border[t] | 8 << i);
+}
+
+static sb_result regi_field_find_border(reg_field *field, const sb_mesh *mesh, sb_error *error)
+{
+    sb_index_table neighbours;
+    unsigned char *rim;
+    sb_result result = sb_mesh_neighbours(mesh, &field->allocator, &neighbours, error);
+    if (result != SB_OK)
+        return result;
+    rim = (unsigned char *)sbi_alloc_zeroed(&field->allocator, (size_t)mesh->node_count, 1);
+    field->border = (unsigned char *)sbi_alloc(&field->allocator, (size_t)mesh->element_count, 1);
+    if (rim && field->border)
+        regi_field_mark_border(mesh, &neighbours, rim, field->border);
+    else
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rim of %d triangles", mesh->element_count);
+    sbi_free(&field->allocator, rim);
+    sb_index_table_free(&neighbours);
+    return result;
+}
+
+static sb_result regi_field_make_surface(reg_field *field, const sb_mesh *surface, sb_error *error)
+{
+    sb_mesh triangles;
+    sb_result result = sb_surface_triangulate(surface, &field->allocator, &triangles, error);
+    if (result != SB_OK)
+        return result;
+    result = sb_surface_create(&triangles, &field->allocator, &field->surface, error);
+    if (result == SB_OK)
+        result = regi_field_find_border(field, &triangles, error);
+    if (result == SB_OK)
+        sb_surface_bounds(field->surface, &field->low, &field->high);
+    sb_mesh_free(&triangles);
+    return result;
+}
+
+/* ---- a cloud and its rim ---- */
+
+/* On a rim the neighbours lie to one side: the centre of a half disc is 0.42 radii from the middle of its straight
+ * edge. */
+static int regi_field_is_rim(const reg_field *field, int point)
+{
+    int near[REGI_FIELD_NEIGHBOURS];
+    sb_real squares[REGI_FIELD_NEIGHBOURS];
+    sb_vec3 centre = sb_v3(0, 0, 0), at = field->points[point];
+    int count = reg_kdtree_k_nearest(field->tree, at, REGI_FIELD_NEIGHBOURS, near, squares);
+    if (count < REGI_FIELD_NEIGHBOURS)
+        return 0;
+    for (int i = 0; i < count; i++)
+        centre = sb_v3_madd(centre, (sb_real)1 / (sb_real)count, sb_v3_sub(field->points[near[i]], at));
+    return sb_v3_dot(centre, centre) > (sb_real)(0.3 * 0.3) * squares[count - 1];
+}
+
+enum { REGI_FIELD_CHUNK = 1024 };
+
+static void regi_field_find_rims(void *user, int chunk)
+{
+    reg_field *field = (reg_field *)user;
+    int first = chunk * REGI_FIELD_CHUNK, last = first + sbi_min_int(REGI_FIELD_CHUNK, field->point_count - first);
+    for (int i = first; i < last; i++)
+        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
+}
+
+static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *def, sb_error *error)
+{
+    size_t count = (size_t)def->point_count;
+    sb_result result = reg_kdtree_create(def->points, def->point_count, &field->allocator, &field->tree, error);
+    if (result != SB_OK)
+        return result;
+    field->point_count = def->point_count;
+    field->points = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
+    field->border = (unsigned char *)sbi_alloc(&field->allocator, count, 1);
+    if (def->normals)
+        field->normals = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
+    if (!field->points || !field->border || (def->normals && !field->normals))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a target of %d points", def->point_count);
+    memcpy(field->points, def->points, count * sizeof(sb_vec3));
+    field->low = field->high = def->points[0];
+    for (int i = 0; i < def->point_count; i++) {
+        sb_vec3 p = def->points[i], n = def->normals ? def->normals[i] : p;
+        sb_real length = sb_v3_norm(n);
+        field->low = sb_v3(sb_min(field->low.x, p.x), sb_min(field->low.y, p.y), sb_min(field->low.z, p.z));
+        field->high = sb_v3(sb_max(field->high.x, p.x), sb_max(field->high.y, p.y), sb_max(field->high.z, p.z));
+        if (def->normals)
+            field->normals[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, n) : sb_v3(0, 0, 0);
+    }
+    sbi_run(&def->jobs, regi_field_find_rims, field, (def->point_count - 1) / REGI_FIELD_CHUNK + 1);
+    return SB_OK;
+}
+
+/* ---- closest places ---- */
+
+static int regi_field_closest_triangle(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
+{
+    sb_surface_hit found;
+    unsigned rim;
+    if (!sb_surface_closest_from(field->surface, point, SB_REAL_MAX, guess, &found))
+        return 0;
+    rim = field->border[found.triangle];
+    hit->point = found.point;
+    hit->normal = sb_surface_normal(field->surface, &found);
+    hit->distance = found.distance;
+    hit->item = found.triangle;
+    hit->on_border = (found.feature == SB_SURFACE_EDGE && (rim >> found.index & 1)) ||
+                     (found.feature == SB_SURFACE_VERTEX && (rim >> (3 + found.index) & 1));
+    return 1;
+}
+
+static int regi_field_closest_point(const reg_field *field, sb_vec3 point, reg_field_hit *hit)
+{
+    sb_real square = 0;
+    int nearest = sb_v3_is_finite(point) ? reg_kdtree_nearest(field->tree, point, SB_REAL_MAX, &square) : -1;
+    if (nearest < 0 || !sb_is_finite(square))
+        return 0;
+    hit->point = field->points[nearest];
+    hit->normal = field->normals ? field->normals[nearest] : sb_v3(0, 0, 0);
+    hit->distance = sb_sqrt(square);
+    hit->item = nearest;
+    hit->on_border = field->border[nearest];
+    return 1;
+}
+
+REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
+{
+    return field->tree ? regi_field_closest_point(field, point, hit)
+                       : regi_field_closest_triangle(field, point, guess, hit);
+}
+
+/* ---- the grid ---- */
+
+/* Cell and place within it, in [0, 1], along one axis. */
+static int regi_field_locate(sb_real x, sb_real low, sb_real cell, int corners, sb_real *share)
+{
+    sb_real place = (x - low) / cell, last = (sb_real)(corners - 1);
+    int index;
+    place = sb_max(0, sb_min(place, last));
+    index = sbi_min_int((int)place, corners - 2);
+    *share = place - (sb_real)index;
+    return index;
+}
+
+/* Trilinear interpolation and its gradient. */
+static sb_real regi_field_interpolate(const regi_field_grid *grid, sb_vec3 point, sb_vec3 *gradient)
+{
+    sb_real s[3], phi = 0, slope[3] = {0, 0, 0};
+    int i = regi_field_locate(point.x, grid->low.x, grid->cell, grid->count[0], &s[0]);
+    int j = regi_field_locate(point.y, grid->low.y, grid->cell, grid->count[1], &s[1]);
+    int k = regi_field_locate(point.z, grid->low.z, grid->cell, grid->count[2], &s[2]);
+    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
+    const sb_real *at = grid->phi + (size_t)i + (size_t)j * row + (size_t)k * plane;
+    for (int corner = 0; corner < 8; corner++) {
+        int bit[3] = {corner & 1, corner >> 1 & 1, corner >> 2};
+        sb_real value = at[(size_t)bit[0] + (size_t)bit[1] * row + (size_t)bit[2] * plane], w[3];
+        for (int a = 0; a < 3; a++)
+            w[a] = bit[a] ? s[a] : 1 - s[a];
+        phi += w[0] * w[1] * w[2] * value;
+        for (int a = 0; a < 3; a++)
+            slope[a] += (bit[a] ? value : -value) * w[(a + 1) % 3] * w[(a + 2) % 3];
+    }
+    *gradient = sb_v3_scale((sb_real)1 / grid->cell, sb_v3(slope[0], slope[1], slope[2]));
+    return phi;
+}
+
+static sb_vec3 regi_field_corner(const regi_field_grid *grid, int i, int j, int k)
+{
+    return sb_v3_madd(grid->low, grid->cell, sb_v3((sb_real)i, (sb_real)j, (sb_real)k));
+}
+
+/* What setting up the grid's rows of corners needs; each (j, k) is one task. */
+typedef struct regi_field_filling {
+    const reg_field *field;
+    unsigned char *held; /* [corners] 1: the value is given */
+} regi_field_filling;
+
+/* Corners next to the target have their distance to it, which is what its zero means for them; those on the box
+ * have theirs too; all others start there. */
+static void regi_field_fill_row(void *user, int row)
+{
+    const regi_field_filling *filling = (const regi_field_filling *)user;
+    const regi_field_grid *grid = &filling->field->grid;
+    int j = row % grid->count[1], k = row / grid->count[1], guess = -1;
+    int outer = j == 0 || k == 0 || j == grid->count[1] - 1 || k == grid->count[2] - 1;
+    for (int i = 0; i < grid->count[0]; i++) {
+        size_t at = (size_t)row * (size_t)grid->count[0] + (size_t)i;
+        reg_field_hit hit;
+        hit.distance = 0;
+        if (reg_field_closest(filling->field, regi_field_corner(grid, i, j, k), guess, &hit))
+            guess = hit.item;
+        grid->phi[at] = hit.distance;
+        filling->held[at] = outer || i == 0 || i == grid->count[0] - 1 || hit.distance < (sb_real)0.87 * grid->cell;
+    }
+}
+
+/* One half sweep of successive over-relaxation over the corners of one colour of a chessboard. Returns the largest
+ * change. */
+static sb_real regi_field_relax(regi_field_grid *grid, const unsigned char *held, int colour, sb_real omega)
+{
+    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
+    sb_real most = 0;
+    for (int k = 1; k < grid->count[2] - 1; k++)
+        for (int j = 1; j < grid->count[1] - 1; j++) {
+            sb_real *phi = grid->phi + (size_t)k * plane + (size_t)j * row;
+            const unsigned char *given = held + (size_t)k * plane + (size_t)j * row;
+            for (int i = 1 + (j + k + colour) % 2; i < grid->count[0] - 1; i += 2) {
+                sb_real *p = phi + i;
+                sb_real mean = (p[-1] + p[1] + *(p - row) + *(p + row) + *(p - plane) + *(p + plane)) / 6;
+                sb_real change = given[i] ? 0 : omega * (mean - *p);
+                *p += change;
+                most = sb_max(most, sb_abs(change));
+            }
+        }
+    return most;
+}
+
+/* The factor that is best for a cube of as many cells. */
+static sb_real regi_field_omega(const regi_field_grid *grid)
+{
+    sb_real s, c;
+    int longest = sbi_max_int(grid->count[0], sbi_max_int(grid->count[1], grid->count[2]));
+    sb_sin_cos((sb_real)3.14159265358979 / (sb_real)longest, &s, &c);
+    return 2 / (1 + s);
+}
+
+/* Until no corner changes by more than 1e-4 cells in a sweep, which is far below what the grid resolves. */
+static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
+{
+    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-4 * grid->cell, change = enough + 1;
+    for (grid->sweeps = 0; grid->sweeps < 2000 && change > enough; grid->sweeps++) {
+        change = regi_field_relax(grid, held, 0, omega);
+        change = sb_max(change, regi_field_relax(grid, held, 1, omega));
+    }
+}
+
+/* The box of the def, enlarged, and the number of corners; 0 when it is too large for numbers. */
+static int regi_field_plan(reg_field *field, const reg_field_def *def)
+{
+    regi_field_grid *grid = &field->grid;
+    sb_real margin = (sb_real)0.1 * sb_v3_norm(sb_v3_sub(field->high, field->low)), longest;
+    sb_vec3 edge, low = sb_v3_sub(field->low, sb_v3(margin, margin, margin));
+    sb_vec3 high = sb_v3_add(field->high, sb_v3(margin, margin, margin)), size = sb_v3_sub(def->high, def->low);
+    if (size.x > 0 || size.y > 0 || size.z > 0) {
+        low = sb_v3(sb_min(low.x, def->low.x), sb_min(low.y, def->low.y), sb_min(low.z, def->low.z));
+        high = sb_v3(sb_max(high.x, def->high.x), sb_max(high.y, def->high.y), sb_max(high.z, def->high.z));
+    }
+    edge = sb_v3_sub(high, low);
+    longest = sb_max(edge.x, sb_max(edge.y, edge.z));
+    if (!sb_is_finite(longest) || !sb_v3_is_finite(edge))
+        return 0;
+    grid->low = low;
+    grid->cell = longest > 0 ? longest / (sb_real)def->cells : 1;
+    grid->count[0] = sbi_max_int((int)(edge.x / grid->cell + (sb_real)0.999), 2) + 1;
+    grid->count[1] = sbi_max_int((int)(edge.y / grid->cell + (sb_real)0.999), 2) + 1;
+    grid->count[2] = sbi_max_int((int)(edge.z / grid->cell + (sb_real)0.999), 2) + 1;
+    return 1;
+}
+
+static sb_result regi_field_make_grid(reg_field *field, const reg_field_def *def, sb_error *error)
+{
+    regi_field_filling filling;
+    size_t corners;
+    if (!regi_field_plan(field, def))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the target is too large for a potential");
+    corners = (size_t)field->grid.count[0] * (size_t)field->grid.count[1] * (size_t)field->grid.count[2];
+    field->grid.phi = (sb_real *)sbi_alloc(&field->allocator, corners, sizeof(sb_real));
+    filling.field = field;
+    filling.held = (unsigned char *)sbi_alloc(&field->allocator, corners, 1);
+    if (!field->grid.phi || !filling.held) {
+        sbi_free(&field->allocator, filling.held);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential of %d cells a side", def->cells);
+    }
+    sbi_run(&def->jobs, regi_field_fill_row, &filling, field->grid.count[1] * field->grid.count[2]);
+    regi_field_solve(&field->grid, filling.held);
+    sbi_free(&field->allocator, filling.held);
+    return SB_OK;
+}
+
+/* ---- life ---- */
+
+REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error)
+{
+    reg_field *made;
+    sb_result result = regi_field_check(def, error);
+    if (result == SB_OK && !field)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the field");
+    if (result != SB_OK)
+        return result;
+    made = (reg_field *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
+    made->allocator = def->allocator;
+    made->kind = def->kind;
+    result = def->surface ? regi_field_make_surface(made, def->surface, error)
+                          : regi_field_make_cloud(made, def, error);
+    if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
+        result = regi_field_make_grid(made, def, error);
+    if (result != SB_OK) {
+        reg_field_destroy(made);
+        return result;
+    }
+    *field = made;
+    return SB_OK;
+}
+
+/* ---- the potential ---- */
+
+REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient)
+{
+    reg_field_hit hit;
+    sb_vec3 slope = sb_v3(0, 0, 0);
+    if (field->kind == REG_FIELD_LAPLACE) {
+        if (!sb_v3_is_finite(point))
+            return 0;
+        *phi = regi_field_interpolate(&field->grid, point, &slope);
+    } else {
+        if (!reg_field_closest(field, point, guess, &hit))
+            return 0;
+        *phi = hit.distance;
+        if (hit.distance > 0)
+            slope = sb_v3_scale((sb_real)1 / hit.distance, sb_v3_sub(point, hit.point));
+    }
+    if (gradient)
+        *gradient = slope;
+    return 1;
+}
+
+REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
+                            reg_field_sample *sample)
+{
+    sb_real half = (sb_real)0.5 * step, before, after, phi;
+    sb_vec3 slope_before, slope_after;
+    if (!reg_field_at(field, point, guess, &phi, NULL) ||
+        !reg_field_at(field, sb_v3_madd(point, -half, direction), guess, &before, &slope_before) ||
+        !reg_field_at(field, sb_v3_madd(point, half, direction), guess, &after, &slope_after))
+        return 0;
+    sample->phi = phi;
+    sample->phi_n = (after - before) / step;
+    sample->phi_nn = sb_v3_dot(direction, sb_v3_sub(slope_after, slope_before)) / step;
+    return 1;
+}
+
+REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high)
+{
+    *low = field->low;
+    *high = field->high;
+}
+
+REGI_API int regi_field_is_open(const reg_field *field)
+{
+    int triangles = field->surface ? sb_surface_triangle_count(field->surface) : 0;
+    for (int t = 0; t < triangles; t++)
+        if (field->border[t])
+            return 1;
+    return field->tree != NULL;
+}
+
+REG_API int reg_field_sweeps(const reg_field *field) { return field->grid.sweeps; }
 
 /* ==== src/register/icp.c ==== */
 /* icp: pairs, fits, the iteration, and the search for a start.
@@ -4535,469 +5173,6 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
     }
 }
 
-/* ==== src/register/field.c ==== */
-/* field: distances to surfaces and clouds, and Laplace's potential on a grid. */
-
-#include <string.h>
-
-
-#define REGI_FIELD_COOKIE 0x66696c64u
-
-enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that tell whether one of them is on its rim */
-
-/* Laplace's potential at the corners of a grid of cubes. */
-typedef struct regi_field_grid {
-    sb_vec3 low;
-    sb_real cell;           /* m */
-    int count[3];           /* corners along each axis */
-    sb_real *phi;           /* [corners] m, x fastest */
-    int sweeps;
-} regi_field_grid;
-
-struct reg_field {
-    sb_allocator allocator;
-    reg_field_kind kind;
-    sb_vec3 low, high;
-    sb_surface *surface;
-    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
-    int point_count;
-    sb_vec3 *points;        /* of the cloud */
-    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
-    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
-    regi_field_grid grid;
-};
-
-REG_API reg_field_def reg_default_field_def(void)
-{
-    reg_field_def def;
-    memset(&def, 0, sizeof def);
-    def.kind = REG_FIELD_DISTANCE;
-    def.cells = 64;
-    def.cookie = REGI_FIELD_COOKIE;
-    return def;
-}
-
-REG_API void reg_field_destroy(reg_field *field)
-{
-    sb_allocator allocator;
-    if (!field)
-        return;
-    allocator = field->allocator;
-    sb_surface_destroy(field->surface);
-    reg_kdtree_destroy(field->tree);
-    sbi_free(&allocator, field->points);
-    sbi_free(&allocator, field->normals);
-    sbi_free(&allocator, field->border);
-    sbi_free(&allocator, field->grid.phi);
-    sbi_free(&allocator, field);
-}
-
-/* ---- checks ---- */
-
-static sb_result regi_field_check_points(const reg_field_def *def, sb_error *error)
-{
-    if (def->point_count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cloud of %d points is no target", def->point_count);
-    for (int i = 0; i < def->point_count; i++) {
-        if (!sb_v3_is_finite(def->points[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "point %d of the target is not finite", i);
-        if (def->normals && !sb_v3_is_finite(def->normals[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "normal %d of the target is not finite", i);
-    }
-    return SB_OK;
-}
-
-static sb_result regi_field_check(const reg_field_def *def, sb_error *error)
-{
-    if (!def || def->cookie != REGI_FIELD_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs a def made by reg_default_field_def");
-    if (def->kind != REG_FIELD_DISTANCE && def->kind != REG_FIELD_LAPLACE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no field of kind %d", (int)def->kind);
-    if ((def->surface != NULL) == (def->points != NULL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a field needs either a surface or points");
-    if (def->cells < 8 || def->cells > 256)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "cells is %d, not in [8, 256]", def->cells);
-    if (!sb_v3_is_finite(def->low) || !sb_v3_is_finite(def->high))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "a corner of the field's box is not finite");
-    if (def->high.x < def->low.x || def->high.y < def->low.y || def->high.z < def->low.z)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the box of the field has high below low");
-    return def->points ? regi_field_check_points(def, error) : SB_OK;
-}
-
-/* ---- a surface and its rim ---- */
-
-/* Bits of the edges that no other triangle shares, then of all corners at such edges. rim: scratch [nodes], zeroed. */
-static void regi_field_mark_border(const sb_mesh *mesh, const sb_index_table *neighbours, unsigned char *rim,
-                                   unsigned char *border)
-{
-    for (int t = 0; t < mesh->element_count; t++) {
-        border[t] = 0;
-        for (int i = 0; i < 3; i++)
-            if (neighbours->items[3 * t + i] < 0) {
-                border[t] = (unsigned char)(border[t] | 1 << i);
-                rim[mesh->elements[3 * t + i]] = rim[mesh->elements[3 * t + (i + 1) % 3]] = 1;
-            }
-    }
-    for (int t = 0; t < mesh->element_count; t++)
-        for (int i = 0; i < 3; i++)
-            if (rim[mesh->elements[3 * t + i]])
-                border[t] = (unsigned char)(border[t] | 8 << i);
-}
-
-static sb_result regi_field_find_border(reg_field *field, const sb_mesh *mesh, sb_error *error)
-{
-    sb_index_table neighbours;
-    unsigned char *rim;
-    sb_result result = sb_mesh_neighbours(mesh, &field->allocator, &neighbours, error);
-    if (result != SB_OK)
-        return result;
-    rim = (unsigned char *)sbi_alloc_zeroed(&field->allocator, (size_t)mesh->node_count, 1);
-    field->border = (unsigned char *)sbi_alloc(&field->allocator, (size_t)mesh->element_count, 1);
-    if (rim && field->border)
-        regi_field_mark_border(mesh, &neighbours, rim, field->border);
-    else
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rim of %d triangles", mesh->element_count);
-    sbi_free(&field->allocator, rim);
-    sb_index_table_free(&neighbours);
-    return result;
-}
-
-static sb_result regi_field_make_surface(reg_field *field, const sb_mesh *surface, sb_error *error)
-{
-    sb_mesh triangles;
-    sb_result result = sb_surface_triangulate(surface, &field->allocator, &triangles, error);
-    if (result != SB_OK)
-        return result;
-    result = sb_surface_create(&triangles, &field->allocator, &field->surface, error);
-    if (result == SB_OK)
-        result = regi_field_find_border(field, &triangles, error);
-    if (result == SB_OK)
-        sb_surface_bounds(field->surface, &field->low, &field->high);
-    sb_mesh_free(&triangles);
-    return result;
-}
-
-/* ---- a cloud and its rim ---- */
-
-/* On a rim the neighbours lie to one side: the centre of a half disc is 0.42 radii from the middle of its straight
- * edge. */
-static int regi_field_is_rim(const reg_field *field, int point)
-{
-    int near[REGI_FIELD_NEIGHBOURS];
-    sb_real squares[REGI_FIELD_NEIGHBOURS];
-    sb_vec3 centre = sb_v3(0, 0, 0), at = field->points[point];
-    int count = reg_kdtree_k_nearest(field->tree, at, REGI_FIELD_NEIGHBOURS, near, squares);
-    if (count < REGI_FIELD_NEIGHBOURS)
-        return 0;
-    for (int i = 0; i < count; i++)
-        centre = sb_v3_madd(centre, (sb_real)1 / (sb_real)count, sb_v3_sub(field->points[near[i]], at));
-    return sb_v3_dot(centre, centre) > (sb_real)(0.3 * 0.3) * squares[count - 1];
-}
-
-enum { REGI_FIELD_CHUNK = 1024 };
-
-static void regi_field_find_rims(void *user, int chunk)
-{
-    reg_field *field = (reg_field *)user;
-    int first = chunk * REGI_FIELD_CHUNK, last = first + sbi_min_int(REGI_FIELD_CHUNK, field->point_count - first);
-    for (int i = first; i < last; i++)
-        field->border[i] = (unsigned char)regi_field_is_rim(field, i);
-}
-
-static sb_result regi_field_make_cloud(reg_field *field, const reg_field_def *def, sb_error *error)
-{
-    size_t count = (size_t)def->point_count;
-    sb_result result = reg_kdtree_create(def->points, def->point_count, &field->allocator, &field->tree, error);
-    if (result != SB_OK)
-        return result;
-    field->point_count = def->point_count;
-    field->points = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
-    field->border = (unsigned char *)sbi_alloc(&field->allocator, count, 1);
-    if (def->normals)
-        field->normals = (sb_vec3 *)sbi_alloc(&field->allocator, count, sizeof(sb_vec3));
-    if (!field->points || !field->border || (def->normals && !field->normals))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a target of %d points", def->point_count);
-    memcpy(field->points, def->points, count * sizeof(sb_vec3));
-    field->low = field->high = def->points[0];
-    for (int i = 0; i < def->point_count; i++) {
-        sb_vec3 p = def->points[i], n = def->normals ? def->normals[i] : p;
-        sb_real length = sb_v3_norm(n);
-        field->low = sb_v3(sb_min(field->low.x, p.x), sb_min(field->low.y, p.y), sb_min(field->low.z, p.z));
-        field->high = sb_v3(sb_max(field->high.x, p.x), sb_max(field->high.y, p.y), sb_max(field->high.z, p.z));
-        if (def->normals)
-            field->normals[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, n) : sb_v3(0, 0, 0);
-    }
-    sbi_run(&def->jobs, regi_field_find_rims, field, (def->point_count - 1) / REGI_FIELD_CHUNK + 1);
-    return SB_OK;
-}
-
-/* ---- closest places ---- */
-
-static int regi_field_closest_triangle(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
-{
-    sb_surface_hit found;
-    unsigned rim;
-    if (!sb_surface_closest_from(field->surface, point, SB_REAL_MAX, guess, &found))
-        return 0;
-    rim = field->border[found.triangle];
-    hit->point = found.point;
-    hit->normal = sb_surface_normal(field->surface, &found);
-    hit->distance = found.distance;
-    hit->item = found.triangle;
-    hit->on_border = (found.feature == SB_SURFACE_EDGE && (rim >> found.index & 1)) ||
-                     (found.feature == SB_SURFACE_VERTEX && (rim >> (3 + found.index) & 1));
-    return 1;
-}
-
-static int regi_field_closest_point(const reg_field *field, sb_vec3 point, reg_field_hit *hit)
-{
-    sb_real square = 0;
-    int nearest = sb_v3_is_finite(point) ? reg_kdtree_nearest(field->tree, point, SB_REAL_MAX, &square) : -1;
-    if (nearest < 0 || !sb_is_finite(square))
-        return 0;
-    hit->point = field->points[nearest];
-    hit->normal = field->normals ? field->normals[nearest] : sb_v3(0, 0, 0);
-    hit->distance = sb_sqrt(square);
-    hit->item = nearest;
-    hit->on_border = field->border[nearest];
-    return 1;
-}
-
-REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
-{
-    return field->tree ? regi_field_closest_point(field, point, hit)
-                       : regi_field_closest_triangle(field, point, guess, hit);
-}
-
-/* ---- the grid ---- */
-
-/* Cell and place within it, in [0, 1], along one axis. */
-static int regi_field_locate(sb_real x, sb_real low, sb_real cell, int corners, sb_real *share)
-{
-    sb_real place = (x - low) / cell, last = (sb_real)(corners - 1);
-    int index;
-    place = sb_max(0, sb_min(place, last));
-    index = sbi_min_int((int)place, corners - 2);
-    *share = place - (sb_real)index;
-    return index;
-}
-
-/* Trilinear interpolation and its gradient. */
-static sb_real regi_field_interpolate(const regi_field_grid *grid, sb_vec3 point, sb_vec3 *gradient)
-{
-    sb_real s[3], phi = 0, slope[3] = {0, 0, 0};
-    int i = regi_field_locate(point.x, grid->low.x, grid->cell, grid->count[0], &s[0]);
-    int j = regi_field_locate(point.y, grid->low.y, grid->cell, grid->count[1], &s[1]);
-    int k = regi_field_locate(point.z, grid->low.z, grid->cell, grid->count[2], &s[2]);
-    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
-    const sb_real *at = grid->phi + (size_t)i + (size_t)j * row + (size_t)k * plane;
-    for (int corner = 0; corner < 8; corner++) {
-        int bit[3] = {corner & 1, corner >> 1 & 1, corner >> 2};
-        sb_real value = at[(size_t)bit[0] + (size_t)bit[1] * row + (size_t)bit[2] * plane], w[3];
-        for (int a = 0; a < 3; a++)
-            w[a] = bit[a] ? s[a] : 1 - s[a];
-        phi += w[0] * w[1] * w[2] * value;
-        for (int a = 0; a < 3; a++)
-            slope[a] += (bit[a] ? value : -value) * w[(a + 1) % 3] * w[(a + 2) % 3];
-    }
-    *gradient = sb_v3_scale((sb_real)1 / grid->cell, sb_v3(slope[0], slope[1], slope[2]));
-    return phi;
-}
-
-static sb_vec3 regi_field_corner(const regi_field_grid *grid, int i, int j, int k)
-{
-    return sb_v3_madd(grid->low, grid->cell, sb_v3((sb_real)i, (sb_real)j, (sb_real)k));
-}
-
-/* What setting up the grid's rows of corners needs; each (j, k) is one task. */
-typedef struct regi_field_filling {
-    const reg_field *field;
-    unsigned char *held; /* [corners] 1: the value is given */
-} regi_field_filling;
-
-/* Corners next to the target have their distance to it, which is what its zero means for them; those on the box
- * have theirs too; all others start there. */
-static void regi_field_fill_row(void *user, int row)
-{
-    const regi_field_filling *filling = (const regi_field_filling *)user;
-    const regi_field_grid *grid = &filling->field->grid;
-    int j = row % grid->count[1], k = row / grid->count[1], guess = -1;
-    int outer = j == 0 || k == 0 || j == grid->count[1] - 1 || k == grid->count[2] - 1;
-    for (int i = 0; i < grid->count[0]; i++) {
-        size_t at = (size_t)row * (size_t)grid->count[0] + (size_t)i;
-        reg_field_hit hit;
-        hit.distance = 0;
-        if (reg_field_closest(filling->field, regi_field_corner(grid, i, j, k), guess, &hit))
-            guess = hit.item;
-        grid->phi[at] = hit.distance;
-        filling->held[at] = outer || i == 0 || i == grid->count[0] - 1 || hit.distance < (sb_real)0.87 * grid->cell;
-    }
-}
-
-/* One half sweep of successive over-relaxation over the corners of one colour of a chessboard. Returns the largest
- * change. */
-static sb_real regi_field_relax(regi_field_grid *grid, const unsigned char *held, int colour, sb_real omega)
-{
-    size_t row = (size_t)grid->count[0], plane = row * (size_t)grid->count[1];
-    sb_real most = 0;
-    for (int k = 1; k < grid->count[2] - 1; k++)
-        for (int j = 1; j < grid->count[1] - 1; j++) {
-            sb_real *phi = grid->phi + (size_t)k * plane + (size_t)j * row;
-            const unsigned char *given = held + (size_t)k * plane + (size_t)j * row;
-            for (int i = 1 + (j + k + colour) % 2; i < grid->count[0] - 1; i += 2) {
-                sb_real *p = phi + i;
-                sb_real mean = (p[-1] + p[1] + *(p - row) + *(p + row) + *(p - plane) + *(p + plane)) / 6;
-                sb_real change = given[i] ? 0 : omega * (mean - *p);
-                *p += change;
-                most = sb_max(most, sb_abs(change));
-            }
-        }
-    return most;
-}
-
-/* The factor that is best for a cube of as many cells. */
-static sb_real regi_field_omega(const regi_field_grid *grid)
-{
-    sb_real s, c;
-    int longest = sbi_max_int(grid->count[0], sbi_max_int(grid->count[1], grid->count[2]));
-    sb_sin_cos((sb_real)3.14159265358979 / (sb_real)longest, &s, &c);
-    return 2 / (1 + s);
-}
-
-/* Until no corner changes by more than 1e-4 cells in a sweep, which is far below what the grid resolves. */
-static void regi_field_solve(regi_field_grid *grid, const unsigned char *held)
-{
-    sb_real omega = regi_field_omega(grid), enough = (sb_real)1e-4 * grid->cell, change = enough + 1;
-    for (grid->sweeps = 0; grid->sweeps < 2000 && change > enough; grid->sweeps++) {
-        change = regi_field_relax(grid, held, 0, omega);
-        change = sb_max(change, regi_field_relax(grid, held, 1, omega));
-    }
-}
-
-/* The box of the def, enlarged, and the number of corners; 0 when it is too large for numbers. */
-static int regi_field_plan(reg_field *field, const reg_field_def *def)
-{
-    regi_field_grid *grid = &field->grid;
-    sb_real margin = (sb_real)0.1 * sb_v3_norm(sb_v3_sub(field->high, field->low)), longest;
-    sb_vec3 edge, low = sb_v3_sub(field->low, sb_v3(margin, margin, margin));
-    sb_vec3 high = sb_v3_add(field->high, sb_v3(margin, margin, margin)), size = sb_v3_sub(def->high, def->low);
-    if (size.x > 0 || size.y > 0 || size.z > 0) {
-        low = sb_v3(sb_min(low.x, def->low.x), sb_min(low.y, def->low.y), sb_min(low.z, def->low.z));
-        high = sb_v3(sb_max(high.x, def->high.x), sb_max(high.y, def->high.y), sb_max(high.z, def->high.z));
-    }
-    edge = sb_v3_sub(high, low);
-    longest = sb_max(edge.x, sb_max(edge.y, edge.z));
-    if (!sb_is_finite(longest) || !sb_v3_is_finite(edge))
-        return 0;
-    grid->low = low;
-    grid->cell = longest > 0 ? longest / (sb_real)def->cells : 1;
-    grid->count[0] = sbi_max_int((int)(edge.x / grid->cell + (sb_real)0.999), 2) + 1;
-    grid->count[1] = sbi_max_int((int)(edge.y / grid->cell + (sb_real)0.999), 2) + 1;
-    grid->count[2] = sbi_max_int((int)(edge.z / grid->cell + (sb_real)0.999), 2) + 1;
-    return 1;
-}
-
-static sb_result regi_field_make_grid(reg_field *field, const reg_field_def *def, sb_error *error)
-{
-    regi_field_filling filling;
-    size_t corners;
-    if (!regi_field_plan(field, def))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the target is too large for a potential");
-    corners = (size_t)field->grid.count[0] * (size_t)field->grid.count[1] * (size_t)field->grid.count[2];
-    field->grid.phi = (sb_real *)sbi_alloc(&field->allocator, corners, sizeof(sb_real));
-    filling.field = field;
-    filling.held = (unsigned char *)sbi_alloc(&field->allocator, corners, 1);
-    if (!field->grid.phi || !filling.held) {
-        sbi_free(&field->allocator, filling.held);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential of %d cells a side", def->cells);
-    }
-    sbi_run(&def->jobs, regi_field_fill_row, &filling, field->grid.count[1] * field->grid.count[2]);
-    regi_field_solve(&field->grid, filling.held);
-    sbi_free(&field->allocator, filling.held);
-    return SB_OK;
-}
-
-/* ---- life ---- */
-
-REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, sb_error *error)
-{
-    reg_field *made;
-    sb_result result = regi_field_check(def, error);
-    if (result == SB_OK && !field)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the field");
-    if (result != SB_OK)
-        return result;
-    made = (reg_field *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
-    made->allocator = def->allocator;
-    made->kind = def->kind;
-    result = def->surface ? regi_field_make_surface(made, def->surface, error)
-                          : regi_field_make_cloud(made, def, error);
-    if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
-        result = regi_field_make_grid(made, def, error);
-    if (result != SB_OK) {
-        reg_field_destroy(made);
-        return result;
-    }
-    *field = made;
-    return SB_OK;
-}
-
-/* ---- the potential ---- */
-
-REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_real *phi, sb_vec3 *gradient)
-{
-    reg_field_hit hit;
-    sb_vec3 slope = sb_v3(0, 0, 0);
-    if (field->kind == REG_FIELD_LAPLACE) {
-        if (!sb_v3_is_finite(point))
-            return 0;
-        *phi = regi_field_interpolate(&field->grid, point, &slope);
-    } else {
-        if (!reg_field_closest(field, point, guess, &hit))
-            return 0;
-        *phi = hit.distance;
-        if (hit.distance > 0)
-            slope = sb_v3_scale((sb_real)1 / hit.distance, sb_v3_sub(point, hit.point));
-    }
-    if (gradient)
-        *gradient = slope;
-    return 1;
-}
-
-REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direction, sb_real step, int guess,
-                            reg_field_sample *sample)
-{
-    sb_real half = (sb_real)0.5 * step, before, after, phi;
-    sb_vec3 slope_before, slope_after;
-    if (!reg_field_at(field, point, guess, &phi, NULL) ||
-        !reg_field_at(field, sb_v3_madd(point, -half, direction), guess, &before, &slope_before) ||
-        !reg_field_at(field, sb_v3_madd(point, half, direction), guess, &after, &slope_after))
-        return 0;
-    sample->phi = phi;
-    sample->phi_n = (after - before) / step;
-    sample->phi_nn = sb_v3_dot(direction, sb_v3_sub(slope_after, slope_before)) / step;
-    return 1;
-}
-
-REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high)
-{
-    *low = field->low;
-    *high = field->high;
-}
-
-REGI_API int regi_field_is_open(const reg_field *field)
-{
-    int triangles = field->surface ? sb_surface_triangle_count(field->surface) : 0;
-    for (int t = 0; t < triangles; t++)
-        if (field->border[t])
-            return 1;
-    return field->tree != NULL;
-}
-
-REG_API int reg_field_sweeps(const reg_field *field) { return field->grid.sweeps; }
-
 /* ==== src/register/match_state.h ==== */
 /* match_state: what is inside a reg_match. Floor 5, internal: match.c makes it, match_step.c moves it. */
 #ifndef REG_MATCH_STATE_H
@@ -5951,6 +6126,1173 @@ REG_API sb_result reg_match_run(reg_match *match, int steps, reg_match_info *inf
     }
     if (info)
         *info = match->info;
+    return result;
+}
+
+/* ==== src/register/nicp_state.h ==== */
+/* nicp_state: what is inside a reg_nicp. Floor 5, internal: nicp.c makes it, nicp_step.c moves it. */
+#ifndef REG_NICP_STATE_H
+#define REG_NICP_STATE_H
+
+
+/* Points per task of the look at the target: fixed, whatever the threads. */
+enum { REGI_NICP_CHUNK = 128 };
+
+/* A vertex of the organ's surface that stands for those around it. */
+typedef struct regi_nicp_source {
+    int vertex;
+    int triangle, corner; /* a triangle that has it; -1: none has */
+    sb_real area;         /* m^2 at rest */
+    /* of the last look */
+    int guess;            /* item of the field that was closest, or -1 */
+    int way_back;         /* triangle of the skin that was closest to it */
+    int visible;
+    int paired;           /* N_s counts, up to its distance */
+    int active;
+    sb_vec3 normal;       /* unit, or 0 */
+    sb_vec3 direction;    /* across the target where it was hit, or across the organ; unit, or 0 */
+    sb_vec3 way;          /* to N_s (m) */
+    sb_vec3 sum;          /* of the ways to those in V (m) */
+    int count;            /* of V */
+    sb_real distance;     /* m */
+} regi_nicp_source;
+
+/* A point of the target that looks for its source. */
+typedef struct regi_nicp_sample {
+    sb_vec3 point;        /* m */
+    sb_vec3 normal;       /* unit, or 0: unknown */
+    /* of the last look */
+    int guess;            /* triangle of the skin */
+    int source;           /* N_t, or -1 */
+    sb_vec3 way;          /* from the organ's surface to the point (m) */
+} regi_nicp_sample;
+
+/* Rows of node weights: the points of def.surface, or the landmarks. */
+typedef struct regi_nicp_rows {
+    sb_mapping mapping;   /* of the arrays below */
+    int *start, *nodes;
+    sb_real *weights;
+} regi_nicp_rows;
+
+struct reg_nicp {
+    sb_allocator allocator;
+    sb_clock clock;
+    sb_body *body;
+    reg_field *field;
+    int is_cloud;              /* the target is one */
+    sb_real spacing;           /* of the target's points (m) */
+    sb_surface *skin;          /* the organ's surface as it is now */
+    regi_nicp_rows rows;       /* [vertex_count] */
+    regi_nicp_rows source_rows; /* [source_count] */
+    regi_nicp_rows landmark_rows; /* [landmark_count] */
+    int surface_load, landmark_load; /* ids of the penalties; 0: none */
+
+    reg_nicp_view view;
+    sb_vec3 camera;
+    sb_real size;              /* of the organ (m) */
+    sb_real young;             /* Pa */
+    sb_real blending, sliding, least_cosine, outlier_parameter, tolerance, newton_tolerance, least_active;
+    reg_outliers outliers;
+    sb_real reach, last_reach; /* m */
+    sb_real first_stiffness, last_stiffness; /* Pa/m */
+    int increments, iterations, newton, noisy;
+    sb_real landmark_stiffness; /* N/m */
+    double max_seconds;
+
+    int vertex_count, source_count, sample_count, landmark_count;
+    double total_area;         /* m^2 */
+    void *memory;              /* the one block behind the arrays below */
+    sb_vec3 *vertices;         /* [vertex_count] (m) now */
+    int *source_of;            /* [vertex_count] the source that stands for it; -1: none does */
+    regi_nicp_source *sources; /* [source_count] */
+    regi_nicp_sample *samples; /* [sample_count] */
+    sb_real *distances, *scratch; /* [the larger of both counts] */
+    sb_vec3 *goals;            /* [source_count] (m) */
+    sb_real *stiffness;        /* [source_count] (N/m) */
+    sb_vec3 *lines;            /* [source_count] see sbi_load */
+    sb_vec3 *before;           /* [source_count] (m) sources before the balance */
+    sb_vec3 *settled;          /* [source_count] (m) sources at the end of the last increment */
+    sb_vec3 *targets;          /* [landmark_count] (m) */
+
+    /* state */
+    int increment, iteration;  /* from 0 */
+    int has_settled;
+    reg_nicp_info info;
+};
+
+/* Writes where rows are now: points[row_count] (m). */
+REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
+
+#endif /* REG_NICP_STATE_H */
+
+/* ==== src/register/nicp.c ==== */
+/* nicp: what a non-rigid registration is made from: sources, samples, and the rows that hold them. */
+
+#include <string.h>
+
+
+#define REGI_NICP_COOKIE 0x6e696370u
+
+REG_API reg_nicp_def reg_default_nicp_def(void)
+{
+    reg_nicp_def def;
+    memset(&def, 0, sizeof def);
+    def.sources = 4000;
+    def.samples = 2000;
+    def.view = REG_NICP_ALL;
+    def.blending = (sb_real)0.75;
+    def.sliding = (sb_real)0.999;
+    def.least_cosine = (sb_real)0.3;
+    def.outliers = REG_OUTLIERS_MEDIAN;
+    def.outlier_parameter = 3;
+    def.reach = (sb_real)0.1;
+    def.last_reach = (sb_real)0.03;
+    def.first_stiffness = 300;
+    def.last_stiffness = 30000;
+    def.increments = 4;
+    def.iterations = 2;
+    def.newton = 6;
+    def.newton_tolerance = (sb_real)0.1;
+    def.tolerance = (sb_real)5e-5;
+    def.least_active = (sb_real)0.05;
+    def.landmark_stiffness = 50;
+    def.max_seconds = 1e9;
+    def.cookie = REGI_NICP_COOKIE;
+    return def;
+}
+
+/* ---- checks ---- */
+
+static sb_result regi_nicp_check_numbers(const reg_nicp_def *def, sb_error *error)
+{
+    const struct {
+        const char *name;
+        sb_real value, low, high;
+        int above; /* 1: low itself is out of range, too */
+    } fields[] = {{"blending", def->blending, 0, 1, 0},
+                  {"sliding", def->sliding, 0, 1, 0},
+                  {"least_cosine", def->least_cosine, -1, 1, 0},
+                  {"reach", def->reach, 0, SB_REAL_MAX, 1},
+                  {"last_reach", def->last_reach, 0, def->reach, 1},
+                  {"first_stiffness", def->first_stiffness, 0, SB_REAL_MAX, 1},
+                  {"last_stiffness", def->last_stiffness, def->first_stiffness, SB_REAL_MAX, 0},
+                  {"newton_tolerance", def->newton_tolerance, 0, 1 - SB_EPSILON, 1},
+                  {"tolerance", def->tolerance, 0, SB_REAL_MAX, 1},
+                  {"least_active", def->least_active, 0, 1, 0},
+                  {"landmark_stiffness", def->landmark_stiffness, 0, SB_REAL_MAX, 1},
+                  {"sources", (sb_real)def->sources, 4, SB_REAL_MAX, 0},
+                  {"samples", (sb_real)def->samples, 0, SB_REAL_MAX, 0},
+                  {"increments", (sb_real)def->increments, 1, SB_REAL_MAX, 0},
+                  {"iterations", (sb_real)def->iterations, 1, SB_REAL_MAX, 0},
+                  {"newton", (sb_real)def->newton, 1, SB_REAL_MAX, 0}};
+    for (size_t i = 0; i < sizeof fields / sizeof fields[0]; i++)
+        if (!sb_is_finite(fields[i].value) || fields[i].value < fields[i].low || fields[i].value > fields[i].high ||
+            (fields[i].above && !(fields[i].value > fields[i].low)))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s of a registration is %g, out of range", fields[i].name,
+                            (double)fields[i].value);
+    if (!(def->max_seconds > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
+    return SB_OK;
+}
+
+static sb_result regi_nicp_check_rules(const reg_nicp_def *def, sb_error *error)
+{
+    sb_real distances[2] = {1, 1}, scratch[2];
+    if (def->view != REG_NICP_ALL && def->view != REG_NICP_FACING && def->view != REG_NICP_VISIBLE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no view %d of the organ", (int)def->view);
+    if (!sb_v3_is_finite(def->camera))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the camera's place is not finite");
+    if (reg_outlier_limit(distances, 2, def->outliers, def->outlier_parameter, scratch) < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no rule %d for outliers with the parameter %g",
+                        (int)def->outliers, (double)def->outlier_parameter);
+    return SB_OK;
+}
+
+static sb_result regi_nicp_check_landmarks(const reg_nicp_def *def, sb_error *error)
+{
+    if (def->landmark_count < 0 || (def->landmark_count > 0 && (!def->landmarks || !def->landmark_targets)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks need points and targets", def->landmark_count);
+    for (int i = 0; i < def->landmark_count; i++)
+        if (!sb_v3_is_finite(def->landmarks[i]) || !sb_v3_is_finite(def->landmark_targets[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
+    return SB_OK;
+}
+
+static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
+{
+    sb_result result;
+    if (!def || def->cookie != REGI_NICP_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs a def made by reg_default_nicp_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs a body");
+    if ((def->target != NULL) == (def->target_points != NULL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs either a target or target_points");
+    if (def->body->domain.element_type == SB_CUSTOM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
+    if (def->body->observe)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered");
+    if (def->grid && !def->surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
+    if (def->grid && (def->grid->body_mesh.node_count != def->body->domain.node_count ||
+                      def->grid->body_mesh.element_count != def->body->domain.cell_count))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
+    result = regi_nicp_check_numbers(def, error);
+    if (result == SB_OK)
+        result = regi_nicp_check_rules(def, error);
+    return result == SB_OK ? regi_nicp_check_landmarks(def, error) : result;
+}
+
+/* ---- rows ---- */
+
+static void regi_nicp_free_rows(const sb_allocator *allocator, regi_nicp_rows *rows)
+{
+    sbi_free(allocator, rows->start);
+    sbi_free(allocator, rows->nodes);
+    sbi_free(allocator, rows->weights);
+}
+
+/* Rows chosen[count] of a mapping (NULL: all of them) as rows of one's own. */
+static sb_result regi_nicp_copy_rows(const sb_mapping *from, const int *chosen, int count,
+                                     const sb_allocator *allocator, regi_nicp_rows *rows, sb_error *error)
+{
+    size_t entries = 0;
+    int at = 0;
+    for (int i = 0; i < count; i++) {
+        int row = chosen ? chosen[i] : i;
+        entries += (size_t)(from->row_start[row + 1] - from->row_start[row]);
+    }
+    rows->start = (int *)sbi_alloc(allocator, (size_t)count + 1, sizeof(int));
+    rows->nodes = (int *)sbi_alloc(allocator, entries, sizeof(int));
+    rows->weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    if (!rows->start || !rows->nodes || !rows->weights)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows of weights", count);
+    rows->start[0] = 0;
+    for (int i = 0; i < count; i++) {
+        int row = chosen ? chosen[i] : i;
+        for (int k = from->row_start[row]; k < from->row_start[row + 1]; k++, at++) {
+            rows->nodes[at] = from->nodes[k];
+            rows->weights[at] = from->weights[k];
+        }
+        rows->start[i + 1] = at;
+    }
+    rows->mapping.row_count = count;
+    rows->mapping.row_start = rows->start;
+    rows->mapping.nodes = rows->nodes;
+    rows->mapping.weights = rows->weights;
+    return SB_OK;
+}
+
+/* Each of the nodes by itself. */
+static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_allocator *allocator, regi_nicp_rows *rows,
+                                     sb_error *error)
+{
+    size_t size = (size_t)count;
+    rows->start = (int *)sbi_alloc(allocator, size + 1, sizeof(int));
+    rows->nodes = (int *)sbi_alloc(allocator, size, sizeof(int));
+    rows->weights = (sb_real *)sbi_alloc(allocator, size, sizeof(sb_real));
+    if (!rows->start || !rows->nodes || !rows->weights)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows of weights", count);
+    for (int i = 0; i <= count; i++)
+        rows->start[i] = i;
+    memcpy(rows->nodes, nodes, size * sizeof(int));
+    for (int i = 0; i < count; i++)
+        rows->weights[i] = 1;
+    rows->mapping.row_count = count;
+    rows->mapping.row_start = rows->start;
+    rows->mapping.nodes = rows->nodes;
+    rows->mapping.weights = rows->weights;
+    return SB_OK;
+}
+
+static sb_mesh regi_nicp_mesh(const sb_body *body)
+{
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.node_count = body->domain.node_count;
+    mesh.nodes = body->reference;
+    mesh.element_type = body->domain.element_type;
+    mesh.element_count = body->domain.cell_count;
+    mesh.elements = body->domain.cells;
+    return mesh;
+}
+
+static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *points, int count, regi_nicp_rows *rows,
+                                     sb_error *error)
+{
+    sb_grid_rows made;
+    sb_result result;
+    memset(&made, 0, sizeof made);
+    result = sb_grid_map_points(def->grid, points, count, &def->allocator, &made, error);
+    if (result == SB_OK)
+        result = regi_nicp_copy_rows(&made.rows, NULL, count, &def->allocator, rows, error);
+    sb_grid_rows_free(&made);
+    return result;
+}
+
+/* Rows of points at rest, through the grid or the elements. */
+static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_vec3 *points, int count,
+                                regi_nicp_rows *rows, sb_error *error)
+{
+    sb_mesh mesh = regi_nicp_mesh(def->body);
+    sb_embedding_def embed = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_embedding_rows made;
+    sb_result result;
+    if (def->grid)
+        return regi_nicp_grid_rows(def, points, count, rows, error);
+    memset(&made, 0, sizeof made);
+    embed.mesh = &mesh;
+    embed.points = points;
+    embed.point_count = count;
+    embed.kind = SB_EMBED_PLAIN;
+    embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
+    embed.allocator = def->allocator;
+    embed.jobs = def->body->jobs;
+    result = sb_embedding_create(&embed, &embedding, error);
+    if (result == SB_OK)
+        result = sb_embedding_mapping(embedding, &def->allocator, &made, error);
+    if (result == SB_OK)
+        result = regi_nicp_copy_rows(&made.mapping, NULL, count, &def->allocator, rows, error);
+    sb_embedding_rows_free(&made);
+    sb_embedding_destroy(embedding);
+    return result;
+}
+
+/* ---- the organ's surface ---- */
+
+/* The surface's triangles as the skin has them give each vertex its area, and a triangle to have a normal by. */
+static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_real *areas, int *home)
+{
+    const sb_real sixth = (sb_real)1 / 6;
+    for (int t = 0; t < sb_surface_triangle_count(skin); t++) {
+        int c[3];
+        sb_real area;
+        (void)sb_surface_triangle(skin, t, c);
+        area = sixth * sb_v3_norm(sb_v3_cross(sb_v3_sub(points[c[1]], points[c[0]]), sb_v3_sub(points[c[2]], points[c[0]])));
+        for (int k = 0; k < 3; k++) {
+            areas[c[k]] += area;
+            home[c[k]] = 3 * t + k + 1; /* 0: none */
+        }
+    }
+}
+
+/* Which vertices stand for which: runs of the order of a tree of them, in which neighbours are neighbours. */
+typedef struct regi_nicp_choice {
+    int count;        /* of vertices that have an area */
+    int *items;       /* [count] vertices */
+    sb_vec3 *points;  /* [count] */
+    int *order;       /* [count] into items */
+    sb_real spacing;  /* m, mean distance of the points from their nearest */
+} regi_nicp_choice;
+
+static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choice *choice)
+{
+    sbi_free(allocator, choice->items);
+    sbi_free(allocator, choice->points);
+    sbi_free(allocator, choice->order);
+}
+
+/* From a thousand of the points or so. */
+static sb_real regi_nicp_spacing(const reg_kdtree *tree, const regi_nicp_choice *choice)
+{
+    int stride = 1 + choice->count / 1024, met = 0;
+    double sum = 0;
+    for (int i = 0; i < choice->count; i += stride) {
+        int near[2];
+        sb_real squared[2];
+        if (reg_kdtree_k_nearest(tree, choice->points[i], 2, near, squared) < 2)
+            continue;
+        sum += sqrt((double)squared[1]);
+        met++;
+    }
+    return met ? (sb_real)(sum / met) : 0;
+}
+
+/* Of the points whose areas (NULL: all count) are not 0. */
+static sb_result regi_nicp_order(const sb_vec3 *points, const sb_real *areas, int count, const sb_allocator *allocator,
+                                 regi_nicp_choice *choice, sb_error *error)
+{
+    reg_kdtree *tree = NULL;
+    sb_result result;
+    memset(choice, 0, sizeof *choice);
+    choice->items = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
+    choice->points = (sb_vec3 *)sbi_alloc(allocator, (size_t)count, sizeof(sb_vec3));
+    choice->order = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
+    if (!choice->items || !choice->points || !choice->order)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to choose from %d points", count);
+    for (int i = 0; i < count; i++)
+        if (!areas || areas[i] > 0) {
+            choice->items[choice->count] = i;
+            choice->points[choice->count++] = points[i];
+        }
+    if (choice->count == 0)
+        return sbi_fail(error, SB_ERROR_MESH, "the organ's surface has no area");
+    result = reg_kdtree_create(choice->points, choice->count, allocator, &tree, error);
+    if (result != SB_OK)
+        return result;
+    regi_kdtree_order(tree, choice->order);
+    choice->spacing = regi_nicp_spacing(tree, choice);
+    reg_kdtree_destroy(tree);
+    return SB_OK;
+}
+
+/* First of run i of `count` runs. */
+static int regi_nicp_run_start(const regi_nicp_choice *choice, int i, int count)
+{
+    return (int)((int64_t)i * choice->count / count);
+}
+
+/* The one of a run that is nearest to its middle. */
+static int regi_nicp_middle(const regi_nicp_choice *choice, int first, int last)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    sb_real least = SB_REAL_MAX;
+    int best = choice->order[first];
+    for (int i = first; i < last; i++)
+        sum = sb_v3_add(sum, choice->points[choice->order[i]]);
+    sum = sb_v3_scale((sb_real)1 / (sb_real)(last - first), sum);
+    for (int i = first; i < last; i++) {
+        sb_vec3 d = sb_v3_sub(choice->points[choice->order[i]], sum);
+        if (sb_v3_dot(d, d) < least) {
+            least = sb_v3_dot(d, d);
+            best = choice->order[i];
+        }
+    }
+    return choice->items[best];
+}
+
+static void regi_nicp_make_sources(reg_nicp *nicp, const regi_nicp_choice *choice, const sb_real *areas,
+                                   const int *home)
+{
+    for (int v = 0; v < nicp->vertex_count; v++)
+        nicp->source_of[v] = -1;
+    for (int i = 0; i < nicp->source_count; i++) {
+        regi_nicp_source *source = nicp->sources + i;
+        int first = regi_nicp_run_start(choice, i, nicp->source_count);
+        int last = regi_nicp_run_start(choice, i + 1, nicp->source_count);
+        source->vertex = regi_nicp_middle(choice, first, last);
+        source->triangle = home[source->vertex] > 0 ? (home[source->vertex] - 1) / 3 : -1;
+        source->corner = home[source->vertex] > 0 ? (home[source->vertex] - 1) % 3 : 0;
+        source->guess = -1;
+        for (int k = first; k < last; k++) {
+            int vertex = choice->items[choice->order[k]];
+            source->area += areas[vertex];
+            nicp->source_of[vertex] = i;
+        }
+        nicp->total_area += (double)source->area;
+    }
+}
+
+/* ---- memory ---- */
+
+static void regi_nicp_layout(reg_nicp *nicp, sbi_arena *arena)
+{
+    size_t vertices = (size_t)nicp->vertex_count, sources = (size_t)nicp->source_count;
+    size_t samples = (size_t)nicp->sample_count, larger = sources > samples ? sources : samples;
+    nicp->vertices = (sb_vec3 *)sbi_arena_take(arena, vertices, sizeof(sb_vec3));
+    nicp->source_of = (int *)sbi_arena_take(arena, vertices, sizeof(int));
+    nicp->sources = (regi_nicp_source *)sbi_arena_take(arena, sources, sizeof(regi_nicp_source));
+    nicp->samples = (regi_nicp_sample *)sbi_arena_take(arena, samples, sizeof(regi_nicp_sample));
+    nicp->distances = (sb_real *)sbi_arena_take(arena, larger, sizeof(sb_real));
+    nicp->scratch = (sb_real *)sbi_arena_take(arena, larger, sizeof(sb_real));
+    nicp->goals = (sb_vec3 *)sbi_arena_take(arena, sources, sizeof(sb_vec3));
+    nicp->stiffness = (sb_real *)sbi_arena_take(arena, sources, sizeof(sb_real));
+    nicp->lines = (sb_vec3 *)sbi_arena_take(arena, sources, sizeof(sb_vec3));
+    nicp->before = (sb_vec3 *)sbi_arena_take(arena, sources, sizeof(sb_vec3));
+    nicp->settled = (sb_vec3 *)sbi_arena_take(arena, sources, sizeof(sb_vec3));
+    nicp->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)nicp->landmark_count, sizeof(sb_vec3));
+}
+
+static sb_result regi_nicp_allocate(reg_nicp *nicp, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    regi_nicp_layout(nicp, &arena);
+    nicp->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&nicp->allocator, 1, arena.used);
+    if (!nicp->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d sources", nicp->source_count);
+    arena.base = (unsigned char *)nicp->memory;
+    arena.used = 0;
+    regi_nicp_layout(nicp, &arena);
+    return SB_OK;
+}
+
+/* ---- life ---- */
+
+static sb_result regi_nicp_make_field(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
+{
+    reg_field_def field = reg_default_field_def();
+    field.surface = def->target;
+    field.points = def->target_points;
+    field.normals = def->target_normals;
+    field.point_count = def->target_count;
+    field.allocator = def->allocator;
+    field.jobs = def->body->jobs;
+    return reg_field_create(&field, &nicp->field, error);
+}
+
+/* What the penalty is measured with: Young's modulus, as mean over the elements. */
+static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def, sb_error *error)
+{
+    const sb_body *body = def->body;
+    sb_mesh mesh = regi_nicp_mesh(body);
+    double sum = 0;
+    sb_vec3 low, high;
+    sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
+    sb_mesh_bounds(surface, &low, &high);
+    nicp->size = sb_v3_norm(sb_v3_sub(high, low));
+    for (int e = 0; e < body->domain.cell_count; e++)
+        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+    nicp->young = (sb_real)(sum / (double)body->domain.cell_count);
+    if (!sb_is_finite(nicp->young) || !(nicp->young > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
+    share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
+                      : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
+    share /= nicp->size * nicp->size * nicp->size;
+    nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
+    nicp->reach = def->reach * nicp->size;
+    nicp->last_reach = def->last_reach * nicp->size;
+    nicp->first_stiffness = def->first_stiffness * nicp->young / nicp->size;
+    nicp->last_stiffness = def->last_stiffness * nicp->young / nicp->size;
+    return SB_OK;
+}
+
+static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
+{
+    nicp->allocator = def->allocator;
+    nicp->clock = def->clock;
+    nicp->body = def->body;
+    nicp->view = def->view;
+    nicp->camera = def->camera;
+    nicp->blending = def->blending;
+    nicp->sliding = def->sliding;
+    nicp->least_cosine = def->least_cosine;
+    nicp->noisy = def->noisy != 0;
+    nicp->outliers = def->outliers;
+    nicp->outlier_parameter = def->outlier_parameter;
+    nicp->tolerance = def->tolerance;
+    nicp->newton = def->newton;
+    nicp->newton_tolerance = def->newton_tolerance;
+    nicp->least_active = def->least_active;
+    nicp->increments = def->increments;
+    nicp->iterations = def->iterations;
+    nicp->landmark_count = def->landmark_count;
+    nicp->max_seconds = def->max_seconds;
+}
+
+/* Sources from the surface at rest. areas, home: scratch [nodes], zeroed. */
+static sb_result regi_nicp_choose_sources(reg_nicp *nicp, const sb_mesh *surface, int most, sb_real *areas, int *home,
+                                          sb_error *error)
+{
+    regi_nicp_choice choice;
+    int *chosen;
+    sb_result result;
+    regi_nicp_measure(nicp->skin, surface->nodes, areas, home);
+    result = regi_nicp_order(surface->nodes, areas, surface->node_count, &nicp->allocator, &choice, error);
+    if (result == SB_OK) {
+        nicp->vertex_count = surface->node_count;
+        nicp->source_count = sbi_min_int(choice.count, most);
+        result = regi_nicp_allocate(nicp, error);
+    }
+    if (result == SB_OK)
+        regi_nicp_make_sources(nicp, &choice, areas, home);
+    regi_nicp_free_choice(&nicp->allocator, &choice);
+    if (result != SB_OK)
+        return result;
+    chosen = (int *)sbi_alloc(&nicp->allocator, (size_t)nicp->source_count, sizeof(int));
+    if (!chosen)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d sources", nicp->source_count);
+    for (int i = 0; i < nicp->source_count; i++)
+        chosen[i] = nicp->sources[i].vertex;
+    result = regi_nicp_copy_rows(&nicp->rows.mapping, chosen, nicp->source_count, &nicp->allocator, &nicp->source_rows,
+                                 error);
+    sbi_free(&nicp->allocator, chosen);
+    return result;
+}
+
+static sb_result regi_nicp_take_surface(reg_nicp *nicp, const sb_mesh *surface, int most, sb_error *error)
+{
+    size_t count = (size_t)surface->node_count;
+    sb_real *areas = (sb_real *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(sb_real));
+    int *home = (int *)sbi_alloc_zeroed(&nicp->allocator, count, sizeof(int));
+    sb_result result = areas && home ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the organ's surface");
+    if (result == SB_OK)
+        result = regi_nicp_choose_sources(nicp, surface, most, areas, home, error);
+    sbi_free(&nicp->allocator, areas);
+    sbi_free(&nicp->allocator, home);
+    return result;
+}
+
+/* The target's points that look for sources; they are counted before there is memory for them. */
+static sb_result regi_nicp_choose_samples(reg_nicp *nicp, const reg_nicp_def *def, regi_nicp_choice *choice,
+                                          sb_error *error)
+{
+    const sb_vec3 *points = def->target ? def->target->nodes : def->target_points;
+    int count = def->target ? def->target->node_count : def->target_count;
+    sb_result result = regi_nicp_order(points, NULL, count, &nicp->allocator, choice, error);
+    nicp->sample_count = sbi_min_int(choice->count, def->samples);
+    nicp->is_cloud = !def->target;
+    nicp->spacing = choice->spacing;
+    return result;
+}
+
+static void regi_nicp_make_samples(reg_nicp *nicp, const regi_nicp_choice *choice)
+{
+    for (int i = 0; i < nicp->sample_count; i++) {
+        regi_nicp_sample *sample = nicp->samples + i;
+        reg_field_hit hit;
+        sample->point = choice->points[choice->order[regi_nicp_run_start(choice, i, nicp->sample_count)]];
+        sample->guess = -1;
+        if (reg_field_closest(nicp->field, sample->point, -1, &hit))
+            sample->normal = hit.normal;
+    }
+}
+
+/* The penalties, without force so far. */
+static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
+{
+    const sb_real none = 0;
+    sb_result result;
+    regi_nicp_points(nicp, &nicp->source_rows, nicp->goals);
+    result = sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load,
+                                 error);
+    if (result != SB_OK || nicp->landmark_count == 0)
+        return result;
+    memcpy(nicp->targets, def->landmark_targets, (size_t)nicp->landmark_count * sizeof(sb_vec3));
+    return sb_body_add_mapping(nicp->body, &nicp->landmark_rows.mapping, &none, 1, nicp->targets, &nicp->landmark_load,
+                               error);
+}
+
+static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, const sb_boundary *boundary,
+                                    sb_error *error)
+{
+    const sb_mesh *surface = def->surface ? def->surface : &boundary->surface;
+    regi_nicp_choice samples;
+    sb_result result = sb_surface_create(surface, &def->allocator, &nicp->skin, error);
+    if (result == SB_OK)
+        result = regi_nicp_measure_body(nicp, surface, def, error);
+    if (result == SB_OK)
+        result = regi_nicp_make_field(nicp, def, error);
+    if (result == SB_OK)
+        result = def->surface ? regi_nicp_hold(def, nicp->size, surface->nodes, surface->node_count, &nicp->rows, error)
+                              : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows,
+                                                    error);
+    if (result == SB_OK && nicp->landmark_count)
+        result = regi_nicp_hold(def, nicp->size, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
+    if (result != SB_OK)
+        return result;
+    result = regi_nicp_choose_samples(nicp, def, &samples, error);
+    if (result == SB_OK)
+        result = regi_nicp_take_surface(nicp, surface, def->sources, error);
+    if (result == SB_OK)
+        regi_nicp_make_samples(nicp, &samples);
+    regi_nicp_free_choice(&nicp->allocator, &samples);
+    return result == SB_OK ? regi_nicp_add_loads(nicp, def, error) : result;
+}
+
+static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
+{
+    sb_mesh mesh = regi_nicp_mesh(def->body);
+    sb_boundary boundary;
+    sb_result result;
+    regi_nicp_set(nicp, def);
+    if (def->surface)
+        return regi_nicp_build_on(nicp, def, NULL, error);
+    result = sb_mesh_boundary(&mesh, 1, &def->allocator, &boundary, error);
+    if (result != SB_OK)
+        return result;
+    result = regi_nicp_build_on(nicp, def, &boundary, error);
+    sb_boundary_free(&boundary);
+    return result;
+}
+
+REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_error *error)
+{
+    reg_nicp *made;
+    sb_result result = regi_nicp_check(def, error);
+    if (result == SB_OK && !nicp)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the registration");
+    if (result != SB_OK)
+        return result;
+    made = (reg_nicp *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a registration");
+    made->allocator = def->allocator;
+    result = regi_nicp_build(made, def, error);
+    if (result != SB_OK) {
+        reg_nicp_destroy(made);
+        return result;
+    }
+    reg_nicp_restart(made);
+    *nicp = made;
+    return SB_OK;
+}
+
+REG_API void reg_nicp_destroy(reg_nicp *nicp)
+{
+    sb_allocator allocator;
+    if (!nicp)
+        return;
+    allocator = nicp->allocator;
+    if (nicp->landmark_load)
+        (void)sb_body_remove_load(nicp->body, nicp->landmark_load);
+    if (nicp->surface_load)
+        (void)sb_body_remove_load(nicp->body, nicp->surface_load);
+    reg_field_destroy(nicp->field);
+    sb_surface_destroy(nicp->skin);
+    regi_nicp_free_rows(&allocator, &nicp->rows);
+    regi_nicp_free_rows(&allocator, &nicp->source_rows);
+    regi_nicp_free_rows(&allocator, &nicp->landmark_rows);
+    sbi_free(&allocator, nicp->memory);
+    sbi_free(&allocator, nicp);
+}
+
+REG_API void reg_nicp_restart(reg_nicp *nicp)
+{
+    double seconds = nicp->info.seconds;
+    memset(&nicp->info, 0, sizeof nicp->info);
+    nicp->info.seconds = seconds;
+    nicp->info.error.element = nicp->info.error.node = -1;
+    nicp->increment = nicp->iteration = nicp->has_settled = 0;
+}
+
+/* ---- landmarks and readings ---- */
+
+REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets)
+{
+    if (!nicp || (!targets && nicp->landmark_count))
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < nicp->landmark_count; i++)
+        if (!sb_v3_is_finite(targets[i]))
+            return SB_ERROR_NOT_FINITE;
+    if (nicp->landmark_count) {
+        sb_result result = sb_body_set_mapping_targets(nicp->body, nicp->landmark_load, targets);
+        if (result != SB_OK)
+            return result;
+        memcpy(nicp->targets, targets, (size_t)nicp->landmark_count * sizeof(sb_vec3));
+    }
+    nicp->has_settled = nicp->iteration = 0;
+    nicp->info.stop = REG_NICP_RUNNING;
+    return SB_OK;
+}
+
+REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points)
+{
+    if (nicp->landmark_count)
+        regi_nicp_points(nicp, &nicp->landmark_rows, points);
+}
+
+REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp) { return nicp->body; }
+
+REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp) { return nicp->info; }
+
+REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp->vertex_count; }
+
+REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points) { regi_nicp_points(nicp, &nicp->rows, points); }
+
+REG_API int reg_nicp_source_count(const reg_nicp *nicp) { return nicp->source_count; }
+
+REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_source *source)
+{
+    const regi_nicp_source *from;
+    if (!nicp || !source)
+        return SB_ERROR_ARGUMENT;
+    if (index < 0 || index >= nicp->source_count)
+        return SB_ERROR_INDEX;
+    from = nicp->sources + index;
+    source->vertex = from->vertex;
+    source->point = nicp->before[index];
+    source->goal = nicp->goals[index];
+    source->area = from->area;
+    source->distance = from->distance;
+    source->visible = from->visible;
+    source->active = from->active;
+    return SB_OK;
+}
+
+/* ==== src/register/nicp_step.c ==== */
+/* nicp_step: a look at the target, partners both ways, and the balance after it. */
+#include <string.h>
+
+
+static double regi_nicp_now(const reg_nicp *nicp) { return nicp->clock ? nicp->clock() : 0.0; }
+
+REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points)
+{
+    sb_mapping_apply(&rows->mapping, nicp->body->position, points);
+}
+
+/* ---- what the camera sees ---- */
+
+static sb_vec3 regi_nicp_normal(const reg_nicp *nicp, const regi_nicp_source *source)
+{
+    sb_surface_hit corner;
+    memset(&corner, 0, sizeof corner);
+    if (source->triangle < 0)
+        return sb_v3(0, 0, 0);
+    corner.triangle = source->triangle;
+    corner.feature = SB_SURFACE_VERTEX;
+    corner.index = source->corner;
+    return sb_surface_normal(nicp->skin, &corner);
+}
+
+static int regi_nicp_sees(const reg_nicp *nicp, const regi_nicp_source *source)
+{
+    sb_vec3 at = nicp->vertices[source->vertex], way = sb_v3_sub(nicp->camera, at);
+    sb_real length = sb_v3_norm(way), clear = (sb_real)1e-3 * nicp->size;
+    if (nicp->view == REG_NICP_ALL)
+        return 1;
+    if (!(sb_v3_dot(source->normal, way) > 0))
+        return 0;
+    if (nicp->view == REG_NICP_FACING || !(length > clear))
+        return 1;
+    at = sb_v3_madd(at, clear, source->normal); /* off its own facets */
+    way = sb_v3_sub(nicp->camera, at);
+    return !sb_surface_ray(nicp->skin, at, way, sb_v3_norm(way), NULL);
+}
+
+/* ---- partners ---- */
+
+/* 1 unless both normals are known and look different ways. */
+static int regi_nicp_agrees(const reg_nicp *nicp, sb_vec3 a, sb_vec3 b)
+{
+    return sb_v3_dot(a, a) == 0 || sb_v3_dot(b, b) == 0 || sb_v3_dot(a, b) > nicp->least_cosine;
+}
+
+/* Beyond the rim of what was seen, where the closest place is the rim itself. A surface knows its rim. Of a cloud's point
+ * the way back tells: on the rim it does not lead to the source but to what is above the rim. */
+static int regi_nicp_is_beyond(const reg_nicp *nicp, regi_nicp_source *source, sb_vec3 at, const reg_field_hit *hit)
+{
+    sb_surface_hit back;
+    sb_real aside;
+    if (!nicp->is_cloud)
+        return hit->on_border;
+    if (!sb_surface_closest_from(nicp->skin, hit->point, SB_REAL_MAX, source->way_back, &back))
+        return 1;
+    source->way_back = back.triangle;
+    aside = sb_v3_norm(sb_v3_sub(back.point, at));
+    return aside > (sb_real)0.7 * hit->distance && aside > 2 * nicp->spacing;
+}
+
+static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
+{
+    sb_vec3 at = nicp->vertices[source->vertex];
+    reg_field_hit hit;
+    source->normal = regi_nicp_normal(nicp, source);
+    source->direction = source->normal;
+    source->visible = regi_nicp_sees(nicp, source);
+    source->paired = source->visible && reg_field_closest(nicp->field, at, source->guess, &hit);
+    if (!source->paired)
+        return;
+    source->guess = hit.item;
+    source->distance = hit.distance;
+    source->way = sb_v3_sub(hit.point, at);
+    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) &&
+                     !regi_nicp_is_beyond(nicp, source, at, &hit);
+    if (sb_v3_dot(hit.normal, hit.normal) > 0 && !nicp->noisy)
+        source->direction = hit.normal;
+}
+
+static void regi_nicp_look_chunk(void *user, int chunk)
+{
+    reg_nicp *nicp = (reg_nicp *)user;
+    int first = chunk * REGI_NICP_CHUNK, last = sbi_min_int(first + REGI_NICP_CHUNK, nicp->source_count);
+    for (int i = first; i < last; i++)
+        regi_nicp_look_at(nicp, nicp->sources + i);
+}
+
+/* The source that stands for the corner that the closest place of the skin is nearest to. */
+static void regi_nicp_look_back(reg_nicp *nicp, regi_nicp_sample *sample)
+{
+    sb_surface_hit hit;
+    int nodes[3], nearest = 0;
+    sample->source = -1;
+    if (!sb_surface_closest_from(nicp->skin, sample->point, SB_REAL_MAX, sample->guess, &hit))
+        return;
+    sample->guess = hit.triangle;
+    if (!regi_nicp_agrees(nicp, sb_surface_normal(nicp->skin, &hit), sample->normal))
+        return;
+    (void)sb_surface_triangle(nicp->skin, hit.triangle, nodes);
+    for (int k = 1; k < 3; k++)
+        if (hit.weights[k] > hit.weights[nearest])
+            nearest = k;
+    sample->source = nicp->source_of[nodes[nearest]];
+    sample->way = sb_v3_sub(sample->point, hit.point);
+}
+
+static void regi_nicp_look_back_chunk(void *user, int chunk)
+{
+    reg_nicp *nicp = (reg_nicp *)user;
+    int first = chunk * REGI_NICP_CHUNK, last = sbi_min_int(first + REGI_NICP_CHUNK, nicp->sample_count);
+    for (int i = first; i < last; i++)
+        regi_nicp_look_back(nicp, nicp->samples + i);
+}
+
+/* Share of the way of what changes geometrically over the increments: from^(1 - share) to^share. */
+static sb_real regi_nicp_between(sb_real from, sb_real to, sb_real share)
+{
+    return from * sb_exp(share * sb_log(to / from));
+}
+
+static sb_real regi_nicp_reach(const reg_nicp *nicp)
+{
+    sb_real last = (sb_real)sbi_max_int(nicp->increments - 1, 1);
+    return regi_nicp_between(nicp->reach, nicp->last_reach, (sb_real)nicp->increment / last);
+}
+
+/* Largest distance[count] that counts. */
+static sb_real regi_nicp_limit(const reg_nicp *nicp, int count)
+{
+    sb_real limit = reg_outlier_limit(nicp->distances, count, nicp->outliers, nicp->outlier_parameter, nicp->scratch);
+    return sb_max(limit, regi_nicp_reach(nicp));
+}
+
+static void regi_nicp_prune_sources(reg_nicp *nicp)
+{
+    sb_real limit;
+    int count = 0;
+    for (int i = 0; i < nicp->source_count; i++)
+        if (nicp->sources[i].paired)
+            nicp->distances[count++] = nicp->sources[i].distance;
+    limit = regi_nicp_limit(nicp, count);
+    for (int i = 0; i < nicp->source_count; i++)
+        nicp->sources[i].paired = nicp->sources[i].paired && nicp->sources[i].distance <= limit;
+}
+
+/* V(i), without the pairs that are too far apart. */
+static void regi_nicp_gather_samples(reg_nicp *nicp)
+{
+    sb_real limit;
+    int count = 0;
+    for (int i = 0; i < nicp->source_count; i++) {
+        nicp->sources[i].sum = sb_v3(0, 0, 0);
+        nicp->sources[i].count = 0;
+    }
+    for (int j = 0; j < nicp->sample_count; j++)
+        if (nicp->samples[j].source >= 0)
+            nicp->distances[count++] = sb_v3_norm(nicp->samples[j].way);
+    limit = regi_nicp_limit(nicp, count);
+    for (int j = 0; j < nicp->sample_count; j++) {
+        const regi_nicp_sample *sample = nicp->samples + j;
+        if (sample->source >= 0 && sb_v3_norm(sample->way) <= limit) {
+            regi_nicp_source *source = nicp->sources + sample->source;
+            source->sum = sb_v3_add(source->sum, sample->way);
+            source->count++;
+        }
+    }
+}
+
+/* (5.4) */
+static sb_vec3 regi_nicp_blend(const reg_nicp *nicp, const regi_nicp_source *source)
+{
+    if (source->count == 0)
+        return source->way;
+    return sb_v3_madd(sb_v3_scale(nicp->blending, source->way), (1 - nicp->blending) / (sb_real)source->count, source->sum);
+}
+
+/* Stiffness and goal of each source; what is told of them. */
+static void regi_nicp_set_goals(reg_nicp *nicp, sb_real stiffness)
+{
+    double area = 0, mean = 0;
+    sb_real slide = sb_sqrt(nicp->sliding);
+    reg_nicp_info *info = &nicp->info;
+    info->visible = info->pruned = 0;
+    info->max_distance = 0;
+    for (int i = 0; i < nicp->source_count; i++) {
+        regi_nicp_source *source = nicp->sources + i;
+        nicp->goals[i] = nicp->before[i] = nicp->vertices[source->vertex];
+        source->active = source->paired;
+        nicp->lines[i] = sb_v3_scale(slide, source->direction);
+        nicp->stiffness[i] = source->active ? stiffness * source->area : 0;
+        info->visible += source->visible;
+        info->pruned += source->visible && !source->active;
+        if (!source->active)
+            continue;
+        nicp->goals[i] = sb_v3_add(nicp->goals[i], regi_nicp_blend(nicp, source));
+        area += (double)source->area;
+        mean += (double)source->area * (double)source->distance;
+        info->max_distance = sb_max(info->max_distance, source->distance);
+    }
+    info->active = (sb_real)(area / nicp->total_area);
+    info->mean_distance = area > 0 ? (sb_real)(mean / area) : 0;
+}
+
+static sb_result regi_nicp_pair(reg_nicp *nicp, sb_real stiffness)
+{
+    const sb_jobs *jobs = &nicp->body->jobs;
+    sb_result result;
+    regi_nicp_points(nicp, &nicp->rows, nicp->vertices);
+    result = sb_surface_move(nicp->skin, nicp->vertices, jobs, &nicp->info.error);
+    if (result != SB_OK)
+        return result;
+    sbi_run(jobs, regi_nicp_look_chunk, nicp, (nicp->source_count + REGI_NICP_CHUNK - 1) / REGI_NICP_CHUNK);
+    if (nicp->blending < 1)
+        sbi_run(jobs, regi_nicp_look_back_chunk, nicp, (nicp->sample_count + REGI_NICP_CHUNK - 1) / REGI_NICP_CHUNK);
+    regi_nicp_prune_sources(nicp);
+    regi_nicp_gather_samples(nicp);
+    regi_nicp_set_goals(nicp, stiffness);
+    if (nicp->info.active < nicp->least_active && nicp->landmark_count == 0)
+        return sbi_fail(&nicp->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface has a partner "
+                        "on the target: align them first", 100 * (double)nicp->info.active);
+    return SB_OK;
+}
+
+/* ---- balance ---- */
+
+/* The balance with rows that are soft along the surface. Penalties act within it only: who steps the body between two
+ * looks has it to himself. */
+static sb_result regi_nicp_solve(reg_nicp *nicp, const sb_static_options *options, sb_step_info *step)
+{
+    const sb_real none = 0;
+    sb_body *body = nicp->body;
+    sb_result result;
+    for (int l = 0; l < body->load_count; l++)
+        if (body->loads[l].id == nicp->surface_load)
+            body->loads[l].lines = nicp->lines;
+    result = sb_body_solve_static(body, options, step);
+    for (int l = 0; l < body->load_count; l++)
+        body->loads[l].lines = NULL;
+    (void)sb_body_set_mapping_stiffness(body, nicp->surface_load, &none, 1);
+    if (nicp->landmark_load)
+        (void)sb_body_set_mapping_stiffness(body, nicp->landmark_load, &none, 1);
+    return result;
+}
+
+static sb_result regi_nicp_balance(reg_nicp *nicp)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_step_info step;
+    sb_result result = sb_body_set_mapping_targets(nicp->body, nicp->surface_load, nicp->goals);
+    if (result == SB_OK)
+        result = sb_body_set_mapping_stiffness(nicp->body, nicp->surface_load, nicp->stiffness, 0);
+    if (result == SB_OK && nicp->landmark_load)
+        result = sb_body_set_mapping_stiffness(nicp->body, nicp->landmark_load, &nicp->landmark_stiffness, 1);
+    if (result != SB_OK)
+        return sbi_fail(&nicp->info.error, result, "the penalties of the registration are gone from the body");
+    options.tolerance = nicp->newton_tolerance;
+    options.max_newton = nicp->newton;
+    options.max_iterations = nicp->body->max_iterations;
+    options.keep_progress = 1; /* the next look starts from there */
+    result = regi_nicp_solve(nicp, &options, &step);
+    nicp->info.newton_iterations = step.newton_iterations;
+    nicp->info.pcg_iterations = step.pcg_iterations;
+    if (result != SB_OK && step.load_steps == 0) {
+        nicp->info.error = step.error;
+        return result;
+    }
+    return SB_OK;
+}
+
+/* rms distance of the sources from where they were (m). */
+static sb_real regi_nicp_motion(const reg_nicp *nicp, const sb_vec3 *from)
+{
+    double sum = 0;
+    for (int i = 0; i < nicp->source_count; i++) {
+        sb_vec3 d = sb_v3_sub(nicp->vertices[nicp->sources[i].vertex], from[i]);
+        sum += (double)nicp->sources[i].area * (double)sb_v3_dot(d, d);
+    }
+    return (sb_real)sqrt(sum / nicp->total_area);
+}
+
+/* ---- control ---- */
+
+/* k0 (k1 / k0)^(i / n), i from 1. */
+static sb_real regi_nicp_stiffness(const reg_nicp *nicp)
+{
+    return regi_nicp_between(nicp->first_stiffness, nicp->last_stiffness,
+                             (sb_real)(nicp->increment + 1) / (sb_real)nicp->increments);
+}
+
+/* An increment ends when a look changes nothing more, or when it has had its looks; the run when two increments end
+ * alike. */
+static void regi_nicp_judge(reg_nicp *nicp)
+{
+    sb_real least = nicp->tolerance * nicp->size;
+    if (++nicp->iteration < nicp->iterations && nicp->info.change > least)
+        return;
+    if (nicp->increment + 1 == nicp->increments)
+        nicp->info.stop = REG_NICP_INCREMENTS;
+    else if (nicp->has_settled && regi_nicp_motion(nicp, nicp->settled) <= least)
+        nicp->info.stop = REG_NICP_CONVERGED;
+    for (int i = 0; i < nicp->source_count; i++)
+        nicp->settled[i] = nicp->vertices[nicp->sources[i].vertex];
+    nicp->has_settled = 1;
+    nicp->iteration = 0;
+    nicp->increment = sbi_min_int(nicp->increment + 1, nicp->increments - 1);
+}
+
+static void regi_nicp_read_landmarks(reg_nicp *nicp)
+{
+    const sb_mapping *rows = &nicp->landmark_rows.mapping;
+    nicp->info.landmark_distance = 0;
+    for (int i = 0; i < nicp->landmark_count; i++) {
+        sb_vec3 at = sb_v3(0, 0, 0);
+        for (int k = rows->row_start[i]; k < rows->row_start[i + 1]; k++)
+            at = sb_v3_madd(at, rows->weights[k], nicp->body->position[rows->nodes[k]]);
+        nicp->info.landmark_distance = sb_max(nicp->info.landmark_distance, sb_v3_norm(sb_v3_sub(nicp->targets[i], at)));
+    }
+}
+
+static sb_result regi_nicp_try(reg_nicp *nicp)
+{
+    double begin = regi_nicp_now(nicp), paired;
+    sb_real stiffness = regi_nicp_stiffness(nicp);
+    sb_result result;
+    if (nicp->body->observe) /* a replay would not know of the lines */
+        return sbi_fail(&nicp->info.error, SB_ERROR_UNSUPPORTED, "the body is being recorded now");
+    regi_nicp_read_landmarks(nicp);
+    result = regi_nicp_pair(nicp, stiffness);
+    paired = regi_nicp_now(nicp);
+    nicp->info.seconds_pairs = paired - begin;
+    if (result == SB_OK)
+        result = regi_nicp_balance(nicp);
+    nicp->info.seconds_solve = regi_nicp_now(nicp) - paired;
+    if (result != SB_OK)
+        return result;
+    regi_nicp_points(nicp, &nicp->rows, nicp->vertices);
+    nicp->info.change = regi_nicp_motion(nicp, nicp->before);
+    nicp->info.stiffness = stiffness;
+    nicp->info.increment = nicp->increment + 1;
+    nicp->info.stop = REG_NICP_RUNNING;
+    nicp->info.iterations++;
+    regi_nicp_judge(nicp);
+    return SB_OK;
+}
+
+REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info)
+{
+    sb_result result;
+    double begin;
+    if (!nicp)
+        return SB_ERROR_ARGUMENT;
+    begin = regi_nicp_now(nicp);
+    memset(&nicp->info.error, 0, sizeof nicp->info.error);
+    nicp->info.error.element = nicp->info.error.node = -1;
+    result = regi_nicp_try(nicp);
+    nicp->info.seconds += regi_nicp_now(nicp) - begin;
+    if (result != SB_OK)
+        nicp->info.stop = nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP
+                                                                                              : REG_NICP_FAILED;
+    if (info)
+        *info = nicp->info;
+    return result;
+}
+
+REG_API sb_result reg_nicp_run(reg_nicp *nicp, int steps, reg_nicp_info *info)
+{
+    sb_result result = SB_OK;
+    if (!nicp || steps < 1)
+        return SB_ERROR_ARGUMENT;
+    nicp->info.stop = REG_NICP_RUNNING;
+    for (int i = 0; result == SB_OK && nicp->info.stop == REG_NICP_RUNNING; i++) {
+        if (i == steps)
+            nicp->info.stop = REG_NICP_STEP_CAP;
+        else if (nicp->info.seconds >= nicp->max_seconds)
+            nicp->info.stop = REG_NICP_TIME_CAP;
+        else
+            result = reg_nicp_step(nicp, NULL);
+    }
+    if (info)
+        *info = nicp->info;
     return result;
 }
 

@@ -26207,6 +26207,9 @@ typedef struct sbi_load {
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                * and not as a position, the force has the displacement's precision */
     sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
+    const sb_vec3 *lines;     /* [row_count] or NULL, which it is between calls: borrowed by a registration for the solve
+                               * it is in. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the line l, of at
+                               * most unit length, it is that much softer */
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
@@ -28805,11 +28808,21 @@ static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
     return factor == 1 ? load->target[row] : sb_v3_madd(from, factor, sb_v3_sub(load->target[row], from));
 }
 
+/* What a row's stiffness is k times of, of x: itself, but for what lines leave out. */
+static sb_vec3 sbi_load_stiff_part(const sbi_load *load, int row, sb_vec3 x)
+{
+    sb_vec3 line;
+    if (!load->lines)
+        return x;
+    line = load->lines[row];
+    return sb_v3_madd(sb_v3_scale(1 - sb_v3_dot(line, line), x), sb_v3_dot(line, x), line);
+}
+
 /* k (target - H^T u): the force of a row on the body. */
 static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
 {
-    return sb_v3_scale(sbi_load_stiffness_at(load, row, factor),
-                       sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u)));
+    sb_vec3 way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
+    return sb_v3_scale(sbi_load_stiffness_at(load, row, factor), sbi_load_stiff_part(load, row, way));
 }
 
 /* ---- pressure on one face ---- */
@@ -28915,16 +28928,32 @@ static void sbi_load_locate(const sb_body *body, sbi_load *load)
     load->pattern_version = body->pattern_version;
 }
 
+/* block += value line line^T */
+static void sbi_load_add_line(sb_real value, sb_vec3 line, sb_real *block)
+{
+    const sb_real v[3] = {line.x, line.y, line.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            block[3 * i + j] += value * v[i] * v[j];
+}
+
 /* matrix += k H H^T of a row */
 static void sbi_load_row_tangent(const sbi_load *load, int row, const int *blocks, sb_real factor, sb_matrix *matrix)
 {
-    sb_real k = sbi_load_stiffness_at(load, row, factor);
+    sb_real k = sbi_load_stiffness_at(load, row, factor), across = 1;
+    sb_vec3 line = sb_v3(0, 0, 0);
+    if (load->lines) {
+        line = load->lines[row];
+        across = 1 - sb_v3_dot(line, line);
+    }
     for (int a = load->row_start[row]; a < load->row_start[row + 1]; a++)
         for (int b = load->row_start[row]; b < load->row_start[row + 1]; b++) {
             sb_real value = load->weights[a] * load->weights[b] * k, *block = matrix->blocks[*blocks++];
-            block[0] += value;
-            block[4] += value;
-            block[8] += value;
+            block[0] += value * across;
+            block[4] += value * across;
+            block[8] += value * across;
+            if (load->lines)
+                sbi_load_add_line(value, line, block);
         }
 }
 
@@ -28958,7 +28987,8 @@ SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, s
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
         for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
-            sb_vec3 pull = sb_v3_scale(-sbi_load_stiffness_at(load, j, factor), sbi_body_row_value(load, j, x));
+            sb_vec3 part = sbi_load_stiff_part(load, j, sbi_body_row_value(load, j, x));
+            sb_vec3 pull = sb_v3_scale(-sbi_load_stiffness_at(load, j, factor), part);
             for (int k = load->row_start[j]; k < load->row_start[j + 1]; k++)
                 out[load->nodes[k]] = sb_v3_madd(out[load->nodes[k]], load->weights[k], pull);
         }
@@ -28997,7 +29027,8 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
             }
             way = sbi_body_row_value(load, j, du);
             work.linear += sb_v3_dot(sbi_load_row_force(load, j, u, factor), way);
-            work.quadratic -= sbi_load_stiffness_at(load, j, factor) / 2 * sb_v3_dot(way, way);
+            work.quadratic -= sbi_load_stiffness_at(load, j, factor) / 2 *
+                              sb_v3_dot(way, sbi_load_stiff_part(load, j, way));
         }
     }
     return work;

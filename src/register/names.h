@@ -32,6 +32,14 @@
 #define reg_cloud_spread reg_cloud_spread_f32
 #define reg_outlier_limit reg_outlier_limit_f32
 #define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
+#define reg_default_field_def reg_default_field_def_f32
+#define reg_field_create reg_field_create_f32
+#define reg_field_destroy reg_field_destroy_f32
+#define reg_field_closest reg_field_closest_f32
+#define reg_field_along reg_field_along_f32
+#define reg_field_at reg_field_at_f32
+#define reg_field_bounds reg_field_bounds_f32
+#define reg_field_sweeps reg_field_sweeps_f32
 #define reg_default_icp_options reg_default_icp_options_f32
 #define reg_icp_stop_string reg_icp_stop_string_f32
 #define reg_icp reg_icp_f32
@@ -44,14 +52,6 @@
 #define reg_cpd_probabilities reg_cpd_probabilities_f32
 #define reg_cpd_linear reg_cpd_linear_f32
 #define reg_cpd_apply reg_cpd_apply_f32
-#define reg_default_field_def reg_default_field_def_f32
-#define reg_field_create reg_field_create_f32
-#define reg_field_destroy reg_field_destroy_f32
-#define reg_field_closest reg_field_closest_f32
-#define reg_field_along reg_field_along_f32
-#define reg_field_at reg_field_at_f32
-#define reg_field_bounds reg_field_bounds_f32
-#define reg_field_sweeps reg_field_sweeps_f32
 #define reg_default_match_def reg_default_match_def_f32
 #define reg_match_create reg_match_create_f32
 #define reg_match_destroy reg_match_destroy_f32
@@ -64,6 +64,20 @@
 #define reg_match_get_info reg_match_get_info_f32
 #define reg_match_sample_count reg_match_sample_count_f32
 #define reg_match_get_sample reg_match_get_sample_f32
+#define reg_default_nicp_def reg_default_nicp_def_f32
+#define reg_nicp_create reg_nicp_create_f32
+#define reg_nicp_destroy reg_nicp_destroy_f32
+#define reg_nicp_step reg_nicp_step_f32
+#define reg_nicp_run reg_nicp_run_f32
+#define reg_nicp_restart reg_nicp_restart_f32
+#define reg_nicp_move_landmarks reg_nicp_move_landmarks_f32
+#define reg_nicp_landmarks reg_nicp_landmarks_f32
+#define reg_nicp_body reg_nicp_body_f32
+#define reg_nicp_get_info reg_nicp_get_info_f32
+#define reg_nicp_surface_count reg_nicp_surface_count_f32
+#define reg_nicp_positions reg_nicp_positions_f32
+#define reg_nicp_source_count reg_nicp_source_count_f32
+#define reg_nicp_get_source reg_nicp_get_source_f32
 #endif
 #endif
 

@@ -29,6 +29,9 @@ typedef struct sbi_load {
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                * and not as a position, the force has the displacement's precision */
     sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
+    const sb_vec3 *lines;     /* [row_count] or NULL, which it is between calls: borrowed by a registration for the solve
+                               * it is in. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the line l, of at
+                               * most unit length, it is that much softer */
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 

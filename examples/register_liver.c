@@ -1,0 +1,575 @@
+/* register_liver: brings an organ model onto what was seen of the organ, and says where its inside is then.
+ *
+ *     register_liver MODEL TARGET [OPTIONS]      register_liver --help lists the options
+ *
+ * MODEL is a volume mesh, or a closed surface, which is then filled with tets; TARGET a surface or a point cloud, whole or
+ * a part, in any pose. It is aligned rigidly first, from all directions, and then deformed. All numbers in files are in
+ * metres (or --scale), nodes count from 0, # begins a comment:
+ *     --landmarks FILE     x y z  X Y Z    a point of the model, and where it is seen
+ *     --fix FILE           n               a node of the model that moves with the organ as a whole only,
+ *                          x y z           or the node nearest to a point,
+ *                          a b c d         or all nodes with a x + b y + c z < d
+ *     --targets FILE       x y z           points of the model to carry along; --targets-out: where they are then
+ *     --displacement FILE  n ux uy uz      is written: of every node, rigid part included
+ * The last line is iterations=N steps_per_second=S seconds=T distance_mm=D stop=REASON: of the deformation, but for T,
+ * which is all from the files to the result, and D, the mean distance of the target's points from the registered surface.
+ * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no registration was found. */
+#include "system.h"
+
+#if defined(_OPENMP)
+#define SB_USE_OPENMP
+#endif
+#define SB_IMPLEMENTATION
+#define REG_IMPLEMENTATION
+#include "register.h"
+
+#include "options.h"
+#include "registration.h"
+
+enum { EXIT_USAGE = 2, EXIT_FAILED = 3 };
+#define REAL(x) ((sb_real)(x)) /* files and everything here are in double, the body in sb_real */
+
+typedef struct settings {
+    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out;
+    int linear, partial, aligned, noisy, cells, steps, help;
+    double scale, young, poisson, seconds;
+} settings;
+
+/* What lasts from the files to the results. Zeros: nothing yet. */
+typedef struct work {
+    const settings *set;
+    method how;
+    sb_mesh model, surface, target;
+    reg_cloud cloud;
+    int has_surface, has_target;
+    sb_vec3 *landmarks, *landmark_targets;
+    int landmark_count;
+    int *fixed, fixed_count;
+    sb_vec3 *targets;
+    int target_count;
+    outcome out;
+} work;
+
+/* ---- messages -------------------------------------------------------------------------------------------------- */
+
+static int complain(const char *path, const char *message)
+{
+    progress_end();
+    fprintf(stderr, "register_liver: %s: %s\n", path, message);
+    return EXIT_USAGE;
+}
+
+static int complain_line(const char *path, int line, const char *message)
+{
+    progress_end();
+    fprintf(stderr, "register_liver: %s:%d: %s\n", path, line, message);
+    return EXIT_USAGE;
+}
+
+static int complain_error(const char *path, const sb_error *error)
+{
+    const char *file = error->file[0] ? error->file : path;
+    return error->line > 0 ? complain_line(file, error->line, error->message) : complain(file, error->message);
+}
+
+static int complain_memory(void)
+{
+    progress_end();
+    fputs("register_liver: not enough memory\n", stderr);
+    return EXIT_FAILED;
+}
+
+/* ---- text files of numbers ------------------------------------------------------------------------------------- */
+
+enum { MOST_COLUMNS = 6 };
+
+typedef struct row {
+    int line, count;
+    double values[MOST_COLUMNS];
+} row;
+
+typedef struct rows {
+    const char *path;
+    row *items; /* [count] */
+    int count, room;
+} rows;
+
+/* 1: a row, 0: an empty line, -1: not numbers, or too many. */
+static int parse_row(const char *text, row *out)
+{
+    out->count = 0;
+    for (;;) {
+        char *end;
+        double value;
+        while (*text == ' ' || *text == '\t' || *text == ',' || *text == '\r' || *text == '\n')
+            text++;
+        if (!*text || *text == '#')
+            return out->count > 0;
+        value = strtod(text, &end);
+        if (end == text || out->count == MOST_COLUMNS || !(value - value == 0))
+            return -1;
+        out->values[out->count++] = value;
+        text = end;
+    }
+}
+
+static int add_row(rows *table, const row *item)
+{
+    if (table->count == table->room) {
+        int room = table->room ? 2 * table->room : 64;
+        row *grown = (row *)realloc(table->items, (size_t)room * sizeof *grown);
+        if (!grown)
+            return 0;
+        table->items = grown;
+        table->room = room;
+    }
+    table->items[table->count++] = *item;
+    return 1;
+}
+
+/* Rows of as many numbers as `columns` has bits for: bit k for k numbers. `form` says it in words. */
+static int read_rows(const char *path, unsigned columns, const char *form, rows *table)
+{
+    char text[512];
+    FILE *file = fopen(path, "r");
+    int status = 0;
+    row item;
+    memset(table, 0, sizeof *table);
+    table->path = path;
+    if (!file)
+        return complain(path, strerror(errno));
+    for (int line = 1; !status && fgets(text, sizeof text, file); line++) {
+        int kind = parse_row(text, &item);
+        item.line = line;
+        if (kind < 0 || (kind > 0 && !(columns >> item.count & 1u)))
+            status = complain_line(path, line, form);
+        else if (kind > 0 && !add_row(table, &item))
+            status = complain_memory();
+    }
+    fclose(file);
+    if (!status && table->count == 0)
+        status = complain(path, "has no lines");
+    return status;
+}
+
+static sb_vec3 row_point(const settings *set, const row *item, int first)
+{
+    const double *v = item->values + first;
+    return sb_v3(REAL(v[0] * set->scale), REAL(v[1] * set->scale), REAL(v[2] * set->scale));
+}
+
+/* ---- what is read ---------------------------------------------------------------------------------------------- */
+
+static int show_filling(void *user, double share)
+{
+    (void)user;
+    progress_show(share, "filling the surface with tets");
+    return 0;
+}
+
+/* A closed surface as model: tets of about 2000 nodes for a liver. */
+static int fill_surface(work *w, const char *path)
+{
+    sb_stuff_def def = sb_default_stuff_def();
+    sb_surface *tree = NULL;
+    sb_shape shape;
+    sb_vec3 low, high, size;
+    sb_error error;
+    sb_result result;
+    memset(&shape, 0, sizeof shape);
+    w->surface = w->model;
+    w->has_surface = 1;
+    memset(&w->model, 0, sizeof w->model);
+    if (sb_surface_require(&w->surface, SB_SURFACE_OPEN_EDGES | SB_SURFACE_INSIDE_OUT, NULL, NULL, &error) != SB_OK ||
+        sb_surface_create(&w->surface, NULL, &tree, &error) != SB_OK)
+        return complain_error(path, &error);
+    sb_surface_bounds(tree, &low, &high);
+    size = sb_v3_sub(high, low);
+    shape.surface = tree;
+    def.shapes = &shape;
+    def.shape_count = 1;
+    def.cell = sb_max(size.x, sb_max(size.y, size.z)) / REAL(w->set->cells);
+    def.progress = show_filling;
+    result = sb_mesh_stuff(&def, &w->model, NULL, &error);
+    sb_surface_destroy(tree);
+    progress_end();
+    return result == SB_OK ? 0 : complain_error(path, &error);
+}
+
+static int load_mesh(const settings *set, const char *path, sb_mesh *mesh)
+{
+    sb_load_options options = sb_default_load_options();
+    sb_error error;
+    options.scale = REAL(set->scale);
+    return sb_mesh_load(mesh, path, &options, &error) == SB_OK ? 0 : complain_error(path, &error);
+}
+
+static int load_model(work *w, const char *path)
+{
+    int status = load_mesh(w->set, path, &w->model);
+    if (status)
+        return status;
+    if (sb_element_dimension(w->model.element_type) == 2)
+        return fill_surface(w, path);
+    if (w->set->surface) {
+        status = load_mesh(w->set, w->set->surface, &w->surface);
+        if (!status && sb_element_dimension(w->surface.element_type) != 2)
+            status = complain(w->set->surface, "is no surface");
+        w->has_surface = 1;
+    }
+    return status;
+}
+
+/* A surface when the file has one, else its points. */
+static int load_target(work *w, const char *path)
+{
+    sb_load_options options = sb_default_load_options();
+    sb_mesh loaded;
+    sb_error error;
+    memset(&loaded, 0, sizeof loaded);
+    options.scale = REAL(w->set->scale);
+    if (sb_mesh_load(&loaded, path, &options, &error) == SB_OK) {
+        int surface = sb_element_dimension(loaded.element_type) == 2;
+        sb_result result = surface ? sb_surface_triangulate(&loaded, NULL, &w->target, &error) : SB_OK;
+        sb_mesh_free(&loaded);
+        if (result != SB_OK)
+            return complain_error(path, &error);
+        if (!surface)
+            return complain(path, "is a volume: the target is a surface or a cloud of points");
+        w->has_target = 1;
+        return 0;
+    }
+    if (reg_cloud_load(&w->cloud, path, REAL(w->set->scale), NULL, &error) != SB_OK)
+        return complain_error(path, &error);
+    if (!w->cloud.normals && w->cloud.count > 3 && !w->set->partial &&
+        reg_cloud_estimate_normals(&w->cloud, 12, NULL, NULL, &error) != SB_OK)
+        return complain_error(path, &error);
+    return 0;
+}
+
+static int load_landmarks(work *w)
+{
+    rows table;
+    int status = read_rows(w->set->landmarks, 1u << 6, "not `x y z  X Y Z`", &table);
+    if (!status) {
+        w->landmarks = (sb_vec3 *)malloc((size_t)table.count * sizeof *w->landmarks);
+        w->landmark_targets = (sb_vec3 *)malloc((size_t)table.count * sizeof *w->landmark_targets);
+        if (!w->landmarks || !w->landmark_targets)
+            status = complain_memory();
+    }
+    for (int i = 0; !status && i < table.count; i++) {
+        w->landmarks[i] = row_point(w->set, table.items + i, 0);
+        w->landmark_targets[i] = row_point(w->set, table.items + i, 3);
+        w->landmark_count = i + 1;
+    }
+    free(table.items);
+    return status;
+}
+
+static int nearest_node(const sb_mesh *mesh, sb_vec3 at)
+{
+    int best = 0;
+    sb_real least = SB_REAL_MAX;
+    for (int i = 0; i < mesh->node_count; i++) {
+        sb_vec3 d = sb_v3_sub(mesh->nodes[i], at);
+        if (sb_v3_dot(d, d) < least) {
+            least = sb_v3_dot(d, d);
+            best = i;
+        }
+    }
+    return best;
+}
+
+/* Marks the nodes that a line of the file names. */
+static int mark_fixed(const work *w, const rows *table, const row *item, unsigned char *held)
+{
+    const double *v = item->values;
+    if (item->count == 1) {
+        if (!(v[0] >= 0 && v[0] < w->model.node_count && v[0] == floor(v[0])))
+            return complain_line(table->path, item->line, "no node of the model has that number");
+        held[(int)v[0]] = 1;
+    } else if (item->count == 3) {
+        held[nearest_node(&w->model, row_point(w->set, item, 0))] = 1;
+    } else {
+        for (int i = 0; i < w->model.node_count; i++) {
+            sb_vec3 x = w->model.nodes[i];
+            if (v[0] * (double)x.x + v[1] * (double)x.y + v[2] * (double)x.z < v[3] * w->set->scale)
+                held[i] = 1;
+        }
+    }
+    return 0;
+}
+
+static int load_fixed(work *w)
+{
+    rows table;
+    unsigned char *held = (unsigned char *)calloc((size_t)w->model.node_count, 1);
+    int status = read_rows(w->set->fix, 1u << 1 | 1u << 3 | 1u << 4, "not a node `n`, a point `x y z` or a half space "
+                           "`a b c d`", &table);
+    w->fixed = (int *)malloc((size_t)w->model.node_count * sizeof *w->fixed);
+    if (!status && (!held || !w->fixed))
+        status = complain_memory();
+    for (int i = 0; !status && i < table.count; i++)
+        status = mark_fixed(w, &table, table.items + i, held);
+    for (int i = 0; !status && i < w->model.node_count; i++)
+        if (held[i])
+            w->fixed[w->fixed_count++] = i;
+    free(table.items);
+    free(held);
+    return status;
+}
+
+static int load_targets(work *w)
+{
+    rows table;
+    int status = read_rows(w->set->targets, 1u << 3, "not `x y z`", &table);
+    if (!status) {
+        w->targets = (sb_vec3 *)malloc((size_t)table.count * sizeof *w->targets);
+        if (!w->targets)
+            status = complain_memory();
+    }
+    for (int i = 0; !status && i < table.count; i++) {
+        w->targets[i] = row_point(w->set, table.items + i, 0);
+        w->target_count = i + 1;
+    }
+    free(table.items);
+    return status;
+}
+
+static int load_all(work *w, const char *const files[2])
+{
+    int status = load_model(w, files[0]);
+    if (!status)
+        status = load_target(w, files[1]);
+    if (!status && w->set->landmarks)
+        status = load_landmarks(w);
+    if (!status && w->set->fix)
+        status = load_fixed(w);
+    if (!status && w->set->targets)
+        status = load_targets(w);
+    return status;
+}
+
+/* ---- what is written ------------------------------------------------------------------------------------------- */
+
+static int close_written(const char *path, FILE *file)
+{
+    int bad = ferror(file);
+    return fclose(file) != 0 || bad ? complain(path, "could not be written") : 0;
+}
+
+/* In the unit of the files. */
+static int write_points(const settings *set, const char *path, const sb_vec3 *points, int count, int numbered)
+{
+    FILE *file = fopen(path, "w");
+    if (!file)
+        return complain(path, strerror(errno));
+    fputs(numbered ? "# node ux uy uz\n" : "# x y z\n", file);
+    for (int i = 0; i < count; i++) {
+        if (numbered)
+            fprintf(file, "%d ", i);
+        fprintf(file, "%.9g %.9g %.9g\n", (double)points[i].x / set->scale, (double)points[i].y / set->scale,
+                (double)points[i].z / set->scale);
+    }
+    return close_written(path, file);
+}
+
+static int write_targets(const work *w)
+{
+    sb_vec3 *moved = (sb_vec3 *)malloc((size_t)(w->target_count + 1) * sizeof *moved);
+    sb_error error;
+    int status;
+    if (!moved)
+        return complain_memory();
+    status = outcome_carry(&w->out, w->targets, w->target_count, moved, &error) != SB_OK
+                 ? complain_error(w->set->targets, &error)
+                 : write_points(w->set, w->set->targets_out, moved, w->target_count, 0);
+    free(moved);
+    return status;
+}
+
+/* The model where it is now, with its displacement. */
+static int write_model(const work *w, sb_vec3 *moved, const sb_vec3 *displacement)
+{
+    sb_mesh mesh = w->model;
+    sb_field field = {"displacement", SB_FIELD_NODES, 3, NULL};
+    sb_error error;
+    mesh.nodes = moved;
+    field.values = &displacement[0].x;
+    return sb_mesh_save_vtk(w->set->out, &mesh, &field, 1, &error) == SB_OK ? 0 : complain_error(w->set->out, &error);
+}
+
+static int write_all(const work *w)
+{
+    size_t n = (size_t)w->model.node_count;
+    sb_vec3 *moved = (sb_vec3 *)malloc(2 * n * sizeof *moved);
+    int status = 0;
+    if (!moved)
+        return complain_memory();
+    outcome_nodes(&w->out, moved);
+    for (size_t i = 0; i < n; i++)
+        moved[n + i] = sb_v3_sub(moved[i], w->model.nodes[i]);
+    if (w->set->displacement)
+        status = write_points(w->set, w->set->displacement, moved + n, (int)n, 1);
+    if (!status && w->set->out)
+        status = write_model(w, moved, moved + n);
+    if (!status && w->set->targets)
+        status = write_targets(w);
+    free(moved);
+    return status;
+}
+
+/* ---- the work -------------------------------------------------------------------------------------------------- */
+
+static task make_task(const work *w)
+{
+    const settings *set = w->set;
+    task given;
+    memset(&given, 0, sizeof given);
+    given.model = &w->model;
+    given.surface = w->has_surface ? &w->surface : NULL;
+    given.target = w->has_target ? &w->target : NULL;
+    given.cloud = w->has_target ? NULL : &w->cloud;
+    given.partial = set->partial;
+    given.aligned = set->aligned;
+    given.linear = set->linear;
+    given.noisy = set->noisy;
+    given.fixed = w->fixed;
+    given.fixed_count = w->fixed_count;
+    given.landmarks = w->landmarks;
+    given.landmark_targets = w->landmark_targets;
+    given.landmark_count = w->landmark_count;
+    given.young = set->young;
+    given.poisson = set->poisson;
+    given.steps = set->steps;
+    given.max_seconds = set->seconds;
+    given.progress = progress_show;
+    return given;
+}
+
+/* Holes mean that a part is missing: half the organ's or a pixel. */
+static int is_open(const sb_mesh *target)
+{
+    sb_surface *tree = NULL;
+    int open = sb_surface_create(target, NULL, &tree, NULL) == SB_OK && !sb_surface_is_closed(tree);
+    sb_surface_destroy(tree);
+    return open;
+}
+
+static void tell_start(const work *w)
+{
+    const reg_rigid *start = &w->out.start;
+    sb_vec3 low, high, centre;
+    sb_mesh_bounds(&w->model, &low, &high);
+    centre = sb_v3_scale(REAL(0.5), sb_v3_add(low, high));
+    printf("%s, %d nodes, %d elements; rigid start: turned by %.2f degrees, moved by %.2f mm, %.3f s\n",
+           method_names[w->how], w->model.node_count, w->model.element_count,
+           57.29577951 * (double)reg_rigid_angle(start),
+           1e3 * (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(start, centre), centre)), w->out.seconds_start);
+}
+
+static int run(work *w, double begun)
+{
+    task given = make_task(w);
+    sb_error error;
+    double distance = 0, seconds;
+    sb_result result;
+    if (w->has_target && is_open(&w->target))
+        given.partial = 1;
+    result = task_run(&given, w->how, &w->out, &error);
+    seconds = seconds_now() - begun;
+    if (result == SB_OK)
+        result = outcome_distance(&w->out, &given, &distance, &error);
+    progress_end();
+    if (result != SB_OK) {
+        complain_error("the registration", &error);
+        return EXIT_FAILED;
+    }
+    tell_start(w);
+    if (write_all(w))
+        return EXIT_USAGE;
+    printf("iterations=%d steps_per_second=%.2f seconds=%.3f distance_mm=%.4f stop=%s\n", w->out.iterations,
+           w->out.seconds_run > 0 ? w->out.iterations / w->out.seconds_run : 0.0, seconds, 1e3 * distance, w->out.stop);
+    return 0;
+}
+
+static void free_work(work *w)
+{
+    outcome_free(&w->out);
+    sb_mesh_free(&w->model);
+    sb_mesh_free(&w->surface);
+    sb_mesh_free(&w->target);
+    reg_cloud_free(&w->cloud);
+    free(w->landmarks);
+    free(w->landmark_targets);
+    free(w->fixed);
+    free(w->targets);
+}
+
+static int check_settings(const settings *set, const char *const files[2])
+{
+    if (!files[0] || !files[1]) {
+        fputs("register_liver: needs a MODEL and a TARGET; register_liver --help lists the options\n", stderr);
+        return EXIT_USAGE;
+    }
+    if (method_find(set->method, strlen(set->method)) == METHOD_COUNT)
+        return complain(set->method, "is no method: pbsm, pbsm-laplace, nicp, icp or cpd");
+    if (!set->targets != !set->targets_out) {
+        fputs("register_liver: --targets and --targets-out go together\n", stderr);
+        return EXIT_USAGE;
+    }
+    if (set->out && (is_same_file(set->out, files[0]) || is_same_file(set->out, files[1])))
+        return complain(set->out, "is one of the input files");
+    return 0;
+}
+
+int main(int argc, char **argv)
+{
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
+    const char *files[2] = {NULL, NULL};
+    const option options[] = {
+        {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd"},
+        {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "a linear material instead of a corotated one"},
+        {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0,
+         "the target is a part of the surface; an open surface always is"},
+        {"--aligned", NULL, OPTION_FLAG, &set.aligned, NULL, NULL, 0, 0, "the target is in the model's frame: no rigid start"},
+        {"--noisy", NULL, OPTION_FLAG, &set.noisy, NULL, NULL, 0, 0, "follow the target's shape less closely"},
+        {"--surface", "FILE", OPTION_TEXT, NULL, NULL, &set.surface, 0, 0,
+         "the fine surface that the model was made from: it is matched in place of the model's own"},
+        {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &set.landmarks, 0, 0, "lines x y z  X Y Z"},
+        {"--fix", "FILE", OPTION_TEXT, NULL, NULL, &set.fix, 0, 0, "lines n, x y z or a b c d: nodes that do not move"},
+        {"--targets", "FILE", OPTION_TEXT, NULL, NULL, &set.targets, 0, 0, "lines x y z"},
+        {"--targets-out", "FILE", OPTION_TEXT, NULL, NULL, &set.targets_out, 0, 0, "where these are then"},
+        {"--displacement", "FILE", OPTION_TEXT, NULL, NULL, &set.displacement, 0, 0, "lines n ux uy uz, written"},
+        {"-o", "FILE", OPTION_TEXT, NULL, NULL, &set.out, 0, 0, "the registered model (VTK)"},
+        {"--scale", "S", OPTION_NUMBER, NULL, &set.scale, NULL, 1e-9, 1e9, "unit of all files in m: 0.001 for mm"},
+        {"--young", "PA", OPTION_NUMBER, NULL, &set.young, NULL, 1e-3, 1e12, "Young's modulus; hardly matters"},
+        {"--poisson", "NU", OPTION_NUMBER, NULL, &set.poisson, NULL, 0, 0.499, "Poisson's ratio"},
+        {"--cells", "N", OPTION_INTEGER, &set.cells, NULL, NULL, 2, 200, "surfaces as model: cells along the longest side"},
+        {"--steps", "N", OPTION_INTEGER, &set.steps, NULL, NULL, 1, 1e6, "most iterations"},
+        {"--seconds", "T", OPTION_NUMBER, NULL, &set.seconds, NULL, 1e-6, 1e9, "most time of the iterations"},
+        {"--help", NULL, OPTION_FLAG, &set.help, NULL, NULL, 0, 0, "this text"},
+    };
+    const int count = (int)(sizeof options / sizeof options[0]);
+    double begun = seconds_now();
+    work w;
+    int status;
+    if (!options_parse("register_liver", options, count, files, 2, argc, argv))
+        return EXIT_USAGE;
+    if (set.help) {
+        puts("register_liver MODEL TARGET [OPTIONS]: brings an organ model onto what was seen of the organ");
+        options_print(options, count);
+        return 0;
+    }
+    status = check_settings(&set, files);
+    if (status)
+        return status;
+    memset(&w, 0, sizeof w);
+    w.set = &set;
+    w.how = method_find(set.method, strlen(set.method));
+    status = load_all(&w, files);
+    if (!status)
+        status = run(&w, begun);
+    free_work(&w);
+    return status;
+}

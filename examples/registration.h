@@ -1,0 +1,615 @@
+/* registration.h: one registration by any of the methods, for register_liver and insilico: rigid start, matching, and what
+ * the motion does to points of the organ. Needs register.h and system.h before it. */
+#ifndef REGISTRATION_H
+#define REGISTRATION_H
+
+typedef enum method {
+    METHOD_PBSM = 0,         /* physics-based shape matching: distance potential */
+    METHOD_PBSM_LAPLACE = 1, /* Laplace's potential */
+    METHOD_NICP = 2,         /* non-rigid ICP on the elastic body */
+    METHOD_ICP = 3,          /* the rigid start alone */
+    METHOD_CPD = 4,          /* coherent point drift, which knows of no body */
+    METHOD_COUNT = 5
+} method;
+
+static const char *const method_names[METHOD_COUNT] = {"pbsm", "pbsm-laplace", "nicp", "icp", "cpd"};
+
+/* METHOD_COUNT for no such name. */
+static inline method method_find(const char *name, size_t length)
+{
+    int m = 0;
+    while (m < METHOD_COUNT && (strlen(method_names[m]) != length || strncmp(method_names[m], name, length) != 0))
+        m++;
+    return (method)m;
+}
+
+/* What a registration is given; everything is borrowed. Zero-initialise. */
+typedef struct task {
+    const sb_mesh *model;         /* volume mesh (m) */
+    const sb_mesh *surface;       /* the fine surface it was made from, or NULL: its own boundary is matched */
+    const sb_mesh *target;        /* triangles that were seen, or NULL, then: */
+    const reg_cloud *cloud;
+    int partial;                  /* 1: the target is a part of the surface */
+    int aligned;                  /* 1: it is in the model's frame already */
+    int linear;                   /* 1: a linear material */
+    int noisy;
+    const int *fixed;             /* [fixed_count] nodes that do not move, but with the whole organ */
+    int fixed_count;
+    const sb_vec3 *landmarks, *landmark_targets; /* [landmark_count] m */
+    int landmark_count;
+    double young, poisson;        /* Pa */
+    int steps;                    /* most of them */
+    double max_seconds;
+    void (*progress)(double share, const char *words); /* or NULL */
+} task;
+
+/* What came out. Zero-initialise; release with outcome_free. */
+typedef struct outcome {
+    method how;
+    reg_rigid start;      /* model to target */
+    sb_mesh placed;       /* the model after the start */
+    sb_boundary boundary; /* of the placed model */
+    sb_mesh seen;         /* the surface that is matched, after the start */
+    sb_body *body;        /* of pbsm and nicp */
+    reg_cpd *cpd;
+    int iterations;
+    double seconds_start, seconds_setup, seconds_run; /* rigid start, what is made before the first iteration, iterations */
+    const char *stop;
+} outcome;
+
+static inline void outcome_free(outcome *out)
+{
+    sb_body_destroy(out->body);
+    reg_cpd_destroy(out->cpd);
+    sb_mesh_free(&out->seen);
+    sb_boundary_free(&out->boundary);
+    sb_mesh_free(&out->placed);
+    memset(out, 0, sizeof *out);
+}
+
+static inline sb_result task_fail(sb_error *error, sb_result result, const char *message)
+{
+    memset(error, 0, sizeof *error);
+    error->result = result;
+    error->element = error->node = -1;
+    snprintf(error->message, sizeof error->message, "%s", message);
+    return result;
+}
+
+static inline void task_show(const task *given, double share, const char *words)
+{
+    if (given->progress)
+        given->progress(share, words);
+}
+
+/* ---- the rigid start ------------------------------------------------------------------------------------------- */
+
+/* A shape for reg_icp, and what it is made of. Zero-initialise. */
+typedef struct task_shape {
+    reg_icp_shape shape;
+    reg_cloud cloud;
+    sb_surface *tree;
+} task_shape;
+
+static inline void task_shape_free(task_shape *s)
+{
+    reg_cloud_free(&s->cloud);
+    sb_surface_destroy(s->tree);
+}
+
+static inline sb_result task_shape_of_mesh(const sb_mesh *mesh, task_shape *s, sb_error *error)
+{
+    sb_result result = reg_cloud_from_mesh(&s->cloud, mesh, NULL, error);
+    if (result == SB_OK)
+        result = sb_surface_create(mesh, NULL, &s->tree, error);
+    s->shape.points = s->cloud.points;
+    s->shape.normals = s->cloud.normals;
+    s->shape.count = s->cloud.count;
+    s->shape.surface = s->tree;
+    return result;
+}
+
+static inline sb_result task_shape_of_target(const task *given, task_shape *s, sb_error *error)
+{
+    if (given->target)
+        return task_shape_of_mesh(given->target, s, error);
+    s->shape.points = given->cloud->points;
+    s->shape.normals = given->cloud->normals;
+    s->shape.count = given->cloud->count;
+    return SB_OK;
+}
+
+/* Mean distance (m) of points from a shape after a motion. */
+static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, const reg_rigid *motion,
+                              const sb_vec3 *points, int count)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++) {
+        sb_vec3 at = reg_rigid_apply(motion, points[i]);
+        sb_surface_hit hit;
+        sb_real squared = 0;
+        if (shape->tree)
+            sum += sb_surface_closest(shape->tree, at, SB_REAL_MAX, &hit) ? (double)hit.distance : 0;
+        else
+            sum += reg_kdtree_nearest(tree, at, SB_REAL_MAX, &squared) >= 0 ? sqrt((double)squared) : 0;
+    }
+    return sum / count;
+}
+
+/* Where the target shows the fixed region, that tells the organ's place better than a deformed whole: among the start,
+ * no motion at all, and what ICP of the region makes of either, the one that brings the region nearest, if it is twice
+ * as near. points: [count] the region's. */
+static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3 *points, int count, reg_rigid *motion,
+                                         sb_error *error)
+{
+    reg_icp_options options = reg_default_icp_options();
+    task_shape region;
+    reg_kdtree *tree = NULL;
+    reg_rigid best = *motion;
+    double least;
+    sb_result result = SB_OK;
+    memset(&region, 0, sizeof region);
+    if (!target->tree)
+        result = reg_kdtree_create(target->shape.points, target->shape.count, NULL, &tree, error);
+    if (result != SB_OK)
+        return result;
+    region.shape.points = points;
+    region.shape.count = count;
+    options.overlap = REG_ICP_MODEL_PART;
+    options.search = 0;
+    options.outliers = REG_OUTLIERS_TRIM;
+    options.outlier_parameter = (sb_real)0.8;
+    least = 0.5 * task_gap(target, tree, motion, points, count);
+    for (int k = 0; k < 4; k++) {
+        reg_rigid tried = k % 2 ? *motion : reg_rigid_identity();
+        double gap;
+        options.start = tried;
+        if (k >= 2 && reg_icp(&region.shape, &target->shape, &options, &tried, NULL, NULL) != SB_OK)
+            continue;
+        gap = task_gap(target, tree, &tried, points, count);
+        if (gap < least) {
+            least = k == 0 ? 0.7 * gap : gap; /* files of one frame are likelier than a small motion */
+            best = tried;
+        }
+    }
+    reg_kdtree_destroy(tree);
+    *motion = best;
+    return SB_OK;
+}
+
+static inline sb_result task_use_fixed(const task *given, const task_shape *target, const sb_boundary *boundary,
+                                       reg_rigid *motion, sb_error *error)
+{
+    unsigned char *fixed = (unsigned char *)calloc((size_t)given->model->node_count, 1);
+    sb_vec3 *points = (sb_vec3 *)malloc((size_t)given->model->node_count * sizeof *points);
+    sb_result result = SB_OK;
+    int count = 0;
+    if (fixed && points) {
+        for (int i = 0; i < given->fixed_count; i++)
+            fixed[given->fixed[i]] = 1;
+        for (int i = 0; i < boundary->surface.node_count; i++)
+            if (fixed[boundary->nodes[i]])
+                points[count++] = given->model->nodes[boundary->nodes[i]];
+        if (count >= 12)
+            result = task_place_fixed(target, points, count, motion, error);
+    } else {
+        result = task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    }
+    free(fixed);
+    free(points);
+    return result;
+}
+
+static inline sb_result task_align(const task *given, const task_shape *model, const task_shape *target,
+                                   const sb_boundary *boundary, reg_rigid *motion, sb_error *error)
+{
+    reg_icp_options options = reg_default_icp_options();
+    reg_icp_landmark *pairs = (reg_icp_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *pairs);
+    sb_result result;
+    if (!pairs)
+        return task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    for (int i = 0; i < given->landmark_count; i++) {
+        pairs[i].model = given->landmarks[i];
+        pairs[i].target = given->landmark_targets[i];
+        pairs[i].weight = (sb_real)(0.3 / given->landmark_count);
+    }
+    options.landmarks = pairs;
+    options.landmark_count = given->landmark_count;
+    options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
+    options.clock = seconds_now;
+    result = reg_icp(&model->shape, &target->shape, &options, motion, NULL, error);
+    free(pairs);
+    if (result == SB_OK && given->fixed_count > 0)
+        result = task_use_fixed(given, target, boundary, motion, error);
+    return result;
+}
+
+/* out->start, out->placed, out->boundary and out->seen. */
+static inline sb_result task_start(const task *given, outcome *out, sb_error *error)
+{
+    task_shape model, target;
+    const sb_mesh *surface;
+    sb_result result = sb_mesh_copy(given->model, NULL, &out->placed, error);
+    memset(&model, 0, sizeof model);
+    memset(&target, 0, sizeof target);
+    out->start = reg_rigid_identity();
+    if (result == SB_OK)
+        result = sb_mesh_boundary(given->model, 1, NULL, &out->boundary, error);
+    surface = given->surface ? given->surface : &out->boundary.surface;
+    if (result == SB_OK && !given->aligned) {
+        task_show(given, 0, "rigid start");
+        result = task_shape_of_mesh(surface, &model, error);
+        if (result == SB_OK)
+            result = task_shape_of_target(given, &target, error);
+        if (result == SB_OK)
+            result = task_align(given, &model, &target, &out->boundary, &out->start, error);
+    }
+    task_shape_free(&model);
+    task_shape_free(&target);
+    if (result == SB_OK)
+        result = sb_surface_triangulate(surface, NULL, &out->seen, error);
+    for (int i = 0; result == SB_OK && i < out->placed.node_count; i++)
+        out->placed.nodes[i] = reg_rigid_apply(&out->start, given->model->nodes[i]);
+    for (int i = 0; result == SB_OK && i < out->seen.node_count; i++)
+        out->seen.nodes[i] = reg_rigid_apply(&out->start, out->seen.nodes[i]);
+    return result;
+}
+
+/* ---- elastic methods ------------------------------------------------------------------------------------------- */
+
+static inline sb_result task_make_body(const task *given, outcome *out, sb_error *error)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
+    sb_result result;
+    def.mesh = &out->placed;
+    def.material = given->linear ? sb_material_linear(young, poisson, 1060) : sb_material_corotated(young, poisson, 1060);
+    result = sb_body_create(&def, &out->body, error);
+    if (result == SB_OK && given->fixed_count > 0 &&
+        sb_body_fix_nodes(out->body, given->fixed, given->fixed_count, SB_XYZ) != SB_OK)
+        result = task_fail(error, SB_ERROR_MEMORY, "not enough memory for the fixed nodes");
+    return result;
+}
+
+/* Landmarks after the start; NULL without memory. */
+static inline sb_vec3 *task_landmarks(const task *given, const outcome *out)
+{
+    sb_vec3 *placed = (sb_vec3 *)malloc((size_t)(given->landmark_count + 1) * sizeof *placed);
+    for (int i = 0; placed && i < given->landmark_count; i++)
+        placed[i] = reg_rigid_apply(&out->start, given->landmarks[i]);
+    return placed;
+}
+
+static inline const char *match_stop_name(reg_match_stop stop)
+{
+    switch (stop) {
+    case REG_MATCH_RUNNING: return "step_cap";
+    case REG_MATCH_SETTLED: return "settled";
+    case REG_MATCH_STEP_CAP: return "step_cap";
+    case REG_MATCH_TIME_CAP: return "time_cap";
+    case REG_MATCH_NO_OVERLAP: return "no_overlap";
+    case REG_MATCH_FAILED: return "failed";
+    }
+    return "unknown";
+}
+
+static inline const char *nicp_stop_name(reg_nicp_stop stop)
+{
+    switch (stop) {
+    case REG_NICP_RUNNING: return "step_cap";
+    case REG_NICP_CONVERGED: return "converged";
+    case REG_NICP_INCREMENTS: return "increments";
+    case REG_NICP_STEP_CAP: return "step_cap";
+    case REG_NICP_TIME_CAP: return "time_cap";
+    case REG_NICP_NO_OVERLAP: return "no_overlap";
+    case REG_NICP_FAILED: return "failed";
+    }
+    return "unknown";
+}
+
+static inline sb_result task_run_match(const task *given, reg_match *match, outcome *out, sb_error *error)
+{
+    reg_match_info info = reg_match_get_info(match);
+    sb_result result = SB_OK;
+    char words[64];
+    for (int i = 0; result == SB_OK && i < given->steps; i++) {
+        result = reg_match_run(match, 1, &info);
+        snprintf(words, sizeof words, "step %d, %.3f mm from the target", i + 1, 1e3 * (double)info.mean_distance);
+        task_show(given, (double)(i + 1) / 40, words);
+        if (info.stop != REG_MATCH_STEP_CAP)
+            break;
+    }
+    out->iterations = info.iterations;
+    out->stop = match_stop_name(info.stop);
+    if (result != SB_OK)
+        *error = info.error;
+    return result;
+}
+
+static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
+{
+    reg_match_def def = reg_default_match_def();
+    sb_vec3 *landmarks = task_landmarks(given, out);
+    reg_match *match = NULL;
+    double begun = seconds_now(), made;
+    sb_result result;
+    def.body = out->body;
+    def.surface = &out->seen;
+    def.target = given->target;
+    def.target_points = given->target ? NULL : given->cloud->points;
+    def.target_normals = given->target ? NULL : given->cloud->normals;
+    def.target_count = given->target ? 0 : given->cloud->count;
+    def.method = out->how == METHOD_PBSM_LAPLACE ? REG_PBSM_LAPLACE : REG_PBSM;
+    def.partial = given->partial;
+    if (given->noisy)
+        def.last_charge = 2;
+    def.landmarks = landmarks;
+    def.landmark_targets = given->landmark_targets;
+    def.landmark_count = given->landmark_count;
+    def.clock = seconds_now;
+    def.max_seconds = given->max_seconds;
+    result = landmarks ? reg_match_create(&def, &match, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    made = seconds_now();
+    if (result == SB_OK)
+        result = task_run_match(given, match, out, error);
+    out->seconds_setup += made - begun;
+    out->seconds_run = seconds_now() - made;
+    reg_match_destroy(match);
+    free(landmarks);
+    return result;
+}
+
+static inline sb_result task_run_nicp(const task *given, reg_nicp *nicp, outcome *out, sb_error *error)
+{
+    reg_nicp_info info = reg_nicp_get_info(nicp);
+    sb_result result = SB_OK;
+    char words[64];
+    for (int i = 0; result == SB_OK && i < given->steps; i++) {
+        result = reg_nicp_run(nicp, 1, &info);
+        snprintf(words, sizeof words, "look %d, %.3f mm from the target", i + 1, 1e3 * (double)info.mean_distance);
+        task_show(given, (double)(i + 1) / 8, words);
+        if (info.stop != REG_NICP_STEP_CAP)
+            break;
+    }
+    out->iterations = info.iterations;
+    out->stop = nicp_stop_name(info.stop);
+    if (result != SB_OK)
+        *error = info.error;
+    return result;
+}
+
+static inline sb_result task_nicp(const task *given, outcome *out, sb_error *error)
+{
+    reg_nicp_def def = reg_default_nicp_def();
+    sb_vec3 *landmarks = task_landmarks(given, out);
+    reg_nicp *nicp = NULL;
+    double begun = seconds_now(), made;
+    sb_result result;
+    def.body = out->body;
+    def.surface = &out->seen;
+    def.target = given->target;
+    def.target_points = given->target ? NULL : given->cloud->points;
+    def.target_normals = given->target ? NULL : given->cloud->normals;
+    def.target_count = given->target ? 0 : given->cloud->count;
+    def.noisy = given->noisy;
+    def.landmarks = landmarks;
+    def.landmark_targets = given->landmark_targets;
+    def.landmark_count = given->landmark_count;
+    def.clock = seconds_now;
+    def.max_seconds = given->max_seconds;
+    result = landmarks ? reg_nicp_create(&def, &nicp, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    made = seconds_now();
+    if (result == SB_OK)
+        result = task_run_nicp(given, nicp, out, error);
+    out->seconds_setup += made - begun;
+    out->seconds_run = seconds_now() - made;
+    reg_nicp_destroy(nicp);
+    free(landmarks);
+    return result;
+}
+
+/* ---- coherent point drift -------------------------------------------------------------------------------------- */
+
+enum { TASK_CPD_POINTS = 2000 }; /* of either side: its cost grows with their product */
+
+/* `most` points or all, evenly spread: points[most]; their number, or -1 without memory. */
+static inline int task_spread(const sb_vec3 *from, int count, int most, sb_vec3 *points)
+{
+    int *chosen = (int *)malloc((size_t)most * sizeof *chosen);
+    sb_real *scratch = (sb_real *)malloc((size_t)count * sizeof *scratch);
+    int kept = chosen && scratch ? reg_cloud_spread(from, count, most < count ? most : count, chosen, scratch) : -1;
+    for (int i = 0; i < kept; i++)
+        points[i] = from[chosen[i]];
+    free(chosen);
+    free(scratch);
+    return kept;
+}
+
+typedef struct task_cpd_watch {
+    const task *given;
+} task_cpd_watch;
+
+static inline int task_cpd_progress(void *user, const reg_cpd_info *info)
+{
+    const task *given = ((task_cpd_watch *)user)->given;
+    char words[64];
+    snprintf(words, sizeof words, "iteration %d, sigma %.3f mm", info->iterations, 1e3 * (double)info->sigma);
+    task_show(given, (double)info->iterations / 150, words);
+    return 0;
+}
+
+static inline const char *cpd_stop_name(reg_cpd_stop stop)
+{
+    switch (stop) {
+    case REG_CPD_CONVERGED: return "converged";
+    case REG_CPD_EXACT: return "exact";
+    case REG_CPD_ITERATIONS: return "step_cap";
+    case REG_CPD_TIME: return "time_cap";
+    }
+    return "unknown";
+}
+
+/* beta and lambda as tuned for livers; landmarks are points of the source, too. */
+static inline sb_result task_fit_cpd(const task *given, outcome *out, sb_vec3 *source, int source_count,
+                                     const sb_vec3 *target, int target_count, int *numbers, sb_error *error)
+{
+    reg_cpd_options options = reg_default_cpd_options();
+    task_cpd_watch watch;
+    reg_cpd_info info;
+    sb_vec3 low, high;
+    sb_result result;
+    watch.given = given;
+    sb_mesh_bounds(&out->placed, &low, &high);
+    for (int i = 0; i < given->landmark_count; i++) {
+        numbers[i] = source_count;
+        source[source_count++] = reg_rigid_apply(&out->start, given->landmarks[i]);
+    }
+    options.beta = (sb_real)0.7;
+    options.lambda = 1000;
+    options.shared_frame = 1;
+    options.start_sigma = (sb_real)0.05 * sb_v3_norm(sb_v3_sub(high, low));
+    options.tolerance = (sb_real)1e-4;
+    options.landmark_points = numbers;
+    options.landmark_targets = given->landmark_targets;
+    options.landmark_count = given->landmark_count;
+    options.landmark_sigma = (sb_real)0.003 * sb_v3_norm(sb_v3_sub(high, low));
+    options.max_iterations = given->steps;
+    options.max_seconds = given->max_seconds;
+    options.clock = seconds_now;
+    options.progress = task_cpd_progress;
+    options.progress_user = &watch;
+    result = reg_cpd_fit(source, source_count, target, target_count, &options, &out->cpd, error);
+    if (result != SB_OK)
+        return result;
+    info = reg_cpd_get_info(out->cpd);
+    out->iterations = info.iterations;
+    out->stop = cpd_stop_name(info.stop);
+    out->seconds_setup = info.kernel_seconds;
+    out->seconds_run = info.seconds - info.kernel_seconds;
+    return SB_OK;
+}
+
+static inline sb_result task_cpd(const task *given, outcome *out, sb_error *error)
+{
+    size_t extra = (size_t)given->landmark_count + 1;
+    sb_vec3 *source = (sb_vec3 *)malloc(((size_t)TASK_CPD_POINTS + extra) * sizeof *source);
+    sb_vec3 *target = (sb_vec3 *)malloc((size_t)TASK_CPD_POINTS * sizeof *target);
+    int *numbers = (int *)malloc(extra * sizeof *numbers), sources = -1, targets = -1;
+    sb_result result;
+    if (source && target && numbers) {
+        sources = task_spread(out->seen.nodes, out->seen.node_count, TASK_CPD_POINTS, source);
+        targets = given->target ? task_spread(given->target->nodes, given->target->node_count, TASK_CPD_POINTS, target)
+                                : task_spread(given->cloud->points, given->cloud->count, TASK_CPD_POINTS, target);
+    }
+    result = sources < 0 || targets < 0
+                 ? task_fail(error, SB_ERROR_MEMORY, "not enough memory")
+                 : task_fit_cpd(given, out, source, sources, target, targets, numbers, error);
+    free(source);
+    free(target);
+    free(numbers);
+    return result;
+}
+
+/* ---- all of it ------------------------------------------------------------------------------------------------- */
+
+/* Registers. On failure *error says why, and *out is to be freed all the same. */
+static inline sb_result task_run(const task *given, method how, outcome *out, sb_error *error)
+{
+    double begun = seconds_now();
+    sb_result result;
+    memset(out, 0, sizeof *out);
+    out->how = how;
+    out->stop = "converged";
+    result = task_start(given, out, error);
+    out->seconds_start = seconds_now() - begun;
+    if (result != SB_OK || how == METHOD_ICP)
+        return result;
+    if (how == METHOD_CPD)
+        return task_cpd(given, out, error);
+    begun = seconds_now();
+    result = task_make_body(given, out, error);
+    out->seconds_setup = seconds_now() - begun;
+    if (result != SB_OK)
+        return result;
+    return how == METHOD_NICP ? task_nicp(given, out, error) : task_match(given, out, error);
+}
+
+/* Where points of the model (m) are after the registration, rigid part included: moved[count]. */
+static inline sb_result outcome_carry(const outcome *out, const sb_vec3 *points, int count, sb_vec3 *moved,
+                                      sb_error *error)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_result result;
+    for (int i = 0; i < count; i++)
+        moved[i] = reg_rigid_apply(&out->start, points[i]);
+    if (out->cpd)
+        reg_cpd_apply(out->cpd, moved, count, moved);
+    if (!out->body || count == 0)
+        return SB_OK;
+    def.mesh = &out->placed;
+    def.points = moved;
+    def.point_count = count;
+    def.kind = SB_EMBED_PLAIN;
+    def.max_distance = SB_REAL_MAX;
+    result = sb_embedding_create(&def, &embedding, error);
+    if (result == SB_OK)
+        result = sb_embedding_update(embedding, sb_body_positions(out->body), moved, NULL, NULL);
+    sb_embedding_destroy(embedding);
+    return result;
+}
+
+/* Where the model's nodes are: moved[node_count]. Exactly the body's, where there is one. */
+static inline void outcome_nodes(const outcome *out, sb_vec3 *moved)
+{
+    size_t bytes = (size_t)out->placed.node_count * sizeof *moved;
+    memcpy(moved, out->body ? sb_body_positions(out->body) : out->placed.nodes, bytes);
+    if (out->cpd)
+        reg_cpd_apply(out->cpd, moved, out->placed.node_count, moved);
+}
+
+/* The matched surface where it is now; *surface is the caller's. */
+static inline sb_result outcome_surface(const outcome *out, sb_mesh *surface, sb_error *error)
+{
+    reg_rigid back = reg_rigid_inverse(&out->start);
+    sb_vec3 *rest = (sb_vec3 *)malloc((size_t)out->seen.node_count * sizeof *rest);
+    sb_result result = rest ? sb_mesh_copy(&out->seen, NULL, surface, error)
+                            : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    for (int i = 0; result == SB_OK && i < out->seen.node_count; i++)
+        rest[i] = reg_rigid_apply(&back, out->seen.nodes[i]);
+    if (result == SB_OK) {
+        result = outcome_carry(out, rest, out->seen.node_count, surface->nodes, error);
+        if (result != SB_OK)
+            sb_mesh_free(surface);
+    }
+    free(rest);
+    return result;
+}
+
+/* Mean distance (m) of the target's points from the registered surface. */
+static inline sb_result outcome_distance(const outcome *out, const task *given, double *distance, sb_error *error)
+{
+    const sb_vec3 *points = given->target ? given->target->nodes : given->cloud->points;
+    int count = given->target ? given->target->node_count : given->cloud->count, guess = -1;
+    sb_mesh surface;
+    sb_surface *tree = NULL;
+    double sum = 0;
+    sb_result result = outcome_surface(out, &surface, error);
+    if (result != SB_OK)
+        return result;
+    result = sb_surface_create(&surface, NULL, &tree, error);
+    for (int i = 0; result == SB_OK && i < count; i++) {
+        sb_surface_hit hit;
+        if (sb_surface_closest_from(tree, points[i], SB_REAL_MAX, guess, &hit)) {
+            guess = hit.triangle;
+            sum += (double)hit.distance;
+        }
+    }
+    if (result == SB_OK)
+        *distance = sum / count;
+    sb_surface_destroy(tree);
+    sb_mesh_free(&surface);
+    return result;
+}
+
+#endif /* REGISTRATION_H */
