@@ -15,7 +15,7 @@ NDL_API ndl_tissue_def ndl_default_tissue_def(void)
     def.damping_stiffness = (sb_real)0.005;
     def.slack = (sb_real)0.2;
     def.lazy_angle = (sb_real)0.01;
-    def.tolerance = (sb_real)1e-3;
+    def.tolerance = (sb_real)1e-4;
     def.max_iterations = 200;
     def.cookie = NDLI_TISSUE_COOKIE;
     return def;

@@ -33,7 +33,7 @@ typedef struct ndl_tissue_def {
     sb_real lazy_angle;        /* a tet's stiffness is turned when its rotation is further than this from the one it
                                 * has (|R - R_old|, about the angle in rad), in [0, 1]: the tangent is then wrong by a
                                 * share of 2 lazy_angle at most, forces are exact. Default 0.01; 0: every step */
-    sb_real tolerance;         /* of a step's solve: sqrt(r.M^-1 r) relative to its start, in (0, 1); default 1e-3 */
+    sb_real tolerance;         /* of a step's solve: sqrt(r.M^-1 r) relative to its start, in (0, 1); default 1e-4 */
     int max_iterations;        /* of a step's solve, >= 1; default 200 */
     sb_allocator allocator;    /* default malloc */
     sb_jobs jobs;              /* default inline; the bits do not depend on it */
