@@ -224,7 +224,7 @@ static int find_pads(trial *t, sb_vec3 target, pad *pads)
     double reach = scene_distance(t->s.low, t->s.high);
     int count = 0;
     for (int k = 0; k < PLACES; k++) {
-        double angle = 2 * pi * k / PLACES;
+        double angle = 2 * pi * k / (double)PLACES;
         pad *p = pads + count;
         sb_vec3 inward = sb_v3((sb_real)-cos(angle), (sb_real)-sin(angle), 0), at;
         if (!scene_hit(&t->s, sb_v3_sub(target, sb_v3_scale((sb_real)reach, inward)), inward, &at))

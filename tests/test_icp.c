@@ -18,7 +18,7 @@ static void make_body(void)
 {
     const double h = 1e-3;
     for (int i = 0; i < BODY; i++) {
-        double z = 1 - (2 * i + 1.0) / BODY, a = 2.399963229728653 * i;
+        double z = 1 - (2 * i + 1.0) / (double)BODY, a = 2.399963229728653 * i;
         sb_vec3 p = body_at(z, a), du, dv, n;
         du = sb_v3_sub(body_at(z * (1 - h) , a), p);
         du = z < 0 ? du : sb_v3_scale(-1, du);
@@ -226,7 +226,7 @@ static void test_landmarks(void)
     reg_icp_landmark landmarks[3];
     pose.translation = sb_v3(REAL(0.1), 0, REAL(0.2));
     for (int i = 0; i < BODY; i++) {
-        double z = 1 - (2 * i + 1.0) / BODY, a = 2.399963229728653 * i, r = sqrt(1 - z * z);
+        double z = 1 - (2 * i + 1.0) / (double)BODY, a = 2.399963229728653 * i, r = sqrt(1 - z * z);
         sphere[i] = sb_v3(REAL(0.1 * r * cos(a)), REAL(0.1 * r * sin(a)), REAL(0.1 * z));
     }
     move(&pose, sphere, NULL, BODY, points, NULL);
