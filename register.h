@@ -877,7 +877,7 @@ typedef struct reg_nicp_def {
                                * 0.03 */
     sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
                                * default 300. Where the organ bends by more than a tenth of its size: 30 */
-    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 10,000 */
+    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 1000 */
     int increments;           /* of the stiffness, >= 1; default 4 */
     int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
     int newton;               /* most Newton iterations of a balance, >= 1; default 6 */

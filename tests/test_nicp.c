@@ -399,6 +399,7 @@ static void test_grid(void)
                 free(points);
             }
             reg_nicp_destroy(nicp);
+            sb_body_destroy(def.body);
             def.body = made.body; /* not the grid's */
             CHECK(reg_nicp_create(&def, &nicp, NULL) == SB_ERROR_ARGUMENT);
         }
@@ -1037,28 +1038,35 @@ static void test_livers(void)
         }
 }
 
+/* Noise of 1 mm costs less than 0.4 mm, as mean over both; a landmark helps. */
 static void test_partial_livers(void)
 {
+    const char *names[2] = {"liver1", "liver2"};
+    const double bounds[2] = {4.8, 3.1};
+    sb_material liver_like = sb_material_corotated(5000, REAL(0.45), 1060);
     char path[512];
-    liver clear, noisy;
-    reg_nicp_info info;
-    double mean, rough, helped;
+    double cost = 0;
     if (!check_shared_path(path, sizeof path, "data/insilico/README.md")) {
         CHECK_SKIP("no shared livers");
         return;
     }
-    if (read_liver("liver2", "coarse_tet4.vtk", "partial_deformed_surface.obj", &clear) &&
-        read_liver("liver2", "coarse_tet4.vtk", "partial_deformed_surface_noisy.obj", &noisy)) {
-        sb_material liver_like = sb_material_corotated(5000, REAL(0.45), 1060);
-        mean = register_liver(&clear, liver_like, -1, 30000, 1, &info);
-        CHECK(mean < 4 && info.active > REAL(0.4) && info.active < REAL(0.6));
-        rough = register_liver(&noisy, liver_like, -1, 30000, 1, &info);
-        CHECK(rough < mean + 0.4);
-        helped = register_liver(&clear, liver_like, farthest(&clear), 30000, 1, &info);
-        CHECK(helped < mean);
-        free_liver(&noisy);
+    for (int k = 0; k < 2; k++) {
+        liver made;
+        reg_nicp_info info;
+        if (read_liver(names[k], "coarse_tet4.vtk", "partial_deformed_surface.obj", &made)) {
+            double mean = register_liver(&made, liver_like, -1, 10000, 1, &info), rough;
+            CHECK(mean < bounds[k] && info.active > REAL(0.4) && info.active < REAL(0.6));
+            if (k == 1)
+                CHECK(register_liver(&made, liver_like, farthest(&made), 10000, 1, &info) < mean);
+            sb_mesh_free(&made.target);
+            if (read_mesh(names[k], "partial_deformed_surface_noisy.obj", &made.target)) {
+                rough = register_liver(&made, liver_like, -1, 1000, 1, &info);
+                cost += (rough - mean) / 2;
+            }
+        }
+        free_liver(&made);
     }
-    free_liver(&clear);
+    CHECK(cost < 0.4);
 }
 
 CHECK_SUITE(nicp, {"the formula of partners", test_formula}, {"the schedule of stiffness", test_schedule},
