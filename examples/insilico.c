@@ -4,8 +4,8 @@
  *
  * Deforms an organ (a closed surface or a volume mesh; without one, a made-up organ of a liver's size) in the computer,
  * shows the methods its surface or the part that a camera sees, with noise and outliers and in another pose, and tells
- * how far their answers are off. The organ is of fine tets of a stable neo-Hookean material; what is registered is a coarse model of another
- * mesh and material. Patterns:
+ * how far their answers are off. The organ is of fine tets of a stable neo-Hookean material;
+ * what is registered is a coarse model of another mesh and material. Patterns:
  *     respiration       a patch of the upper surface is moved down, as by the diaphragm
  *     instrument        a tool presses a dent into the upper surface
  *     pneumoperitoneum  gas presses on all that faces up: a fifth of 13 mmHg, since what lies below yields, too
@@ -53,8 +53,8 @@ typedef struct work {
     int pattern_on[PATTERNS], method_on[METHOD_COUNT];
     sb_mesh organ, model;    /* fine and coarse */
     sb_mesh skin;            /* of the organ, at rest */
-    sb_mesh outline;         /* the same surface with other vertices: what methods know of it, and no vertex of the target
-                              * has a partner there */
+    sb_mesh outline;         /* the same surface with other vertices: what methods know of it, and no vertex of the
+                              * target has a partner there */
     sb_boundary boundary;    /* of the organ */
     int *fixed, fixed_count; /* of the model */
     int *held, held_count;   /* of the organ */
@@ -143,7 +143,8 @@ static double bump(sb_vec3 at, double x, double y, double z, double a, double b,
 /* Two lobes that run into each other, and a hollow below: about 1.4 litres. Negative inside; no distance. */
 static sb_real made_up_organ(void *user, sb_vec3 at)
 {
-    double right = 0.06 * bump(at, 0.035, 0, 0, 0.085, 0.07, 0.048), left = 0.04 * bump(at, -0.055, 0.012, 0.01, 0.075, 0.048, 0.026);
+    double right = 0.06 * bump(at, 0.035, 0, 0, 0.085, 0.07, 0.048);
+    double left = 0.04 * bump(at, -0.055, 0.012, 0.01, 0.075, 0.048, 0.026);
     double hollow = 0.04 * bump(at, 0.005, -0.02, -0.065, 0.05, 0.04, 0.04), k = 0.016, h, joined;
     (void)user;
     h = fmax(k - fabs(right - left), 0) / k;
@@ -445,8 +446,10 @@ static sb_result cut_visible(work *w, sb_vec3 view, sb_error *error)
 static void move_all(work *w)
 {
     reg_rigid motion = reg_rigid_identity();
-    sb_vec3 axis = chance_direction(w), way = chance_direction(w), middle = sb_v3_scale(REAL(0.5), sb_v3_add(w->low, w->high));
-    motion.rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3_scale(REAL(w->set->angle / 57.29577951), axis)));
+    sb_vec3 axis = chance_direction(w), way = chance_direction(w);
+    sb_vec3 middle = sb_v3_scale(REAL(0.5), sb_v3_add(w->low, w->high));
+    axis = sb_v3_scale(REAL(w->set->angle / 57.29577951), axis);
+    motion.rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(axis));
     motion.translation = sb_v3_sub(middle, sb_m3_apply(motion.rotation, middle));
     motion.translation = sb_v3_madd(motion.translation, REAL(1e-3 * w->set->shift), way);
     for (int i = 0; i < w->organ.node_count; i++)
@@ -507,7 +510,10 @@ static int compare_numbers(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-static double percentile(const double *sorted, int count, double share) { return sorted[(int)(share * (count - 1) + 0.5)]; }
+static double percentile(const double *sorted, int count, double share)
+{
+    return sorted[(int)(share * (count - 1) + 0.5)];
+}
 
 static void score_points(const work *w, const sb_vec3 *moved, score *s)
 {

@@ -1,5 +1,5 @@
-/* registration.h: one registration by any of the methods, for register_liver and insilico: rigid start, matching, and what
- * the motion does to points of the organ. Needs register.h and system.h before it. */
+/* registration.h: one registration by any of the methods, for register_liver and insilico: rigid start, matching, and
+ * what the motion does to points of the organ. Needs register.h and system.h before it. */
 #ifndef REGISTRATION_H
 #define REGISTRATION_H
 
@@ -53,7 +53,7 @@ typedef struct outcome {
     sb_body *body;        /* of pbsm and nicp */
     reg_cpd *cpd;
     int iterations;
-    double seconds_start, seconds_setup, seconds_run; /* rigid start, what is made before the first iteration, iterations */
+    double seconds_start, seconds_setup, seconds_run; /* rigid start, what comes before iterations, iterations */
     const char *stop;
 } outcome;
 
@@ -273,7 +273,8 @@ static inline sb_result task_make_body(const task *given, outcome *out, sb_error
     sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
     sb_result result;
     def.mesh = &out->placed;
-    def.material = given->linear ? sb_material_linear(young, poisson, 1060) : sb_material_corotated(young, poisson, 1060);
+    def.material = given->linear ? sb_material_linear(young, poisson, 1060)
+                                 : sb_material_corotated(young, poisson, 1060);
     result = sb_body_create(&def, &out->body, error);
     if (result == SB_OK && given->fixed_count > 0 &&
         sb_body_fix_nodes(out->body, given->fixed, given->fixed_count, SB_XYZ) != SB_OK)

@@ -1,5 +1,6 @@
-/* Tests of nicp: the formula of partners against brute force, the schedule of stiffness, cameras, a block bent by a known
- * pressure in meshes and grids, outliers, landmarks, supports and constraints, caps, refusals; livers of the shared data. */
+/* Tests of nicp: the formula of partners against brute force, the schedule of stiffness, cameras, a block bent by a
+ * known pressure in meshes and grids, outliers, landmarks, supports and constraints, caps, refusals; livers of the
+ * shared data. */
 #include "check.h"
 #include "scene.h"
 
@@ -147,8 +148,9 @@ static void scatter(const sb_mesh *skin, sb_vec3 *points, int count)
         sb_real a = REAL(check_random(&seed)), b = REAL(check_random(&seed)) * (1 - a);
         points[i] = sb_v3_scale(1 - a - b, skin->nodes[c[0]]);
         points[i] = sb_v3_madd(sb_v3_madd(points[i], a, skin->nodes[c[1]]), b, skin->nodes[c[2]]);
-        for (int k = 0; k < 3; k++)
-            (k == 0 ? &points[i].x : k == 1 ? &points[i].y : &points[i].z)[0] += REAL(check_random_in(&seed, -1e-3, 1e-3));
+        points[i].x += REAL(check_random_in(&seed, -1e-3, 1e-3));
+        points[i].y += REAL(check_random_in(&seed, -1e-3, 1e-3));
+        points[i].z += REAL(check_random_in(&seed, -1e-3, 1e-3));
     }
 }
 
@@ -163,8 +165,8 @@ static int nearest_of(const sb_vec3 *points, int count, sb_vec3 at)
 
 enum { CLOUD = 300 };
 
-/* Goals of a first look against (5.4) written out: closest points by trying all, closest places of the skin by the surface
- * room, the corner of largest weight as source. */
+/* Goals of a first look against (5.4) written out: closest points by trying all, closest places of the skin by the
+ * surface room, the corner of largest weight as source. */
 static void test_formula(void)
 {
     const double alphas[3] = {1, 0.75, 0};
@@ -368,7 +370,8 @@ static void test_grid(void)
     sb_surface *shape = NULL;
     sb_grid grid;
     memset(&grid, 0, sizeof grid);
-    if (make_block(&made, SB_HEX8, soft(), 1, no_jobs()) && CHECK_OK(sb_surface_create(&made.rest, NULL, &shape, NULL))) {
+    if (make_block(&made, SB_HEX8, soft(), 1, no_jobs()) &&
+        CHECK_OK(sb_surface_create(&made.rest, NULL, &shape, NULL))) {
         sb_grid_def grid_def = sb_default_grid_def();
         sb_body_def body_def = sb_default_body_def();
         reg_nicp_def def = def_of(&made);
