@@ -1,5 +1,5 @@
-/* registration.h: one registration by any of the methods, for register_liver and insilico: rigid start, matching, and what
- * the motion does to points of the organ. Needs register.h and system.h before it. */
+/* registration.h: one registration by any of the methods, for register_liver and insilico: rigid start, matching, and
+ * what the motion does to points of the organ. Needs register.h and system.h before it. */
 #ifndef REGISTRATION_H
 #define REGISTRATION_H
 
@@ -53,7 +53,7 @@ typedef struct outcome {
     sb_body *body;        /* of pbsm and nicp */
     reg_cpd *cpd;
     int iterations;
-    double seconds_start, seconds_setup, seconds_run; /* rigid start, what is made before the first iteration, iterations */
+    double seconds_start, seconds_setup, seconds_run; /* rigid start, what comes before iterations, iterations */
     const char *stop;
 } outcome;
 
@@ -136,11 +136,19 @@ static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, c
     return sum / count;
 }
 
+/* 1 when two motions bring a place of an organ of that size (m) to about the same: 15 degrees, a tenth of the size. */
+static inline int task_is_near(const reg_rigid *a, const reg_rigid *b, sb_vec3 place, double size)
+{
+    reg_rigid back = reg_rigid_inverse(a), between = reg_rigid_compose(&back, b);
+    sb_vec3 way = sb_v3_sub(reg_rigid_apply(a, place), reg_rigid_apply(b, place));
+    return (double)reg_rigid_angle(&between) < 0.26 && (double)sb_v3_norm(way) < 0.1 * size;
+}
+
 /* Where the target shows the fixed region, that tells the organ's place better than a deformed whole: among the start,
  * no motion at all, and what ICP of the region makes of either, the one that brings the region nearest, if it is twice
- * as near. points: [count] the region's. */
-static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3 *points, int count, reg_rigid *motion,
-                                         sb_error *error)
+ * as near, nearer than a hundredth of the organ's size, and no other place altogether. points: [count] the region's. */
+static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3 *points, int count, double size,
+                                         reg_rigid *motion, sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     task_shape region;
@@ -159,7 +167,7 @@ static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3
     options.search = 0;
     options.outliers = REG_OUTLIERS_TRIM;
     options.outlier_parameter = (sb_real)0.8;
-    least = 0.5 * task_gap(target, tree, motion, points, count);
+    least = fmin(0.5 * task_gap(target, tree, motion, points, count), 0.01 * size);
     for (int k = 0; k < 4; k++) {
         reg_rigid tried = k % 2 ? *motion : reg_rigid_identity();
         double gap;
@@ -167,7 +175,7 @@ static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3
         if (k >= 2 && reg_icp(&region.shape, &target->shape, &options, &tried, NULL, NULL) != SB_OK)
             continue;
         gap = task_gap(target, tree, &tried, points, count);
-        if (gap < least) {
+        if (gap < least && task_is_near(motion, &tried, points[0], size)) {
             least = k == 0 ? 0.7 * gap : gap; /* files of one frame are likelier than a small motion */
             best = tried;
         }
@@ -183,7 +191,9 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
     unsigned char *fixed = (unsigned char *)calloc((size_t)given->model->node_count, 1);
     sb_vec3 *points = (sb_vec3 *)malloc((size_t)given->model->node_count * sizeof *points);
     sb_result result = SB_OK;
+    sb_vec3 low, high;
     int count = 0;
+    sb_mesh_bounds(given->model, &low, &high);
     if (fixed && points) {
         for (int i = 0; i < given->fixed_count; i++)
             fixed[given->fixed[i]] = 1;
@@ -191,7 +201,7 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
             if (fixed[boundary->nodes[i]])
                 points[count++] = given->model->nodes[boundary->nodes[i]];
         if (count >= 12)
-            result = task_place_fixed(target, points, count, motion, error);
+            result = task_place_fixed(target, points, count, (double)sb_v3_norm(sb_v3_sub(high, low)), motion, error);
     } else {
         result = task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     }
@@ -263,7 +273,8 @@ static inline sb_result task_make_body(const task *given, outcome *out, sb_error
     sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
     sb_result result;
     def.mesh = &out->placed;
-    def.material = given->linear ? sb_material_linear(young, poisson, 1060) : sb_material_corotated(young, poisson, 1060);
+    def.material = given->linear ? sb_material_linear(young, poisson, 1060)
+                                 : sb_material_corotated(young, poisson, 1060);
     result = sb_body_create(&def, &out->body, error);
     if (result == SB_OK && given->fixed_count > 0 &&
         sb_body_fix_nodes(out->body, given->fixed, given->fixed_count, SB_XYZ) != SB_OK)
@@ -392,6 +403,10 @@ static inline sb_result task_nicp(const task *given, outcome *out, sb_error *err
     def.target_normals = given->target ? NULL : given->cloud->normals;
     def.target_count = given->target ? 0 : given->cloud->count;
     def.noisy = given->noisy;
+    if (given->noisy) {
+        def.first_stiffness = 100;
+        def.last_stiffness = 1000;
+    }
     def.landmarks = landmarks;
     def.landmark_targets = given->landmark_targets;
     def.landmark_count = given->landmark_count;

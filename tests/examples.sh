@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study and the needle programs
-# as a user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study, the needle programs,
+# register_liver and insilico as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -382,6 +382,55 @@ expect 2 'triple is no bend' needle_phantom --bend triple
 expect 2 'is too short for --depth' needle_phantom --depth 0.3
 expect 2 'no-such.vtk' needle_phantom --mesh no-such.vtk
 expect 2 'no-such-folder/x_single.csv' needle_phantom -o no-such-folder/x
+
+# ---- register_liver ----
+expect 0 '^register_liver MODEL TARGET' register_liver --help
+expect 2 'needs a MODEL and a TARGET' register_liver
+expect 2 'nosuch is no option\|--nosuch' register_liver a b --nosuch
+expect 2 'is no method' register_liver a b --method magic
+expect 2 'go together' register_liver a b --targets t.txt
+expect 2 'no-such-file.vtk' register_liver no-such-file.vtk no-such-file.obj
+case_of_liver=$data/insilico/liver2
+if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
+    awk '!/^#/ {print $2, $3, $4}' "$case_of_liver/landmarks_before.txt" >points.txt
+    echo '0.70710678 0 0.70710678 -0.1' >fixed.txt
+    last='^iterations=[0-9]* steps_per_second=[0-9.]* seconds=[0-9.]* distance_mm=[0-9.]* stop=[a-z_]*$'
+    for method in pbsm nicp icp cpd; do
+        expect 0 "$last" register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/deformed_surface.obj" \
+            --method $method --targets points.txt --targets-out seen.txt --displacement moved.txt -o registered.vtk
+        check "$method: 10 targets" [ "$(grep -vc '^#' seen.txt)" = 10 ]
+        check "$method: every node" [ "$(grep -vc '^#' moved.txt)" = 1972 ]
+        check "$method: the model" grep -q '^VECTORS displacement' registered.vtk
+    done
+    paste -d ' ' points.txt points.txt | head -n 2 >pairs.txt
+    expect 0 "$last" register_liver "$case_of_liver/coarse_tet10.vtk" "$case_of_liver/partial_deformed_surface.obj" \
+        --method nicp --partial --fix fixed.txt --landmarks pairs.txt
+    echo '1972' >bad.txt
+    expect 2 'bad.txt:1: no node' register_liver "$case_of_liver/coarse_tet4.vtk" \
+        "$case_of_liver/deformed_surface.obj" --fix bad.txt
+    echo '1 2 x' >bad.txt
+    expect 2 'bad.txt:1: not' register_liver "$case_of_liver/coarse_tet4.vtk" \
+        "$case_of_liver/deformed_surface.obj" --landmarks bad.txt
+    expect 2 'is a volume' register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/coarse_tet4.vtk"
+    expect 2 'cannot be opened' register_liver "$case_of_liver/coarse_tet4.vtk" \
+        "$case_of_liver/deformed_surface.obj" --method icp -o no-such-folder/x.vtk
+else
+    skip "no livers for register_liver"
+fi
+
+# ---- insilico ----
+expect 0 '^insilico \[MODEL\]' insilico --help
+expect 0 'study_box.svg written' insilico --coarse 6 --fine 9 --patterns instrument,gravity --methods all -o study_box.svg
+check "a row for each method and pattern" [ "$(grep -c '^  \(pbsm\|pbsm-laplace\|nicp\|icp\|cpd\) ' output.txt)" = 10 ]
+check "boxes of five methods" [ "$(grep -c '<path fill="none"' study_box.svg)" = 5 ]
+expect 0 'the visible part' insilico --coarse 6 --fine 9 --patterns gravity --methods nicp --partial --noise 0.5 --fix
+expect 0 'svg written' insilico --coarse 6 --fine 9 --patterns respiration --methods icp --outliers 10 -o out.svg
+expect_data 0 'respiration: deformed by' insilico surfaces/liver_a.obj --coarse 6 --fine 9 --patterns respiration \
+    --methods icp
+expect 2 'is none of: respiration' insilico --patterns swimming
+expect 2 'is none of: pbsm' insilico --methods magic
+expect 2 'no-such-file.vtk' insilico no-such-file.vtk
+expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o no-such-folder/x.svg
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

@@ -242,9 +242,11 @@ static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_
     const sb_real sixth = (sb_real)1 / 6;
     for (int t = 0; t < sb_surface_triangle_count(skin); t++) {
         int c[3];
+        sb_vec3 along;
         sb_real area;
         (void)sb_surface_triangle(skin, t, c);
-        area = sixth * sb_v3_norm(sb_v3_cross(sb_v3_sub(points[c[1]], points[c[0]]), sb_v3_sub(points[c[2]], points[c[0]])));
+        along = sb_v3_sub(points[c[1]], points[c[0]]);
+        area = sixth * sb_v3_norm(sb_v3_cross(along, sb_v3_sub(points[c[2]], points[c[0]])));
         for (int k = 0; k < 3; k++) {
             areas[c[k]] += area;
             home[c[k]] = 3 * t + k + 1; /* 0: none */
@@ -407,7 +409,8 @@ static sb_result regi_nicp_make_field(reg_nicp *nicp, const reg_nicp_def *def, s
 }
 
 /* What the penalty is measured with: Young's modulus, as mean over the elements. */
-static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def, sb_error *error)
+static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def,
+                                        sb_error *error)
 {
     const sb_body *body = def->body;
     sb_mesh mesh = regi_nicp_mesh(body);

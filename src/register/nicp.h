@@ -1,14 +1,14 @@
 /* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 5.
  *
- * Points of the organ's surface, the sources, are paired with the target both ways: each source i with the closest place
- * N_s(i) of the target, and each point j of the target with its closest source N_t(j). A source is drawn by
+ * Points of the organ's surface, the sources, are paired with the target both ways: each source i with the closest
+ * place N_s(i) of the target, and each point j of the target with its closest source N_t(j). A source is drawn by
  *     u_i = alpha [p(N_s(i)) - p(i)] + (1 - alpha) mean_{j in V(i)} [p(j) - p'(j)],   V(i) = {j: N_t(j) = i},
- * p'(j) being the place of the organ's surface closest to j; alpha = 1 where V(i) is empty. Pairs that are too far apart
- * for the rest, that look different ways, or that end on the rim of what was seen do not count; nor do sources that the
- * camera does not see. A penalty of stiffness k draws the sources to y = p + u, and the body finds its balance:
+ * p'(j) being the place of the organ's surface closest to j; alpha = 1 where V(i) is empty. Pairs that are too far
+ * apart for the rest, that look different ways, or that end on the rim of what was seen do not count; nor do sources
+ * that the camera does not see. A penalty draws the sources to y = p + u, and the body finds its balance:
  *     f_int(u) + H K (H^T x - y) = loads,   K = k [(1 - s) I + s n n^T]
- * with n across the target and a share s by which it is softer along it. Then all is looked at anew. k grows from increment to increment, k = k0 (k1 / k0)^(i / n): gentle as long as pairs are
- * guesses, firm when they can be trusted.
+ * with n across the target and a share s by which it is softer along it. Then all is looked at anew. k grows from
+ * increment to increment, k = k0 (k1 / k0)^(i / n): gentle as long as pairs are guesses, firm when they can be trusted.
  *
  * Match (match.h) does the same job by a potential instead of pairs. This one follows scans without normals, uses the
  * camera, and takes bodies in weighted-cell grids and with constraints.
@@ -25,7 +25,7 @@
 
 /* Which sources may be paired. */
 typedef enum reg_nicp_view {
-    REG_NICP_ALL = 0,    /* all: default; an open target or a cloud with a rim sorts out by itself what it does not show */
+    REG_NICP_ALL = 0,    /* all: default; an open target or a cloud tells by itself what it does not show */
     REG_NICP_FACING = 1, /* those whose normal looks to the camera's side */
     REG_NICP_VISIBLE = 2 /* of these, those that no part of the organ hides from the camera */
 } reg_nicp_view;
@@ -45,10 +45,11 @@ typedef enum reg_nicp_stop {
  * organ's size: the diagonal of its bounding box. */
 typedef struct reg_nicp_def {
     sb_body *body;            /* at rest or deformed; borrowed: it is moved, carries the penalties as mappings (load.h)
-                               * while the registration lives, of stiffness 0 between its steps, and must outlive it. Its
-                               * supports, loads and constraints act. Gravity too: leave it 0 when the rest shape already hangs in it */
-    const sb_grid *grid;      /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes through
-                               * the grid's mapping. Read at creation only, as are all below */
+                               * while the registration lives, of stiffness 0 between its steps, and must outlive it.
+                               * Its supports, loads and constraints act. Gravity too: leave it 0 when the rest shape
+                               * already hangs in it */
+    const sb_grid *grid;      /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes
+                               * through the grid's mapping. Read at creation only, as are all below */
     const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
                                * the body */
     int sources;              /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
@@ -60,11 +61,11 @@ typedef struct reg_nicp_def {
     reg_nicp_view view;
     sb_vec3 camera;           /* where it was seen from (m), in the target's frame; with FACING and VISIBLE */
     sb_real blending;         /* alpha, [0, 1]; default 0.75. 1: only N_s counts */
-    sb_real sliding;          /* the penalty along the surface is softer by this share, [0, 1]; default 0.999: the organ may
-                               * slide along the target, whose closest places say little about that. 0: as in the source,
-                               * which costs a third of the accuracy. With 1 nothing holds a ball that may turn */
-    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the target's
-                               * shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
+    sb_real sliding;          /* s, [0, 1]; default 0.999: the organ may slide along the target, whose closest places say
+                               * little about that. 0: as in the source, which costs a third of the accuracy. With 1
+                               * nothing holds a ball that may turn */
+    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the
+                               * target's shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
     sb_real least_cosine;     /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
                                * target has no normals */
     reg_outliers outliers;    /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
@@ -73,7 +74,7 @@ typedef struct reg_nicp_def {
                                * 0.03 */
     sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
                                * default 300. Where the organ bends by more than a tenth of its size: 30 */
-    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 10,000 */
+    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 1000 */
     int increments;           /* of the stiffness, >= 1; default 4 */
     int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
     int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
@@ -127,8 +128,8 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalt
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, and what sb_body_solve_static says. Allocates
  * nothing. The same bits for any number of threads. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
-/* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are SB_OK,
- * and info->stop says which. Errors as of a step. */
+/* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
+ * SB_OK, and info->stop says which. Errors as of a step. */
 REG_API sb_result reg_nicp_run(reg_nicp *nicp, int steps, reg_nicp_info *info);
 /* Back to the first increment, as if no step had been: for a body that was reset or moved. The time goes on. */
 REG_API void reg_nicp_restart(reg_nicp *nicp);

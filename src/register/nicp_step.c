@@ -49,8 +49,8 @@ static int regi_nicp_agrees(const reg_nicp *nicp, sb_vec3 a, sb_vec3 b)
     return sb_v3_dot(a, a) == 0 || sb_v3_dot(b, b) == 0 || sb_v3_dot(a, b) > nicp->least_cosine;
 }
 
-/* Beyond the rim of what was seen, where the closest place is the rim itself. A surface knows its rim. Of a cloud's point
- * the way back tells: on the rim it does not lead to the source but to what is above the rim. */
+/* Beyond the rim of what was seen, where the closest place is the rim itself. A surface knows its rim. Of a cloud's
+ * point the way back tells: on the rim it does not lead to the source but to what is above the rim. */
 static int regi_nicp_is_beyond(const reg_nicp *nicp, regi_nicp_source *source, sb_vec3 at, const reg_field_hit *hit)
 {
     sb_surface_hit back;
@@ -177,7 +177,8 @@ static sb_vec3 regi_nicp_blend(const reg_nicp *nicp, const regi_nicp_source *sou
 {
     if (source->count == 0)
         return source->way;
-    return sb_v3_madd(sb_v3_scale(nicp->blending, source->way), (1 - nicp->blending) / (sb_real)source->count, source->sum);
+    return sb_v3_madd(sb_v3_scale(nicp->blending, source->way), (1 - nicp->blending) / (sb_real)source->count,
+                      source->sum);
 }
 
 /* Stiffness and goal of each source; what is told of them. */
@@ -314,13 +315,14 @@ static void regi_nicp_judge(reg_nicp *nicp)
 static void regi_nicp_read_landmarks(reg_nicp *nicp)
 {
     const sb_mapping *rows = &nicp->landmark_rows.mapping;
-    nicp->info.landmark_distance = 0;
+    sb_real most = 0;
     for (int i = 0; i < nicp->landmark_count; i++) {
         sb_vec3 at = sb_v3(0, 0, 0);
         for (int k = rows->row_start[i]; k < rows->row_start[i + 1]; k++)
             at = sb_v3_madd(at, rows->weights[k], nicp->body->position[rows->nodes[k]]);
-        nicp->info.landmark_distance = sb_max(nicp->info.landmark_distance, sb_v3_norm(sb_v3_sub(nicp->targets[i], at)));
+        most = sb_max(most, sb_v3_norm(sb_v3_sub(nicp->targets[i], at)));
     }
+    nicp->info.landmark_distance = most;
 }
 
 static sb_result regi_nicp_try(reg_nicp *nicp)
