@@ -22630,7 +22630,7 @@ static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
 {
     sbi_order_set whole;
     int sizes[3];
-    double most = sb_max(16, 10 * sb_sqrt((sb_real)node_count));
+    double most = (double)sb_max(16, 10 * sb_sqrt((sb_real)node_count));
     whole.first = 0;
     whole.last = node_count;
     for (int i = 0; i < node_count; i++) {
