@@ -64,6 +64,8 @@
 #define reg_match_get_info reg_match_get_info_f32
 #define reg_match_sample_count reg_match_sample_count_f32
 #define reg_match_get_sample reg_match_get_sample_f32
+#define reg_default_loads_def reg_default_loads_def_f32
+#define reg_loads_run reg_loads_run_f32
 #endif
 #endif
 
