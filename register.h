@@ -667,7 +667,7 @@ REG_API int reg_field_sweeps(const reg_field *field);
  * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes
  * out to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
  * along its surface the motion found is the one of least energy, which may be off by the length of the drag. Landmarks
- * mend that.
+ * mend that, and so does what is known of loads (see loads.h).
  *
  * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the growth of the
  * charge (q I_int / I_phi alone has an unstable fixed point). */
@@ -805,14 +805,17 @@ REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_ma
  * follows from the tractions found the time before (iteratively reweighted least squares for a sum of powers). The
  * traction of w is averaged with the neighbours', so that loads fill regions.
  *
- * The samples s are means over small parts of the surface. Their responses to all forces are one column each of the
- * inverse stiffness (see direct.h), after which a round is a dense system in the samples:
+ * The samples s are means over small parts of the surface; what the surface scatters about them adds to misfit^2, so
+ * that noise of the target is seen as such. Their responses to all forces are one column each of the inverse stiffness
+ * (see direct.h), after which a round is a dense system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
  *
  * The tractions are only as good as the material: the error of the corotated law at strains of a tenth bends what is
  * found more than it mends. Give the body a hyperelastic material (sb_body_set_material, e.g. neo-Hookean) after the
- * match, which needs none; Young's modulus does not matter, Poisson's ratio does. */
+ * match, which needs none; Young's modulus does not matter, Poisson's ratio does. A hyperelastic material admits no
+ * elements that are inside out, as firm charges may leave them where the target is noisy: end the match with a
+ * last_charge of about 2 then. What the match's charges did not press into shape is found here. */
 #ifndef REG_LOADS_H
 #define REG_LOADS_H
 
@@ -821,11 +824,11 @@ REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_ma
 typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface, [30, 3000]; default 400. Time grows with their square */
-    int rounds;          /* [1, 100]; default 5 */
-    int reweights;       /* of the first round, [1, 1000]; default 12; later rounds take a third of that */
-    sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5. Noise of the target, meaned
-                          * over a sample's part of it, and the coarseness of the mesh */
+    int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
+    int rounds;          /* [1, 100]; default 4 */
+    int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
+    sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
+                          * and model leaves */
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
@@ -850,10 +853,10 @@ typedef struct reg_loads_info {
 /* Moves the body of a match to where loads on little of its surface bring it.
  * forces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL
  * info    or NULL
- * Returns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs or
- * mappings), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_NOT_CONVERGED (nothing of the surface is
- * near the target), SB_ERROR_MEMORY; the body is then as before and forces are untouched. All memory is taken at the
- * beginning and released at the end. Deterministic. */
+ * Returns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,
+ * mappings or constraints), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED,
+ * SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the body is then as before and
+ * forces are untouched. All memory is taken at the beginning and released at the end. Deterministic. */
 REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_loads_info *info);
 
 #endif /* REG_LOADS_H */
@@ -6081,9 +6084,9 @@ REG_API reg_loads_def reg_default_loads_def(void)
 {
     reg_loads_def def;
     memset(&def, 0, sizeof def);
-    def.samples = 400;
-    def.rounds = 5;
-    def.reweights = 12;
+    def.samples = 300;
+    def.rounds = 4;
+    def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
@@ -6201,25 +6204,40 @@ static void regi_loads_add_point(const regi_loads *l, int charge, sb_vec3 line, 
     }
 }
 
-/* The mean gap along the target's normals of the charges of a part, and the row of its motion. */
+/* Signed distance of a charge from the target along the target's normal (m). */
+static sb_real regi_loads_distance(const regi_match_charge *charge)
+{
+    return sb_v3_dot(charge->force, charge->line) / charge->stiffness;
+}
+
+/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
+ * about their mean is noise that no force explains; charges share vertices with their neighbours, so that some six are
+ * worth one in the mean's variance. */
 static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
 {
-    sb_real area = 0, gap = 0, all = (sb_real)(l->total_area / (double)l->part_count);
-    sb_real misfit = l->def->misfit * l->match->size;
+    sb_real area = 0, sum = 0, scatter = 0, misfit = l->def->misfit * l->match->size;
+    int count = 0;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
         if (!charge->active)
             continue;
+        count++;
         area += charge->area;
-        gap -= charge->area * sb_v3_dot(charge->force, charge->line) / charge->stiffness;
+        sum += charge->area * regi_loads_distance(charge);
     }
-    l->gap[sample] = area > 0 ? gap / area : 0;
-    l->variance[sample] = area > 0 ? misfit * misfit * all / area : 0;
+    if (count == 0)
+        return;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-        if (charge->active)
-            regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
+        sb_real off = charge->active ? regi_loads_distance(charge) - sum / area : 0;
+        if (!charge->active)
+            continue;
+        scatter += charge->area / area * off * off;
+        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
     }
+    l->gap[sample] = -sum / area;
+    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
+                          6 * scatter / (sb_real)count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -6359,13 +6377,15 @@ static void regi_loads_balance(regi_loads *l)
     size_t samples = (size_t)l->sample_count;
     double gaps = 0, trace = 0;
     sb_real scale, least;
+    int count = 0;
     for (size_t s = 0; s < samples; s++)
         if (l->variance[s] > 0) {
             gaps += (double)l->gap[s] * (double)l->gap[s];
             trace -= (double)l->system[s * samples + s];
+            count++;
         }
     scale = (sb_real)(trace > 0 ? gaps / trace : 0);
-    least = 64 * SB_EPSILON * scale * (sb_real)trace; /* what the system's rounding takes */
+    least = count > 0 ? 16 * SB_EPSILON * scale * (sb_real)(trace / count) : 0; /* what its rounding takes */
     for (int k = 0; k < l->load_count; k++)
         l->weight[k] *= scale;
     for (size_t j = 0; j < samples; j++)

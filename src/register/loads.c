@@ -53,9 +53,9 @@ REG_API reg_loads_def reg_default_loads_def(void)
 {
     reg_loads_def def;
     memset(&def, 0, sizeof def);
-    def.samples = 400;
-    def.rounds = 5;
-    def.reweights = 12;
+    def.samples = 300;
+    def.rounds = 4;
+    def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
@@ -173,25 +173,40 @@ static void regi_loads_add_point(const regi_loads *l, int charge, sb_vec3 line, 
     }
 }
 
-/* The mean gap along the target's normals of the charges of a part, and the row of its motion. */
+/* Signed distance of a charge from the target along the target's normal (m). */
+static sb_real regi_loads_distance(const regi_match_charge *charge)
+{
+    return sb_v3_dot(charge->force, charge->line) / charge->stiffness;
+}
+
+/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
+ * about their mean is noise that no force explains; charges share vertices with their neighbours, so that some six are
+ * worth one in the mean's variance. */
 static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
 {
-    sb_real area = 0, gap = 0, all = (sb_real)(l->total_area / (double)l->part_count);
-    sb_real misfit = l->def->misfit * l->match->size;
+    sb_real area = 0, sum = 0, scatter = 0, misfit = l->def->misfit * l->match->size;
+    int count = 0;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
         if (!charge->active)
             continue;
+        count++;
         area += charge->area;
-        gap -= charge->area * sb_v3_dot(charge->force, charge->line) / charge->stiffness;
+        sum += charge->area * regi_loads_distance(charge);
     }
-    l->gap[sample] = area > 0 ? gap / area : 0;
-    l->variance[sample] = area > 0 ? misfit * misfit * all / area : 0;
+    if (count == 0)
+        return;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-        if (charge->active)
-            regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
+        sb_real off = charge->active ? regi_loads_distance(charge) - sum / area : 0;
+        if (!charge->active)
+            continue;
+        scatter += charge->area / area * off * off;
+        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
     }
+    l->gap[sample] = -sum / area;
+    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
+                          6 * scatter / (sb_real)count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -331,13 +346,15 @@ static void regi_loads_balance(regi_loads *l)
     size_t samples = (size_t)l->sample_count;
     double gaps = 0, trace = 0;
     sb_real scale, least;
+    int count = 0;
     for (size_t s = 0; s < samples; s++)
         if (l->variance[s] > 0) {
             gaps += (double)l->gap[s] * (double)l->gap[s];
             trace -= (double)l->system[s * samples + s];
+            count++;
         }
     scale = (sb_real)(trace > 0 ? gaps / trace : 0);
-    least = 64 * SB_EPSILON * scale * (sb_real)trace; /* what the system's rounding takes */
+    least = count > 0 ? 16 * SB_EPSILON * scale * (sb_real)(trace / count) : 0; /* what its rounding takes */
     for (int k = 0; k < l->load_count; k++)
         l->weight[k] *= scale;
     for (size_t j = 0; j < samples; j++)
