@@ -825,7 +825,8 @@ typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
     int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
-    int rounds;          /* [1, 100]; default 4 */
+    int rounds;          /* at most, [1, 100]; default 6. One that moves no node by a thousandth of the organ's size is
+                          * the last */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
     sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
                           * and model leaves */
@@ -6085,7 +6086,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     reg_loads_def def;
     memset(&def, 0, sizeof def);
     def.samples = 300;
-    def.rounds = 4;
+    def.rounds = 6;
     def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
@@ -6543,8 +6544,10 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
     sb_real most;
     if (result != SB_OK)
         return result;
+    l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        result = regi_loads_round(l, round, error);
+        if (l->info.change > (sb_real)1e-3 * l->match->size)
+            result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
         return result;

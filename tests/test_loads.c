@@ -119,7 +119,7 @@ static void test_drag(void)
             CHECK_OK(reg_loads_run(&def, forces, &info));
             found[k] = error_of(&made);
             CHECK(found[k] < 0.5 * before);
-            CHECK(info.rounds == def.rounds && info.loaded > 0 && info.loaded < REAL(0.3));
+            CHECK(info.rounds > 1 && info.rounds <= def.rounds && info.loaded > 0 && info.loaded < REAL(0.3));
             CHECK(info.seconds == 0 && info.mean_distance < REAL(0.01 * size));
             for (int i = 0; i < made.mesh.node_count; i++) {
                 double f = (double)sb_v3_norm(forces[i]);
@@ -285,8 +285,9 @@ static void test_memory(void)
 /* ---- livers of the shared data ---- */
 
 /* Matches the corotated organ up to the charge, then finds the loads of a neo-Hookean one; returns the mean error
- * (mm). Fewer samples and rounds than by default, for time's sake. */
-static double liver_loads(const liver *made, int held, sb_real charge, int landmark, double *matched_error)
+ * (mm). Fewer samples than by default, for time's sake. */
+static double liver_loads(const liver *made, int held, sb_real charge, int landmark, int rounds,
+                          double *matched_error)
 {
     sb_body_def body_def = sb_default_body_def();
     reg_match_def def = reg_default_match_def();
@@ -314,7 +315,7 @@ static double liver_loads(const liver *made, int held, sb_real charge, int landm
         *matched_error = liver_score(made, def.body, &most);
         loads.match = match;
         loads.samples = 200;
-        loads.rounds = held ? 3 : 4;
+        loads.rounds = rounds;
         CHECK_OK(sb_body_set_material(def.body, &tissue, NULL));
         if (CHECK_OK(reg_loads_run(&loads, NULL, NULL)))
             mean = liver_score(made, def.body, &most);
@@ -338,10 +339,10 @@ static void test_livers(void)
             liver made;
             double before = 0;
             if (liver_read(names[k], meshes[m], "deformed_surface.obj", &made)) {
-                CHECK(liver_loads(&made, 1, 100, -1, &before) < 0.55);
+                CHECK(liver_loads(&made, 1, 100, -1, 3, &before) < 0.55);
                 CHECK(before > 1);
                 if (m == 0)
-                    CHECK(liver_loads(&made, 0, 100, -1, &before) < 0.8);
+                    CHECK(liver_loads(&made, 0, 100, -1, 4, &before) < 0.8);
             }
             liver_free(&made);
         }
@@ -360,10 +361,10 @@ static void test_partial_livers(void)
     memset(&noisy, 0, sizeof noisy);
     if (liver_read("liver2", "coarse_tet4.vtk", "partial_deformed_surface.obj", &clear) &&
         liver_read("liver2", "coarse_tet4.vtk", "partial_deformed_surface_noisy.obj", &noisy)) {
-        mean = liver_loads(&clear, 1, 100, -1, &before);
+        mean = liver_loads(&clear, 1, 100, -1, 6, &before);
         CHECK(mean < 1.5 && before > 2 * mean);
-        CHECK(liver_loads(&noisy, 1, 2, -1, &before) < 2);
-        CHECK(liver_loads(&clear, 1, 100, liver_farthest(&clear), &before) < mean);
+        CHECK(liver_loads(&noisy, 1, 2, -1, 6, &before) < 2);
+        CHECK(liver_loads(&clear, 1, 100, liver_farthest(&clear), 6, &before) < mean);
     }
     liver_free(&clear);
     liver_free(&noisy);

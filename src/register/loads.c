@@ -54,7 +54,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     reg_loads_def def;
     memset(&def, 0, sizeof def);
     def.samples = 300;
-    def.rounds = 4;
+    def.rounds = 6;
     def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
@@ -512,8 +512,10 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
     sb_real most;
     if (result != SB_OK)
         return result;
+    l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        result = regi_loads_round(l, round, error);
+        if (l->info.change > (sb_real)1e-3 * l->match->size)
+            result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
         return result;
