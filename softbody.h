@@ -484,6 +484,12 @@
 #define sb_pcg_workspace_create sb_pcg_workspace_create_f32
 #define sb_pcg_workspace_free sb_pcg_workspace_free_f32
 #define sb_pcg_solve sb_pcg_solve_f32
+#define sb_default_direct_def sb_default_direct_def_f32
+#define sb_direct_create sb_direct_create_f32
+#define sb_direct_free sb_direct_free_f32
+#define sb_direct_update sb_direct_update_f32
+#define sb_direct_solve sb_direct_solve_f32
+#define sb_direct_get_info sb_direct_get_info_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
 #define sb_mapping_apply sb_mapping_apply_f32
@@ -4258,6 +4264,69 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 
 #endif /* SB_PCG_H */
 
+/* ==== src/softbody/direct.h ==== */
+/* direct: sparse Cholesky and LDL^T factorisation of symmetric block matrices. Floor 2. */
+#ifndef SB_DIRECT_H
+#define SB_DIRECT_H
+
+
+typedef enum sb_direct_kind {
+    SB_DIRECT_CHOLESKY = 0, /* A = L L^T of a positive definite matrix: the default */
+    SB_DIRECT_LDLT = 1      /* A = L D L^T with the signs of D as they come, without pivoting: for matrices every
+                             * symmetric permutation of which has such a factor, as the quasi-definite [K B^T; B -C]
+                             * with K and C positive definite */
+} sb_direct_kind;
+
+typedef struct sb_direct_def {
+    sb_direct_kind kind;
+    const sb_vec3 *positions; /* [row_count] of the nodes (m), read at creation only: they help to find an order with
+                               * little fill. NULL (default): the pattern alone has to do */
+} sb_direct_def;
+
+/* What a solver is and how its last update went. */
+typedef struct sb_direct_info {
+    int unknowns;             /* 3 row_count */
+    int fronts;               /* dense pieces that the factor is made of */
+    int largest_front;        /* rows of the largest */
+    double factor_entries;    /* of L, with the zeros that are stored */
+    double multiply_adds;     /* of an update; a solve takes 2 factor_entries */
+    size_t bytes;             /* memory held */
+    sb_real least_pivot;      /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
+                               * of the condition at best. 0 before the first */
+    int negative_pivots;      /* of the last update (LDL^T): how many eigenvalues are negative */
+} sb_direct_info;
+
+/* The factor of matrices of one pattern. Multifrontal: nested dissection cuts the nodes by small separators; the
+ * factor is computed in dense fronts, from the leaves of the dissection to the root, each with block operations.
+ * Worth its while for small and for stiff systems, for many right-hand sides, and where iterations fail: for n nodes of
+ * a solid L has some n^(4/3) blocks and takes some n^2 block operations; n from 1 to some 30,000. */
+typedef struct sb_direct sb_direct;
+
+SB_API sb_direct_def sb_default_direct_def(void);
+
+/* Orders and analyses the pattern (values are not read) and takes all memory that is ever needed. allocator NULL:
+ * malloc. def NULL: the default. *direct is released with sb_direct_free and refers to neither def nor pattern.
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *direct is then
+ * untouched. */
+SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pattern, const sb_allocator *allocator,
+                                  sb_direct **direct, sb_error *error);
+SB_API void sb_direct_free(sb_direct *direct); /* NULL is fine */
+
+/* Factors a symmetric matrix of the pattern; allocates nothing. Returns SB_ERROR_ARGUMENT (another pattern),
+ * SB_ERROR_NOT_FINITE (error->node) or SB_ERROR_INDEFINITE when a pivot is negative (Cholesky) or lost in rounding
+ * (error->node tells its node). After an error it must be updated again before it can solve. */
+SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb_error *error);
+
+/* Solves A x = rhs for `count` right-hand sides; rhs and x are [count][row_count][3] and may be the same array. Several
+ * at once cost much less than one after the other, and each gives the bits that it gives alone. Uses the solver's
+ * scratch: one call at a time. Returns SB_ERROR_ARGUMENT (also when the last update failed): x is then untouched. */
+SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real *x, int count);
+
+SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
+
+
+#endif /* SB_DIRECT_H */
+
 /* ==== src/softbody/domain.h ==== */
 /* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
 #ifndef SB_DOMAIN_H
@@ -5412,6 +5481,11 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
 /* The memory must be valid. */
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
+
+/* ==== src/softbody/direct.h, internal ==== */
+/* order[k] is the node eliminated k-th, by nested dissection. Scratch from the allocator, released again. */
+SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *positions, const sb_allocator *allocator,
+                                   int *order, sb_error *error);
 
 /* ==== src/softbody/domain.h, internal ==== */
 /* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
@@ -22293,6 +22367,1344 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     if (info)
         *info = report;
     return result;
+}
+
+/* ==== src/softbody/direct_order.c ==== */
+/* direct_order: an elimination order with little fill, by nested dissection. Floor 2, internal.
+ *
+ * A set of nodes is cut in two by a separator, which is eliminated last; the halves are cut in turn. Candidates for a
+ * cut come from sweeps: the nodes in the order of x, y, z, or of their distance from a far node in the graph, join the
+ * first half one by one, and those outside next to it are the separator. The place where it is smallest for the
+ * balance is taken, and the separator is thinned. */
+#include <stdlib.h>
+
+
+enum {
+    SBI_ORDER_LEAF = 12,   /* nodes: smaller sets are not cut */
+    SBI_ORDER_LISTS = 3,   /* lists of a set's nodes, by x, y, z */
+    SBI_ORDER_DEPTH = 80   /* sets waiting to be cut: each cut leaves at most 4/5 on either side */
+};
+
+typedef struct sbi_order_set {
+    int first, last; /* the same range in every list */
+} sbi_order_set;
+
+typedef struct sbi_order {
+    const sb_matrix *pattern;
+    int list_count;        /* 3 with positions, else 1 */
+    int *lists[SBI_ORDER_LISTS]; /* [node_count] */
+    int *set;              /* [node_count] number of the set that holds the node; -1: it is in a separator */
+    int *side;             /* [node_count] 0, 1: half; 2: separator */
+    int *best;             /* [node_count] side in the best cut so far */
+    int *walk;             /* [node_count] a set in the order of the graph's distances */
+    int *mark;             /* [node_count] stamps of the walks and sweeps */
+    int *moved;            /* [node_count] scratch of the partition */
+    int stamp;
+} sbi_order;
+
+/* ---- sorting by coordinates ---- */
+
+typedef struct sbi_order_key {
+    sb_real value;
+    int node;
+} sbi_order_key;
+
+static int sbi_order_compare(const void *a, const void *b)
+{
+    const sbi_order_key *p = (const sbi_order_key *)a, *q = (const sbi_order_key *)b;
+    if (p->value != q->value)
+        return p->value < q->value ? -1 : 1;
+    return p->node < q->node ? -1 : p->node > q->node;
+}
+
+static void sbi_order_sort(const sb_vec3 *positions, int axis, int count, sbi_order_key *keys, int *list)
+{
+    for (int i = 0; i < count; i++) {
+        sb_vec3 x = positions[i];
+        keys[i].value = axis == 0 ? x.x : axis == 1 ? x.y : x.z;
+        keys[i].node = i;
+    }
+    qsort(keys, (size_t)count, sizeof *keys, sbi_order_compare);
+    for (int i = 0; i < count; i++)
+        list[i] = keys[i].node;
+}
+
+/* ---- walking the graph ---- */
+
+/* Breadth-first from `start` over the nodes of its set that are not marked yet; appends them to walk. */
+static int sbi_order_walk(sbi_order *o, int start, int count)
+{
+    const sb_matrix *a = o->pattern;
+    int read = count;
+    o->mark[start] = o->stamp;
+    o->walk[count++] = start;
+    for (; read < count; read++) {
+        int i = o->walk[read];
+        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+            int j = a->columns[q];
+            if (o->set[j] != o->set[i] || o->mark[j] == o->stamp)
+                continue;
+            o->mark[j] = o->stamp;
+            o->walk[count++] = j;
+        }
+    }
+    return count;
+}
+
+/* The nodes of a set from one end of the graph to the other, one connected piece after the other. */
+static void sbi_order_walk_set(sbi_order *o, sbi_order_set range)
+{
+    int count = 0;
+    for (int i = range.first; i < range.last; i++) {
+        int start = o->lists[0][i], end = count;
+        if (o->mark[start] != 0)
+            continue;
+        for (int look = 0; look < 3; look++) { /* to a far end, from there to the farther one, and back */
+            if (end > count)
+                start = o->walk[end - 1];
+            o->stamp++;
+            end = sbi_order_walk(o, start, count);
+        }
+        count = end;
+    }
+}
+
+/* ---- cuts ---- */
+
+/* A separator of s between halves of a and b: small is good, and so is balance. */
+static double sbi_order_cost(int a, int b, int s)
+{
+    return ((double)s + 0.1) / ((double)a * (double)b);
+}
+
+/* Sweeps over the set in the order of `list` and leaves the best cut in side. */
+static double sbi_order_sweep(sbi_order *o, const int *list, int count)
+{
+    const sb_matrix *a = o->pattern;
+    int set = o->set[list[0]], border = 0, best = -1, least = count / 5;
+    double cost = 1e300;
+    for (int i = 0; i < count; i++)
+        o->side[list[i]] = 1;
+    for (int i = 0; i < count - 1; i++) {
+        int node = list[i];
+        border -= o->side[node] == 2;
+        o->side[node] = 0;
+        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+            int j = a->columns[q];
+            if (o->set[j] != set || o->side[j] != 1)
+                continue;
+            o->side[j] = 2;
+            border++;
+        }
+        if (i + 1 >= least && count - i - 1 - border >= least &&
+            sbi_order_cost(i + 1, count - i - 1 - border, border) < cost) {
+            cost = sbi_order_cost(i + 1, count - i - 1 - border, border);
+            best = i;
+        }
+    }
+    for (int i = 0; i < count; i++)
+        o->side[list[i]] = i > best;
+    for (int i = 0; i <= best; i++)
+        for (int q = a->row_start[list[i]]; q < a->row_start[list[i] + 1]; q++)
+            if (o->set[a->columns[q]] == set && o->side[a->columns[q]] == 1)
+                o->side[a->columns[q]] = 2;
+    return cost;
+}
+
+/* Neighbours of a separator's node in each half. */
+static void sbi_order_neighbours(const sbi_order *o, int node, int beside[3])
+{
+    const sb_matrix *a = o->pattern;
+    beside[0] = beside[1] = beside[2] = 0;
+    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+        if (o->set[a->columns[q]] == o->set[node])
+            beside[o->side[a->columns[q]]]++;
+}
+
+/* Moves a separator's node into a half; its neighbours in the other half take its place. */
+static void sbi_order_move(sbi_order *o, int node, int half, int sizes[3])
+{
+    const sb_matrix *a = o->pattern;
+    o->side[node] = half;
+    sizes[2]--;
+    sizes[half]++;
+    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        int j = a->columns[q];
+        if (o->set[j] != o->set[node] || o->side[j] != 1 - half)
+            continue;
+        o->side[j] = 2;
+        sizes[1 - half]--;
+        sizes[2]++;
+    }
+}
+
+/* Thins the separator: nodes move out of it while that makes the cut cheaper. */
+static double sbi_order_thin(sbi_order *o, const int *list, int count)
+{
+    int sizes[3] = {0, 0, 0}, changed = 1, least = count / 5;
+    for (int i = 0; i < count; i++)
+        sizes[o->side[list[i]]]++;
+    for (int pass = 0; changed && pass < 10; pass++) {
+        changed = 0;
+        for (int i = 0; i < count; i++) {
+            int node = list[i], beside[3];
+            double now = sbi_order_cost(sizes[0], sizes[1], sizes[2]);
+            if (o->side[node] != 2)
+                continue;
+            sbi_order_neighbours(o, node, beside);
+            for (int half = 0; half < 2 && o->side[node] == 2; half++) {
+                int pulled = beside[1 - half];
+                int own = sizes[half] + 1, other = sizes[1 - half] - pulled;
+                if (other < least || other < 1 || sbi_order_cost(own, other, sizes[2] - 1 + pulled) >= now)
+                    continue;
+                sbi_order_move(o, node, half, sizes);
+                changed = 1;
+            }
+        }
+    }
+    return sbi_order_cost(sizes[0], sizes[1], sizes[2]);
+}
+
+/* Tries a cut along a list and keeps it when it is better than the best so far. */
+static double sbi_order_try(sbi_order *o, const int *list, sbi_order_set range, double cost)
+{
+    int count = range.last - range.first;
+    double found = sbi_order_sweep(o, list, count);
+    if (found >= 1e300)
+        return cost;
+    found = sbi_order_thin(o, list, count);
+    if (found >= cost)
+        return cost;
+    for (int i = 0; i < count; i++)
+        o->best[list[i]] = o->side[list[i]];
+    return found;
+}
+
+/* ---- dissection ---- */
+
+/* Sorts a range of a list by side: first half, second half, separator; keeps the order within each. */
+static void sbi_order_part(sbi_order *o, int *list, sbi_order_set range, int sizes[3])
+{
+    int at[3], count = range.last - range.first;
+    sizes[0] = sizes[1] = sizes[2] = 0;
+    for (int i = range.first; i < range.last; i++)
+        sizes[o->best[list[i]]]++;
+    at[0] = 0;
+    at[1] = sizes[0];
+    at[2] = sizes[0] + sizes[1];
+    for (int i = range.first; i < range.last; i++)
+        o->moved[at[o->best[list[i]]]++] = list[i];
+    memcpy(list + range.first, o->moved, (size_t)count * sizeof(int));
+}
+
+/* Cuts a set; 0 when no cut is worth it (a clique). halves: where the two are. */
+static int sbi_order_cut(sbi_order *o, sbi_order_set range, int next_set, sbi_order_set halves[2])
+{
+    double cost = 1e300;
+    int sizes[3];
+    for (int k = 0; k < o->list_count; k++)
+        if (o->list_count > 1)
+            cost = sbi_order_try(o, o->lists[k] + range.first, range, cost);
+    for (int i = range.first; i < range.last; i++)
+        o->mark[o->lists[0][i]] = 0;
+    o->stamp = 0;
+    sbi_order_walk_set(o, range);
+    cost = sbi_order_try(o, o->walk, range, cost);
+    if (cost >= 1e300)
+        return 0;
+    for (int k = 0; k < o->list_count; k++)
+        sbi_order_part(o, o->lists[k], range, sizes);
+    halves[0].first = range.first;
+    halves[0].last = halves[1].first = range.first + sizes[0];
+    halves[1].last = halves[1].first + sizes[1];
+    for (int i = range.first; i < range.last; i++) {
+        int node = o->lists[0][i];
+        o->set[node] = o->best[node] == 2 ? -1 : next_set + o->best[node];
+    }
+    return 1;
+}
+
+/* Nodes coupled with far more nodes than others would hinder every cut: they go last (Amestoy, Davis, Duff 1996). The
+ * rest is the first set. */
+static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
+{
+    sbi_order_set whole;
+    int sizes[3];
+    double most = (double)sb_max(16, 10 * sb_sqrt((sb_real)node_count));
+    whole.first = 0;
+    whole.last = node_count;
+    for (int i = 0; i < node_count; i++) {
+        int far = (double)(o->pattern->row_start[i + 1] - o->pattern->row_start[i]) > most;
+        o->set[i] = far ? -1 : 0;
+        o->best[i] = far ? 2 : 0;
+    }
+    for (int k = 0; k < o->list_count; k++)
+        sbi_order_part(o, o->lists[k], whole, sizes);
+    whole.last = sizes[0];
+    return whole;
+}
+
+static void sbi_order_dissect(sbi_order *o, int node_count)
+{
+    sbi_order_set stack[SBI_ORDER_DEPTH];
+    int depth = 1, sets = 1;
+    stack[0] = sbi_order_set_apart(o, node_count);
+    while (depth > 0) {
+        sbi_order_set range = stack[--depth], halves[2];
+        int small;
+        if (range.last - range.first <= SBI_ORDER_LEAF || depth + 2 > SBI_ORDER_DEPTH ||
+            !sbi_order_cut(o, range, sets, halves))
+            continue;
+        sets += 2;
+        small = halves[1].last - halves[1].first < halves[0].last - halves[0].first;
+        stack[depth++] = halves[1 - small]; /* the smaller half first keeps the stack low */
+        stack[depth++] = halves[small];
+    }
+}
+
+static void sbi_order_layout(sbi_order *o, size_t count, sbi_order_key **keys, sbi_arena *arena)
+{
+    for (int k = 0; k < o->list_count; k++)
+        o->lists[k] = (int *)sbi_arena_take(arena, count, sizeof(int));
+    o->set = (int *)sbi_arena_take(arena, count, sizeof(int));
+    o->side = (int *)sbi_arena_take(arena, count, sizeof(int));
+    o->best = (int *)sbi_arena_take(arena, count, sizeof(int));
+    o->walk = (int *)sbi_arena_take(arena, count, sizeof(int));
+    o->mark = (int *)sbi_arena_take(arena, count, sizeof(int));
+    o->moved = (int *)sbi_arena_take(arena, count, sizeof(int));
+    *keys = (sbi_order_key *)sbi_arena_take(arena, count, sizeof(sbi_order_key));
+}
+
+SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *positions, const sb_allocator *allocator,
+                                   int *order, sb_error *error)
+{
+    sbi_order o;
+    sbi_arena arena;
+    sbi_order_key *keys;
+    void *memory;
+    int n = pattern->row_count;
+    memset(&o, 0, sizeof o);
+    memset(&arena, 0, sizeof arena);
+    o.pattern = pattern;
+    o.list_count = positions ? SBI_ORDER_LISTS : 1;
+    sbi_order_layout(&o, (size_t)n, &keys, &arena);
+    memory = arena.overflow ? NULL : sbi_alloc(allocator, 1, arena.used);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to order %d nodes", n);
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_order_layout(&o, (size_t)n, &keys, &arena);
+    for (int i = 0; i < n; i++)
+        o.lists[0][i] = i;
+    for (int axis = 0; positions && axis < 3; axis++)
+        sbi_order_sort(positions, axis, n, keys, o.lists[axis]);
+    sbi_order_dissect(&o, n);
+    memcpy(order, o.lists[0], (size_t)n * sizeof(int));
+    sbi_free(allocator, memory);
+    return SB_OK;
+}
+
+/* ==== src/softbody/direct_front.h ==== */
+/* direct_front: the dense arithmetic of a front of the sparse factor. Floor 2, internal.
+ *
+ * Panels are stored by columns, `height` apart. Every entry is a sum in one order, whatever the vectors' width and
+ * however many right-hand sides there are: the bits do not depend on either. */
+#ifndef SB_DIRECT_FRONT_H
+#define SB_DIRECT_FRONT_H
+
+
+/* Reals as one vector of the processor, at any alignment; 0: plain code. */
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#if defined(__AVX__)
+#define SBI_FRONT_BYTES 32
+#else
+#define SBI_FRONT_BYTES 16
+#endif
+typedef sb_real sbi_front_lanes __attribute__((vector_size(SBI_FRONT_BYTES), aligned(sizeof(sb_real)), may_alias));
+#define SBI_FRONT_AT(pointer) (*(const sbi_front_lanes *)(const void *)(pointer))
+#define SBI_FRONT_PUT(pointer, value) (*(sbi_front_lanes *)(void *)(pointer) = (value))
+enum { SBI_FRONT_WIDTH = SBI_FRONT_BYTES / (int)sizeof(sb_real) };
+#else
+#define SBI_FRONT_BYTES 0
+enum { SBI_FRONT_WIDTH = 2 };
+#endif
+
+enum {
+    SBI_FRONT_GROUP = 2 * SBI_FRONT_WIDTH, /* right-hand sides solved at once; also the rows of a product's tile */
+    SBI_FRONT_DEPTH = 128,                 /* columns of a product's packed pieces, */
+    SBI_FRONT_ROWS = 64,                   /* rows of the left one, */
+    SBI_FRONT_COLUMNS = 128,               /* and of the right one */
+    SBI_FRONT_PACK = SBI_FRONT_DEPTH * (SBI_FRONT_ROWS + SBI_FRONT_COLUMNS)
+};
+
+/* A = L S L^T of the first `width` columns of a panel [height][width], in place; S holds signs[width], all 1 unless
+ * `indefinite`. sizes: [width] largest entry of each row of the matrix. Returns -1, or the column whose pivot is
+ * lost. */
+SBI_API int sbi_front_factor(sb_real *panel, size_t height, size_t width, int indefinite, sb_real *signs,
+                             const sb_real *sizes, sb_real *pack, sb_direct_info *info);
+/* square -= B S B^T, lower triangle, for the rows B below the first `width` of a factored panel. */
+SBI_API void sbi_front_square(const sb_real *panel, size_t height, size_t width, int indefinite, const sb_real *signs,
+                              sb_real *square, sb_real *pack);
+/* Forward and backward substitution of a front's columns in x[height][group], group 1 or SBI_FRONT_GROUP; the rows
+ * below the first `width` are changed forward and read backward. */
+SBI_API void sbi_front_forward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group);
+SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group);
+
+#endif /* SB_DIRECT_FRONT_H */
+
+/* ==== src/softbody/direct_front.c ==== */
+/* direct_front: see direct_front.h. Products go through packed pieces that fit the caches, in tiles that fit the
+ * registers (Goto and van de Geijn 2008). */
+#include <string.h>
+
+
+enum {
+    SBI_FRONT_TILE = 4,    /* columns of a tile */
+    SBI_FRONT_BLOCK = 32,  /* columns factored at once */
+    SBI_FRONT_CHUNK = 64   /* rows that a triangular solve takes at once */
+};
+
+/* ---- products ---- */
+
+/* tile[4][group] = a b^T of packed a[depth][group], b[depth][4] */
+#if SBI_FRONT_BYTES
+static void sbi_front_tile(const sb_real *a, const sb_real *b, int depth, sb_real *tile)
+{
+    sbi_front_lanes c00 = SBI_FRONT_AT(a) - SBI_FRONT_AT(a), c01 = c00, c10 = c00, c11 = c00, c20 = c00, c21 = c00;
+    sbi_front_lanes c30 = c00, c31 = c00;
+    for (int k = 0; k < depth; k++, a += SBI_FRONT_GROUP, b += SBI_FRONT_TILE) {
+        sbi_front_lanes a0 = SBI_FRONT_AT(a), a1 = SBI_FRONT_AT(a + SBI_FRONT_WIDTH);
+        c00 += a0 * b[0], c01 += a1 * b[0];
+        c10 += a0 * b[1], c11 += a1 * b[1];
+        c20 += a0 * b[2], c21 += a1 * b[2];
+        c30 += a0 * b[3], c31 += a1 * b[3];
+    }
+    SBI_FRONT_PUT(tile, c00), SBI_FRONT_PUT(tile + SBI_FRONT_WIDTH, c01);
+    SBI_FRONT_PUT(tile + 2 * SBI_FRONT_WIDTH, c10), SBI_FRONT_PUT(tile + 3 * SBI_FRONT_WIDTH, c11);
+    SBI_FRONT_PUT(tile + 4 * SBI_FRONT_WIDTH, c20), SBI_FRONT_PUT(tile + 5 * SBI_FRONT_WIDTH, c21);
+    SBI_FRONT_PUT(tile + 6 * SBI_FRONT_WIDTH, c30), SBI_FRONT_PUT(tile + 7 * SBI_FRONT_WIDTH, c31);
+}
+#else
+static void sbi_front_tile(const sb_real *a, const sb_real *b, int depth, sb_real *tile)
+{
+    for (int i = 0; i < SBI_FRONT_GROUP; i++) {
+        sb_real c0 = 0, c1 = 0, c2 = 0, c3 = 0;
+        for (int k = 0; k < depth; k++) {
+            sb_real value = a[k * SBI_FRONT_GROUP + i];
+            const sb_real *right = b + k * SBI_FRONT_TILE;
+            c0 += value * right[0];
+            c1 += value * right[1];
+            c2 += value * right[2];
+            c3 += value * right[3];
+        }
+        tile[i] = c0;
+        tile[SBI_FRONT_GROUP + i] = c1;
+        tile[2 * SBI_FRONT_GROUP + i] = c2;
+        tile[3 * SBI_FRONT_GROUP + i] = c3;
+    }
+}
+#endif
+
+/* Packs rows of a column-major matrix in strips of `strip` rows, filled up with zeros; signs, unless NULL, multiply the
+ * columns. */
+static void sbi_front_pack(const sb_real *from, size_t stride, int rows, int depth, int strip, const sb_real *signs,
+                           sb_real *to)
+{
+    for (int i = 0; i < rows; i += strip) {
+        int have = sbi_min_int(strip, rows - i);
+        for (int k = 0; k < depth; k++, to += strip) {
+            const sb_real *column = from + (size_t)k * stride + i;
+            sb_real sign = signs ? signs[k] : 1;
+            for (int r = 0; r < have; r++)
+                to[r] = sign * column[r];
+            for (int r = have; r < strip; r++)
+                to[r] = 0;
+        }
+    }
+}
+
+/* What a product is of: C -= A S B^T for the entries on and below the diagonal, A and B being rows of one panel. */
+typedef struct sbi_front_product {
+    sb_real *c;
+    size_t c_stride;
+    const sb_real *rows;   /* first entry of the rows; A and B begin with the same one */
+    size_t stride;
+    int row_count, column_count, depth;
+    const sb_real *signs;  /* [depth] or NULL */
+    sb_real *pack;
+} sbi_front_product;
+
+/* The tiles of packed rows first_row.. and columns first_column.. */
+static void sbi_front_tiles(const sbi_front_product *p, int first_row, int rows, int first_column, int columns,
+                            int depth)
+{
+    const sb_real *left = p->pack, *right = p->pack + SBI_FRONT_DEPTH * SBI_FRONT_ROWS;
+    sb_real tile[SBI_FRONT_TILE * SBI_FRONT_GROUP];
+    for (int j = 0; j < columns; j += SBI_FRONT_TILE)
+        for (int i = 0; i < rows; i += SBI_FRONT_GROUP) {
+            int have = sbi_min_int(SBI_FRONT_GROUP, rows - i), wide = sbi_min_int(SBI_FRONT_TILE, columns - j);
+            if (first_row + i + have <= first_column + j)
+                continue; /* above the diagonal */
+            sbi_front_tile(left + i * depth, right + j * depth, depth, tile);
+            for (int c = 0; c < wide; c++) {
+                sb_real *to = p->c + (size_t)(first_column + j + c) * p->c_stride + (size_t)(first_row + i);
+                const sb_real *from = tile + c * SBI_FRONT_GROUP;
+                if (have == SBI_FRONT_GROUP)
+                    for (int r = 0; r < SBI_FRONT_GROUP; r++)
+                        to[r] -= from[r];
+                else
+                    for (int r = 0; r < have; r++)
+                        to[r] -= from[r];
+            }
+        }
+}
+
+static void sbi_front_multiply(const sbi_front_product *p)
+{
+    for (int k = 0; k < p->depth; k += SBI_FRONT_DEPTH) {
+        int depth = sbi_min_int(SBI_FRONT_DEPTH, p->depth - k);
+        const sb_real *from = p->rows + (size_t)k * p->stride, *signs = p->signs ? p->signs + k : NULL;
+        for (int j = 0; j < p->column_count; j += SBI_FRONT_COLUMNS) {
+            int columns = sbi_min_int(SBI_FRONT_COLUMNS, p->column_count - j);
+            sbi_front_pack(from + j, p->stride, columns, depth, SBI_FRONT_TILE, signs,
+                           p->pack + SBI_FRONT_DEPTH * SBI_FRONT_ROWS);
+            for (int i = j; i < p->row_count; i += SBI_FRONT_ROWS) {
+                int rows = sbi_min_int(SBI_FRONT_ROWS, p->row_count - i);
+                sbi_front_pack(from + i, p->stride, rows, depth, SBI_FRONT_GROUP, NULL, p->pack);
+                sbi_front_tiles(p, i, rows, j, columns, depth);
+            }
+        }
+    }
+}
+
+/* ---- factoring ---- */
+
+/* to[count] -= f x[count] */
+static void sbi_front_subtract(sb_real *to, sb_real f, const sb_real *x, size_t count)
+{
+    size_t r = 0;
+#if SBI_FRONT_BYTES
+    for (; r + SBI_FRONT_WIDTH <= count; r += SBI_FRONT_WIDTH)
+        SBI_FRONT_PUT(to + r, SBI_FRONT_AT(to + r) - SBI_FRONT_AT(x + r) * f);
+#endif
+    for (; r < count; r++)
+        to[r] -= x[r] * f;
+}
+
+/* The square on the diagonal. Returns -1 or the column whose pivot is lost. 32: how many rounding errors a pivot is
+ * granted; more would refuse stiff matrices in single precision. */
+static int sbi_front_corner(sb_real *a, size_t height, int count, int indefinite, sb_real *signs, const sb_real *sizes,
+                            sb_direct_info *info)
+{
+    for (int k = 0; k < count; k++) {
+        sb_real *column = a + (size_t)k * height, pivot = column[k], share = sb_abs(pivot) / sizes[k];
+        if (sbi_dense_is_lost(pivot, 8, sizes[k]) || (!indefinite && pivot < 0))
+            return k;
+        if (info->least_pivot == 0 || share < info->least_pivot)
+            info->least_pivot = share;
+        info->negative_pivots += pivot < 0;
+        signs[k] = (sb_real)(pivot < 0 ? -1 : 1);
+        column[k] = sb_sqrt(sb_abs(pivot));
+        for (int r = k + 1; r < count; r++)
+            column[r] *= signs[k] / column[k];
+        for (int j = k + 1; j < count; j++)
+            sbi_front_subtract(a + (size_t)j * height + j, signs[k] * column[j], column + j, (size_t)(count - j));
+    }
+    return -1;
+}
+
+/* The rows below a factored corner of `count` columns. */
+static void sbi_front_below(const sb_real *corner, sb_real *below, size_t height, size_t rows, int count,
+                            const sb_real *signs)
+{
+    for (size_t first = 0; first < rows; first += SBI_FRONT_CHUNK) {
+        size_t have = rows - first < SBI_FRONT_CHUNK ? rows - first : (size_t)SBI_FRONT_CHUNK;
+        for (int k = 0; k < count; k++) {
+            sb_real *column = below + (size_t)k * height + first;
+            sb_real scale = signs[k] / corner[(size_t)k * height + (size_t)k];
+            for (int p = 0; p < k; p++)
+                sbi_front_subtract(column, signs[p] * corner[(size_t)p * height + (size_t)k],
+                                   below + (size_t)p * height + first, have);
+            for (size_t r = 0; r < have; r++)
+                column[r] *= scale;
+        }
+    }
+}
+
+SBI_API int sbi_front_factor(sb_real *panel, size_t height, size_t width, int indefinite, sb_real *signs,
+                             const sb_real *sizes, sb_real *pack, sb_direct_info *info)
+{
+    for (size_t first = 0; first < width; first += SBI_FRONT_BLOCK) {
+        int count = (int)(width - first < SBI_FRONT_BLOCK ? width - first : (size_t)SBI_FRONT_BLOCK);
+        size_t next = first + (size_t)count;
+        sb_real *corner = panel + first * height + first;
+        sbi_front_product product;
+        int bad = sbi_front_corner(corner, height, count, indefinite, signs + first, sizes + first, info);
+        if (bad >= 0)
+            return (int)first + bad;
+        sbi_front_below(corner, corner + count, height, height - next, count, signs + first);
+        product.c = panel + next * height + next;
+        product.c_stride = product.stride = height;
+        product.rows = corner + count;
+        product.row_count = (int)(height - next);
+        product.column_count = (int)(width - next);
+        product.depth = count;
+        product.signs = indefinite ? signs + first : NULL;
+        product.pack = pack;
+        sbi_front_multiply(&product);
+    }
+    return -1;
+}
+
+SBI_API void sbi_front_square(const sb_real *panel, size_t height, size_t width, int indefinite, const sb_real *signs,
+                              sb_real *square, sb_real *pack)
+{
+    sbi_front_product product;
+    product.c = square;
+    product.c_stride = height - width;
+    product.rows = panel + width;
+    product.stride = height;
+    product.row_count = product.column_count = (int)(height - width);
+    product.depth = (int)width;
+    product.signs = indefinite ? signs : NULL;
+    product.pack = pack;
+    sbi_front_multiply(&product);
+}
+
+/* ---- substitution, three columns at a time: a front's are nodes' ---- */
+
+/* The 3x3 lower triangle at the columns' head: x <- L^-1 x, then x <- L^-T x. */
+static void sbi_front_solve_head(const sb_real *l, size_t height, sb_real *x, int group)
+{
+    for (int g = 0; g < group; g++) {
+        sb_real *y = x + g;
+        y[0] = y[0] / l[0];
+        y[group] = (y[group] - l[1] * y[0]) / l[height + 1];
+        y[2 * group] = (y[2 * group] - l[2] * y[0] - l[height + 2] * y[group]) / l[2 * height + 2];
+    }
+}
+
+static void sbi_front_solve_head_transposed(const sb_real *l, size_t height, sb_real *x, int group)
+{
+    for (int g = 0; g < group; g++) {
+        sb_real *y = x + g;
+        y[2 * group] = y[2 * group] / l[2 * height + 2];
+        y[group] = (y[group] - l[height + 2] * y[2 * group]) / l[height + 1];
+        y[0] = (y[0] - l[1] * y[group] - l[2] * y[2 * group]) / l[0];
+    }
+}
+
+static void sbi_front_forward_one(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sb_real x0 = x[0], x1 = x[1], x2 = x[2];
+    for (size_t r = 3; r < rows; r++)
+        x[r] = x[r] - l[r] * x0 - l[height + r] * x1 - l[2 * height + r] * x2;
+}
+
+static void sbi_front_backward_one(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sb_real s0 = 0, s1 = 0, s2 = 0;
+    for (size_t r = 3; r < rows; r++) {
+        s0 += l[r] * x[r];
+        s1 += l[height + r] * x[r];
+        s2 += l[2 * height + r] * x[r];
+    }
+    x[0] -= s0;
+    x[1] -= s1;
+    x[2] -= s2;
+}
+
+#if SBI_FRONT_BYTES
+/* `half` a group: one vector of right-hand sides */
+static void sbi_front_forward_half(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sbi_front_lanes x0 = SBI_FRONT_AT(x), x1 = SBI_FRONT_AT(x + SBI_FRONT_GROUP);
+    sbi_front_lanes x2 = SBI_FRONT_AT(x + 2 * SBI_FRONT_GROUP);
+    for (size_t r = 3; r < rows; r++) {
+        sb_real *at = x + r * SBI_FRONT_GROUP;
+        SBI_FRONT_PUT(at, SBI_FRONT_AT(at) - x0 * l[r] - x1 * l[height + r] - x2 * l[2 * height + r]);
+    }
+}
+
+static void sbi_front_backward_half(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sbi_front_lanes s0 = SBI_FRONT_AT(x) - SBI_FRONT_AT(x), s1 = s0, s2 = s0;
+    for (size_t r = 3; r < rows; r++) {
+        sbi_front_lanes value = SBI_FRONT_AT(x + r * SBI_FRONT_GROUP);
+        s0 += value * l[r];
+        s1 += value * l[height + r];
+        s2 += value * l[2 * height + r];
+    }
+    SBI_FRONT_PUT(x, SBI_FRONT_AT(x) - s0);
+    SBI_FRONT_PUT(x + SBI_FRONT_GROUP, SBI_FRONT_AT(x + SBI_FRONT_GROUP) - s1);
+    SBI_FRONT_PUT(x + 2 * SBI_FRONT_GROUP, SBI_FRONT_AT(x + 2 * SBI_FRONT_GROUP) - s2);
+}
+
+static void sbi_front_forward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sbi_front_forward_half(l, height, rows, x);
+    sbi_front_forward_half(l, height, rows, x + SBI_FRONT_WIDTH);
+}
+
+static void sbi_front_backward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sbi_front_backward_half(l, height, rows, x);
+    sbi_front_backward_half(l, height, rows, x + SBI_FRONT_WIDTH);
+}
+#else
+static void sbi_front_forward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    for (size_t r = 3; r < rows; r++)
+        for (int g = 0; g < SBI_FRONT_GROUP; g++) {
+            sb_real *at = x + r * SBI_FRONT_GROUP + g;
+            *at = *at - l[r] * x[g] - l[height + r] * x[SBI_FRONT_GROUP + g] -
+                  l[2 * height + r] * x[2 * SBI_FRONT_GROUP + g];
+        }
+}
+
+static void sbi_front_backward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
+{
+    sb_real sums[3 * SBI_FRONT_GROUP];
+    memset(sums, 0, sizeof sums);
+    for (size_t r = 3; r < rows; r++)
+        for (int k = 0; k < 3 * SBI_FRONT_GROUP; k++)
+            sums[k] += l[(size_t)(k / SBI_FRONT_GROUP) * height + r] *
+                       x[r * SBI_FRONT_GROUP + (size_t)(k % SBI_FRONT_GROUP)];
+    for (int k = 0; k < 3 * SBI_FRONT_GROUP; k++)
+        x[k] -= sums[k];
+}
+#endif
+
+SBI_API void sbi_front_forward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group)
+{
+    for (size_t k = 0; k < width; k += 3) {
+        const sb_real *l = panel + k * height + k;
+        sbi_front_solve_head(l, height, x + k * (size_t)group, group);
+        if (group == 1)
+            sbi_front_forward_one(l, height, height - k, x + k);
+        else
+            sbi_front_forward_group(l, height, height - k, x + k * SBI_FRONT_GROUP);
+    }
+}
+
+SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group)
+{
+    for (size_t k = width; k > 0;) {
+        const sb_real *l;
+        k -= 3;
+        l = panel + k * height + k;
+        if (group == 1)
+            sbi_front_backward_one(l, height, height - k, x + k);
+        else
+            sbi_front_backward_group(l, height, height - k, x + k * SBI_FRONT_GROUP);
+        sbi_front_solve_head_transposed(l, height, x + k * (size_t)group, group);
+    }
+}
+
+/* ==== src/softbody/direct.c ==== */
+/* direct: see direct.h. Analysis of the pattern, and the factor's walk over its fronts; their dense arithmetic is in
+ * direct_front.c.
+ *
+ * Columns are renumbered nodes. A front is a run of columns with the same rows below them (nearly: runs are joined when
+ * that stores few zeros). Its panel holds those columns of L; what they take from the rest of the matrix goes, as a
+ * dense square over the rows below, to the front's parent, that of the first of these rows. Fronts come in postorder,
+ * so these squares live on a stack. */
+#include <stdlib.h>
+
+
+typedef struct sbi_direct_piece {
+    int first, last;      /* columns */
+    int row_count;        /* nodes: own columns and those below */
+    int row_start;        /* into rows: own columns first */
+    int child_count;
+    size_t panel;         /* first entry of its columns of L, [3 row_count] entries each */
+} sbi_direct_piece;
+
+struct sb_direct {
+    sb_allocator allocator;
+    void *memory;         /* the one block behind all arrays */
+    int kind;
+    int node_count, block_count, piece_count;
+    int *position;        /* [node_count] column of a node */
+    int *node;            /* [node_count] node of a column */
+    sbi_direct_piece *pieces;
+    int *rows;            /* columns' numbers, ascending in each piece */
+    int *place;           /* [node_count] of a column among the rows of the present piece */
+    sb_real *factor;
+    sb_real *squares;     /* the stack */
+    int *waiting;         /* [piece_count] scratch: pieces whose squares are on the stack */
+    sb_real *signs;       /* [3 node_count] of D, by column: 1 or -1 */
+    sb_real *sizes;       /* [3 node_count] largest entry of each row */
+    sb_real *pack;        /* scratch of the fronts' arithmetic */
+    sb_real *solution;    /* [3 node_count][SBI_FRONT_GROUP] of a solve, by column */
+    sb_real *gathered;    /* [largest_front][SBI_FRONT_GROUP] */
+    size_t factor_count, stack_count;
+    int ready;            /* 1: there is a factor */
+    sb_direct_info info;
+};
+
+/* What the analysis needs for a while. */
+typedef struct sbi_direct_plan {
+    int *parent;          /* of a column in the elimination tree, or -1 */
+    int *count;           /* of rows of a column, its own included */
+    int *first_child, *next_sibling, *scratch;
+    size_t row_total;
+} sbi_direct_plan;
+
+SB_API sb_direct_def sb_default_direct_def(void)
+{
+    sb_direct_def def;
+    def.kind = SB_DIRECT_CHOLESKY;
+    def.positions = NULL;
+    return def;
+}
+
+/* ---- the elimination tree ---- */
+
+/* Liu 1990: the parent of a column is the first row below the diagonal in its column of L. */
+static void sbi_direct_tree(const sb_direct *d, const sb_matrix *a, sbi_direct_plan *plan)
+{
+    int *ancestor = plan->scratch;
+    for (int k = 0; k < d->node_count; k++) {
+        int node = d->node[k];
+        plan->parent[k] = ancestor[k] = -1;
+        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+            int i = d->position[a->columns[q]];
+            while (i >= 0 && i < k) {
+                int next = ancestor[i];
+                ancestor[i] = k;
+                if (next < 0)
+                    plan->parent[i] = k;
+                i = next;
+            }
+        }
+    }
+}
+
+/* Rows of each column: row k of L has an entry in each column on the way from its entries in A up to k. */
+static void sbi_direct_count(const sb_direct *d, const sb_matrix *a, sbi_direct_plan *plan)
+{
+    int *mark = plan->scratch;
+    for (int k = 0; k < d->node_count; k++) {
+        int node = d->node[k];
+        plan->count[k] = 1;
+        mark[k] = k;
+        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+            for (int i = d->position[a->columns[q]]; i >= 0 && i < k && mark[i] != k; i = plan->parent[i]) {
+                plan->count[i]++;
+                mark[i] = k;
+            }
+    }
+}
+
+/* Children of each column as a list, the one with the most rows last: only with that one a parent can be joined. */
+static void sbi_direct_children(const sb_direct *d, sbi_direct_plan *plan)
+{
+    for (int k = 0; k < d->node_count; k++)
+        plan->first_child[k] = plan->next_sibling[k] = -1;
+    for (int k = d->node_count - 1; k >= 0; k--) {
+        int *link = plan->parent[k] < 0 ? NULL : plan->first_child + plan->parent[k];
+        while (link && *link >= 0 && plan->count[*link] < plan->count[k])
+            link = plan->next_sibling + *link;
+        if (!link)
+            continue;
+        plan->next_sibling[k] = *link;
+        *link = k;
+    }
+}
+
+/* Renumbers the columns so that each subtree is a run that ends with its root. */
+static void sbi_direct_postorder(sb_direct *d, sbi_direct_plan *plan)
+{
+    int *order = plan->scratch, count = 0;
+    for (int root = 0; root < d->node_count; root++) {
+        int k = root;
+        if (plan->parent[root] >= 0)
+            continue;
+        for (;;) {
+            while (plan->first_child[k] >= 0) {
+                int child = plan->first_child[k];
+                plan->first_child[k] = -1; /* been there */
+                k = child;
+            }
+            order[count++] = d->node[k];
+            if (plan->next_sibling[k] >= 0)
+                k = plan->next_sibling[k];
+            else if (plan->parent[k] >= 0)
+                k = plan->parent[k];
+            else
+                break;
+        }
+    }
+    memcpy(d->node, order, (size_t)d->node_count * sizeof(int));
+    for (int k = 0; k < d->node_count; k++)
+        d->position[d->node[k]] = k;
+}
+
+/* ---- fronts ---- */
+
+/* Whether two runs of columns, in nodes, with `zeros` blocks of zeros between them should be one. */
+static int sbi_direct_joins(int columns, int below, double zeros)
+{
+    double entries = (double)columns * (columns + 1) / 2 + (double)columns * below;
+    return columns <= 4 || zeros < (columns <= 8 ? 0.4 : columns <= 16 ? 0.15 : 0.05) * entries;
+}
+
+/* Joins runs of columns to pieces; zeros: of each piece, scratch. */
+static void sbi_direct_join(sb_direct *d, sbi_direct_plan *plan, double *zeros)
+{
+    sbi_direct_piece *pieces = d->pieces;
+    int top = -1;
+    for (int k = 0; k < d->node_count; k++) {
+        sbi_direct_piece *piece = pieces + ++top;
+        piece->first = k;
+        piece->last = k + 1;
+        piece->row_count = plan->count[k];
+        zeros[top] = 0;
+        while (top > 0 && plan->parent[pieces[top - 1].last - 1] == pieces[top].first) {
+            sbi_direct_piece *below = pieces + top - 1;
+            int own = below->last - below->first, rest = below->row_count - own;
+            int columns = pieces[top].last - below->first;
+            double more = zeros[top - 1] + zeros[top] + (double)own * (pieces[top].row_count - rest);
+            if (!sbi_direct_joins(columns, pieces[top].row_count - (columns - own), more))
+                break;
+            below->last = pieces[top].last;
+            below->row_count = own + pieces[top].row_count;
+            zeros[--top] = more;
+        }
+    }
+    d->piece_count = top + 1;
+}
+
+static int sbi_direct_compare(const void *a, const void *b)
+{
+    int p = *(const int *)a, q = *(const int *)b;
+    return p < q ? -1 : p > q;
+}
+
+/* Rows below a piece's own columns: those of A, and those that its children's squares have. */
+static void sbi_direct_rows(sb_direct *d, const sb_matrix *a, int index, const int *children, int *mark)
+{
+    sbi_direct_piece *piece = d->pieces + index;
+    int *rows = d->rows + piece->row_start, count = 0;
+    for (int k = piece->first; k < piece->last; k++)
+        rows[count++] = k;
+    for (int k = piece->first; k < piece->last; k++) {
+        int node = d->node[k];
+        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+            int i = d->position[a->columns[q]];
+            if (i < piece->last || mark[i] == index)
+                continue;
+            mark[i] = index;
+            rows[count++] = i;
+        }
+    }
+    for (int c = 0; c < piece->child_count; c++) {
+        const sbi_direct_piece *child = d->pieces + children[c];
+        const int *from = d->rows + child->row_start + (child->last - child->first);
+        for (int r = 0; r < child->row_count - (child->last - child->first); r++)
+            if (from[r] >= piece->last && mark[from[r]] != index) {
+                mark[from[r]] = index;
+                rows[count++] = from[r];
+            }
+    }
+    SB_ASSERT(count == piece->row_count);
+    qsort(rows + (piece->last - piece->first), (size_t)(count - (piece->last - piece->first)), sizeof(int),
+          sbi_direct_compare);
+}
+
+/* Parents by postorder: the pieces waiting for theirs are a stack, and a piece takes those whose first row below is
+ * one of its columns. */
+static void sbi_direct_fill_rows(sb_direct *d, const sb_matrix *a, sbi_direct_plan *plan)
+{
+    int *waiting = plan->first_child, *mark = plan->next_sibling, depth = 0;
+    for (int k = 0; k < d->node_count; k++)
+        mark[k] = -1;
+    for (int s = 0; s < d->piece_count; s++) {
+        sbi_direct_piece *piece = d->pieces + s;
+        while (depth > 0) {
+            int parent = plan->parent[d->pieces[waiting[depth - 1]].last - 1];
+            if (parent < piece->first || parent >= piece->last)
+                break;
+            depth--;
+            piece->child_count++;
+        }
+        sbi_direct_rows(d, a, s, waiting + depth, mark);
+        waiting[depth++] = s;
+    }
+}
+
+/* Reals of the square that a piece leaves to its parent. */
+static size_t sbi_direct_square(const sbi_direct_piece *piece)
+{
+    size_t below = 3 * (size_t)(piece->row_count - (piece->last - piece->first));
+    return below * below;
+}
+
+/* Where each panel lies, the deepest stack, and the counts of the info. 0 when a size does not fit. */
+static int sbi_direct_measure(sb_direct *d, sbi_direct_plan *plan)
+{
+    int *waiting = plan->first_child, depth = 0;
+    size_t used = 0, rows = 0;
+    double entries = 0, work = 0;
+    for (int s = 0; s < d->piece_count; s++) {
+        sbi_direct_piece *piece = d->pieces + s;
+        double w = 3 * (double)(piece->last - piece->first), m = 3 * (double)piece->row_count;
+        size_t freed = 0;
+        piece->row_start = (int)rows;
+        piece->panel = d->factor_count;
+        piece->child_count = 0;
+        entries += w * m;
+        work += w * (m * m - m * w + w * w / 3) / 2;
+        if (entries > 0.1 * (double)(size_t)-1 || rows + (size_t)piece->row_count > 0x7fffffff)
+            return 0;
+        rows += (size_t)piece->row_count;
+        d->factor_count += 9 * (size_t)(piece->last - piece->first) * (size_t)piece->row_count;
+        d->info.largest_front = sbi_max_int(d->info.largest_front, 3 * piece->row_count);
+        while (depth > 0 && plan->parent[d->pieces[waiting[depth - 1]].last - 1] >= piece->first &&
+               plan->parent[d->pieces[waiting[depth - 1]].last - 1] < piece->last)
+            freed += sbi_direct_square(d->pieces + waiting[--depth]);
+        waiting[depth++] = s;
+        used += sbi_direct_square(piece);
+        d->stack_count = used > d->stack_count ? used : d->stack_count;
+        used -= freed;
+    }
+    plan->row_total = rows;
+    d->info.fronts = d->piece_count;
+    d->info.factor_entries = entries;
+    d->info.multiply_adds = work;
+    return 1;
+}
+
+/* ---- life ---- */
+
+/* The arrays whose size the number of nodes tells, those of the plan among them. */
+static void sbi_direct_layout_plan(sb_direct *d, sbi_direct_plan *plan, double **zeros, sbi_arena *arena)
+{
+    size_t n = (size_t)d->node_count;
+    d->position = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->node = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->place = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->pieces = (sbi_direct_piece *)sbi_arena_take(arena, n, sizeof(sbi_direct_piece));
+    plan->parent = (int *)sbi_arena_take(arena, n, sizeof(int));
+    plan->count = (int *)sbi_arena_take(arena, n, sizeof(int));
+    plan->first_child = (int *)sbi_arena_take(arena, n, sizeof(int));
+    plan->next_sibling = (int *)sbi_arena_take(arena, n, sizeof(int));
+    plan->scratch = (int *)sbi_arena_take(arena, n, sizeof(int));
+    *zeros = (double *)sbi_arena_take(arena, n, sizeof(double));
+}
+
+static void sbi_direct_layout(sb_direct *d, const sbi_direct_plan *plan, sbi_arena *arena)
+{
+    size_t n = (size_t)d->node_count, pieces = (size_t)d->piece_count;
+    d->position = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->node = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->place = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->pieces = (sbi_direct_piece *)sbi_arena_take(arena, pieces, sizeof(sbi_direct_piece));
+    d->rows = (int *)sbi_arena_take(arena, plan->row_total, sizeof(int));
+    d->waiting = (int *)sbi_arena_take(arena, pieces, sizeof(int));
+    d->factor = (sb_real *)sbi_arena_take(arena, d->factor_count, sizeof(sb_real));
+    d->squares = (sb_real *)sbi_arena_take(arena, d->stack_count, sizeof(sb_real));
+    d->signs = (sb_real *)sbi_arena_take(arena, n, 3 * sizeof(sb_real));
+    d->sizes = (sb_real *)sbi_arena_take(arena, n, 3 * sizeof(sb_real));
+    d->pack = (sb_real *)sbi_arena_take(arena, SBI_FRONT_PACK, sizeof(sb_real));
+    d->solution = (sb_real *)sbi_arena_take(arena, n, 3 * SBI_FRONT_GROUP * sizeof(sb_real));
+    d->gathered = (sb_real *)sbi_arena_take(arena, (size_t)d->info.largest_front, SBI_FRONT_GROUP * sizeof(sb_real));
+}
+
+/* Memory of an arena's measured size, its first piece aligned to a cache line. */
+static void *sbi_direct_take(const sb_allocator *allocator, sbi_arena *arena)
+{
+    void *memory = arena->overflow || arena->used > (size_t)-1 - 64 ? NULL : sbi_alloc(allocator, 1, arena->used + 63);
+    arena->base = (unsigned char *)memory + (memory ? (64 - ((uintptr_t)memory & 63)) & 63 : 0);
+    arena->used = 0;
+    return memory;
+}
+
+/* Takes the lasting memory and moves there what the plan's has. */
+static sb_result sbi_direct_settle(sb_direct *d, sbi_direct_plan *plan, const sb_matrix *pattern, sb_error *error)
+{
+    sb_direct planned = *d;
+    sbi_arena arena;
+    memset(&arena, 0, sizeof arena);
+    sbi_direct_layout(d, plan, &arena);
+    d->info.bytes = arena.used + sizeof *d;
+    d->memory = sbi_direct_take(&d->allocator, &arena);
+    if (!d->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a factor with %.0f entries", d->info.factor_entries);
+    sbi_direct_layout(d, plan, &arena);
+    memset(d->place, 0, (size_t)d->node_count * sizeof(int));
+    memcpy(d->position, planned.position, (size_t)d->node_count * sizeof(int));
+    memcpy(d->node, planned.node, (size_t)d->node_count * sizeof(int));
+    memcpy(d->pieces, planned.pieces, (size_t)d->piece_count * sizeof(sbi_direct_piece));
+    sbi_direct_fill_rows(d, pattern, plan);
+    return SB_OK;
+}
+
+static sb_result sbi_direct_analyse(sb_direct *d, const sb_matrix *pattern, const sb_vec3 *positions, sb_error *error)
+{
+    sbi_direct_plan plan;
+    sbi_arena arena;
+    double *zeros;
+    void *memory;
+    sb_result result;
+    memset(&plan, 0, sizeof plan);
+    memset(&arena, 0, sizeof arena);
+    sbi_direct_layout_plan(d, &plan, &zeros, &arena);
+    memory = sbi_direct_take(&d->allocator, &arena);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to analyse a matrix of %d nodes", d->node_count);
+    sbi_direct_layout_plan(d, &plan, &zeros, &arena);
+    result = sbi_direct_order(pattern, positions, &d->allocator, d->node, error);
+    if (result == SB_OK) {
+        for (int k = 0; k < d->node_count; k++)
+            d->position[d->node[k]] = k;
+        sbi_direct_tree(d, pattern, &plan);
+        sbi_direct_count(d, pattern, &plan);
+        sbi_direct_children(d, &plan);
+        sbi_direct_postorder(d, &plan);
+        sbi_direct_tree(d, pattern, &plan);
+        sbi_direct_count(d, pattern, &plan);
+        sbi_direct_join(d, &plan, zeros);
+        result = sbi_direct_measure(d, &plan) ? sbi_direct_settle(d, &plan, pattern, error)
+                                              : sbi_fail(error, SB_ERROR_MEMORY, "the factor of %d nodes is too large",
+                                                         d->node_count);
+    }
+    sbi_free(&d->allocator, memory);
+    return result;
+}
+
+static sb_result sbi_direct_check(const sb_direct_def *def, const sb_matrix *pattern, sb_direct **direct,
+                                  sb_error *error)
+{
+    if (!pattern || !pattern->columns || pattern->row_count < 1 || !direct)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a direct solver needs a matrix and a place to go");
+    if (def->kind != SB_DIRECT_CHOLESKY && def->kind != SB_DIRECT_LDLT)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no factorisation %d", (int)def->kind);
+    if (pattern->row_count > 0x7fffffff / 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d nodes are too many to factor", pattern->row_count);
+    for (int i = 0; def->positions && i < pattern->row_count; i++)
+        if (!sb_v3_is_finite(def->positions[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d has a position that is not finite", i);
+    return SB_OK;
+}
+
+SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pattern, const sb_allocator *allocator,
+                                  sb_direct **direct, sb_error *error)
+{
+    sb_direct_def ordinary = sb_default_direct_def();
+    sb_direct *made;
+    sb_result result = sbi_direct_check(def ? def : &ordinary, pattern, direct, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_direct *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a direct solver");
+    if (allocator)
+        made->allocator = *allocator;
+    made->kind = def ? (int)def->kind : (int)ordinary.kind;
+    made->node_count = pattern->row_count;
+    made->block_count = pattern->block_count;
+    made->info.unknowns = 3 * pattern->row_count;
+    result = sbi_direct_analyse(made, pattern, def ? def->positions : NULL, error);
+    if (result != SB_OK) {
+        sb_direct_free(made);
+        return result;
+    }
+    *direct = made;
+    return SB_OK;
+}
+
+SB_API void sb_direct_free(sb_direct *direct)
+{
+    sb_allocator allocator;
+    if (!direct)
+        return;
+    allocator = direct->allocator;
+    sbi_free(&allocator, direct->memory);
+    sbi_free(&allocator, direct);
+}
+
+SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct) { return direct->info; }
+
+/* ---- factoring ---- */
+
+/* The part of the matrix that a piece's columns hold, by the rows of A (of two transposed blocks, the one in the row
+ * eliminated first). Returns the node whose row does not fit the pattern, or -1. */
+static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct_piece *piece)
+{
+    size_t height = 3 * (size_t)piece->row_count;
+    const int *rows = d->rows + piece->row_start;
+    for (int k = piece->first; k < piece->last; k++) {
+        int node = d->node[k];
+        sb_real *columns = d->factor + piece->panel + 3 * (size_t)(k - piece->first) * height;
+        sb_real *size = d->sizes + 3 * (size_t)k;
+        size[0] = size[1] = size[2] = 0;
+        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+            int i = d->position[a->columns[q]], place;
+            const sb_real *block = a->blocks[q];
+            for (int c = 0; c < 3; c++)
+                for (int r = 0; r < 3; r++)
+                    size[c] = sb_max(size[c], sb_abs(block[3 * c + r]));
+            if (i < k)
+                continue;
+            place = d->place[i];
+            if (place >= piece->row_count || rows[place] != i)
+                return node;
+            for (int c = 0; c < 3; c++)
+                for (int r = 0; r < 3; r++)
+                    columns[(size_t)c * height + 3 * (size_t)place + (size_t)r] = block[3 * c + r];
+        }
+    }
+    return -1;
+}
+
+/* Adds a child's square to the piece's panel and square. */
+static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_real *square,
+                              const sbi_direct_piece *child, const sb_real *from)
+{
+    int own = child->last - child->first, below = child->row_count - own, width = piece->last - piece->first;
+    const int *rows = d->rows + child->row_start + own;
+    size_t height = 3 * (size_t)piece->row_count, rest = height - 3 * (size_t)width, side = 3 * (size_t)below;
+    for (int c = 0; c < below; c++) {
+        int column = d->place[rows[c]];
+        for (size_t j = 0; j < 3; j++, from += side) {
+            sb_real *to = column < width
+                              ? d->factor + piece->panel + (3 * (size_t)column + j) * height
+                              : square + (3 * (size_t)(column - width) + j) * rest - 3 * (size_t)width;
+            for (int r = c; r < below; r++) {
+                sb_real *at = to + 3 * (size_t)d->place[rows[r]];
+                const sb_real *value = from + 3 * (size_t)r;
+                at[0] += value[0];
+                at[1] += value[1];
+                at[2] += value[2];
+            }
+        }
+    }
+}
+
+/* Why a pivot was lost: a matrix that is not finite, or not definite. */
+static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
+{
+    for (int i = 0; i < a->row_count; i++)
+        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+            for (int k = 0; k < 9; k++)
+                if (!sb_is_finite(a->blocks[q][k]))
+                    return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
+    return sbi_fail_node(error, SB_ERROR_INDEFINITE, node, "the matrix has no stable factor: the pivot of node %d is "
+                         "negative or lost in rounding", node);
+}
+
+/* One front: assembled, factored, and its square left on the stack in place of its children's. */
+static sb_result sbi_direct_factor_piece(sb_direct *d, const sb_matrix *a, int index, int *depth, size_t *used,
+                                         sb_error *error)
+{
+    const sbi_direct_piece *piece = d->pieces + index;
+    size_t height = 3 * (size_t)piece->row_count, width = 3 * (size_t)(piece->last - piece->first);
+    size_t size = sbi_direct_square(piece), freed = 0;
+    sb_real *panel = d->factor + piece->panel, *square = d->squares + *used;
+    const int *rows = d->rows + piece->row_start;
+    int bad;
+    memset(panel, 0, height * width * sizeof(sb_real));
+    memset(square, 0, size * sizeof(sb_real));
+    for (int r = 0; r < piece->row_count; r++)
+        d->place[rows[r]] = r;
+    bad = sbi_direct_scatter(d, a, piece);
+    if (bad >= 0)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, bad, "row %d is not of the pattern that the solver was made for",
+                             bad);
+    for (int c = 0; c < piece->child_count; c++) {
+        const sbi_direct_piece *child = d->pieces + d->waiting[--*depth];
+        freed += sbi_direct_square(child);
+        sbi_direct_extend(d, piece, square, child, d->squares + (*used - freed));
+    }
+    bad = sbi_front_factor(panel, height, width, d->kind == SB_DIRECT_LDLT, d->signs + 3 * (size_t)piece->first,
+                           d->sizes + 3 * (size_t)piece->first, d->pack, &d->info);
+    if (bad >= 0)
+        return sbi_direct_fail(a, d->node[piece->first + bad / 3], error);
+    sbi_front_square(panel, height, width, d->kind == SB_DIRECT_LDLT, d->signs + 3 * (size_t)piece->first, square,
+                     d->pack);
+    if (freed > 0)
+        memmove(square - freed, square, size * sizeof(sb_real));
+    *used += size - freed;
+    d->waiting[(*depth)++] = index;
+    return SB_OK;
+}
+
+SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb_error *error)
+{
+    sb_result result = SB_OK;
+    size_t used = 0;
+    int depth = 0;
+    if (!direct || !matrix || matrix->row_count != direct->node_count || matrix->block_count != direct->block_count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix is not of the pattern the solver was made for");
+    direct->ready = 0;
+    direct->info.least_pivot = 0;
+    direct->info.negative_pivots = 0;
+    for (int s = 0; result == SB_OK && s < direct->piece_count; s++)
+        result = sbi_direct_factor_piece(direct, matrix, s, &depth, &used, error);
+    direct->ready = result == SB_OK;
+    return result;
+}
+
+/* ---- solving ---- */
+
+/* Copies the rows of a piece between the solution and the dense scratch. */
+static void sbi_direct_move(const sb_direct *d, const sbi_direct_piece *piece, int count, int group, int back)
+{
+    size_t bytes = 3 * (size_t)group * sizeof(sb_real);
+    const int *rows = d->rows + piece->row_start;
+    for (int r = 0; r < count; r++) {
+        sb_real *whole = d->solution + 3 * (size_t)rows[r] * (size_t)group;
+        sb_real *part = d->gathered + 3 * (size_t)r * (size_t)group;
+        if (back)
+            memcpy(whole, part, bytes);
+        else
+            memcpy(part, whole, bytes);
+    }
+}
+
+/* Solves for `group` right-hand sides in the solution. */
+static void sbi_direct_substitute(sb_direct *d, int group)
+{
+    for (int s = 0; s < d->piece_count; s++) {
+        const sbi_direct_piece *piece = d->pieces + s;
+        size_t width = 3 * (size_t)(piece->last - piece->first);
+        sbi_direct_move(d, piece, piece->row_count, group, 0);
+        sbi_front_forward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
+        sbi_direct_move(d, piece, piece->row_count, group, 1);
+    }
+    for (int k = 0; d->kind == SB_DIRECT_LDLT && k < 3 * d->node_count; k++)
+        for (int g = 0; g < group; g++)
+            d->solution[(size_t)k * (size_t)group + (size_t)g] *= d->signs[k];
+    for (int s = d->piece_count - 1; s >= 0; s--) {
+        const sbi_direct_piece *piece = d->pieces + s;
+        size_t width = 3 * (size_t)(piece->last - piece->first);
+        sbi_direct_move(d, piece, piece->row_count, group, 0);
+        sbi_front_backward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
+        sbi_direct_move(d, piece, piece->last - piece->first, group, 1);
+    }
+}
+
+SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real *x, int count)
+{
+    size_t n = direct ? 3 * (size_t)direct->node_count : 0;
+    if (!direct || !direct->ready || !rhs || !x || count < 0)
+        return SB_ERROR_ARGUMENT;
+    for (int first = 0; first < count;) {
+        int group = count - first >= SBI_FRONT_GROUP ? SBI_FRONT_GROUP : 1;
+        for (int g = 0; g < group; g++)
+            for (size_t k = 0; k < n; k++)
+                direct->solution[(3 * (size_t)direct->position[k / 3] + k % 3) * (size_t)group + (size_t)g] =
+                    rhs[(size_t)(first + g) * n + k];
+        sbi_direct_substitute(direct, group);
+        for (int g = 0; g < group; g++)
+            for (size_t k = 0; k < n; k++)
+                x[(size_t)(first + g) * n + k] =
+                    direct->solution[(3 * (size_t)direct->position[k / 3] + k % 3) * (size_t)group + (size_t)g];
+        first += group;
+    }
+    return SB_OK;
 }
 
 /* ==== src/softbody/domain.c ==== */

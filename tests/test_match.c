@@ -3,6 +3,7 @@
 #include "check.h"
 #include "scene.h"
 
+#include "liver.h"
 #include "register.h"
 
 static const double length = 0.2;
@@ -603,93 +604,6 @@ static void test_memory(void)
 
 /* ---- livers of the shared data ---- */
 
-/* What a case was given and its truth, which only the score sees. */
-typedef struct liver {
-    sb_mesh mesh, surface, target, fine;
-    sb_vec3 *truth;
-    sb_real fixed_below; /* of (x + z) / sqrt 2 (m) */
-} liver;
-
-static int read_mesh(const char *name, const char *file, sb_mesh *mesh)
-{
-    char path[256], full[512];
-    memset(mesh, 0, sizeof *mesh);
-    snprintf(path, sizeof path, "data/insilico/%s/%s", name, file);
-    return check_shared_path(full, sizeof full, path) && CHECK_OK(sb_mesh_load(mesh, full, NULL, NULL));
-}
-
-/* The displacements in truth_fine.vtk, and the half space of info.json. */
-static int read_numbers(const char *name, liver *made)
-{
-    char path[256], full[512], line[512];
-    FILE *file;
-    int count = 0;
-    double x, y, z;
-    snprintf(path, sizeof path, "data/insilico/%s/truth/truth_fine.vtk", name);
-    made->truth = (sb_vec3 *)malloc((size_t)made->fine.node_count * sizeof(sb_vec3));
-    file = check_shared_path(full, sizeof full, path) ? fopen(full, "r") : NULL;
-    while (file && fgets(line, sizeof line, file) && strncmp(line, "VECTORS", 7) != 0)
-        continue;
-    while (file && count < made->fine.node_count && fscanf(file, "%lf %lf %lf", &x, &y, &z) == 3)
-        made->truth[count++] = sb_v3(REAL(x), REAL(y), REAL(z));
-    if (file)
-        fclose(file);
-    snprintf(path, sizeof path, "data/insilico/%s/info.json", name);
-    file = check_shared_path(full, sizeof full, path) ? fopen(full, "r") : NULL;
-    made->fixed_below = -SB_REAL_MAX;
-    while (file && fgets(line, sizeof line, file))
-        if (sscanf(line, " \"offset\": %lf", &x) == 1)
-            made->fixed_below = REAL(x);
-    if (file)
-        fclose(file);
-    return CHECK_INT(count, made->fine.node_count) && CHECK(made->fixed_below > -1);
-}
-
-static int read_liver(const char *name, const char *mesh, const char *target, liver *made)
-{
-    memset(made, 0, sizeof *made);
-    return read_mesh(name, mesh, &made->mesh) && read_mesh(name, "undeformed_surface.obj", &made->surface) &&
-           read_mesh(name, target, &made->target) && read_mesh(name, "truth/truth_fine.vtk", &made->fine) &&
-           read_numbers(name, made);
-}
-
-static void free_liver(liver *made)
-{
-    sb_mesh_free(&made->mesh);
-    sb_mesh_free(&made->surface);
-    sb_mesh_free(&made->target);
-    sb_mesh_free(&made->fine);
-    free(made->truth);
-}
-
-/* Mean and largest error (mm) over the fine nodes of the coarse solution. */
-static double score(const liver *made, const sb_body *body, double *most)
-{
-    sb_embedding_def def = sb_default_embedding_def();
-    sb_embedding *embedding = NULL;
-    sb_vec3 *points = (sb_vec3 *)malloc((size_t)made->fine.node_count * sizeof(sb_vec3));
-    double sum = 0;
-    def.mesh = &made->mesh;
-    def.points = made->fine.nodes;
-    def.point_count = made->fine.node_count;
-    def.max_distance = SB_REAL_MAX;
-    def.kind = SB_EMBED_PLAIN;
-    *most = 1e9;
-    if (CHECK_OK(sb_embedding_create(&def, &embedding, NULL)) &&
-        CHECK_OK(sb_embedding_update(embedding, sb_body_positions(body), points, NULL, NULL))) {
-        *most = 0;
-        for (int i = 0; i < made->fine.node_count; i++) {
-            sb_vec3 u = sb_v3_sub(points[i], made->fine.nodes[i]);
-            double error = 1e3 * (double)sb_v3_norm(sb_v3_sub(u, made->truth[i]));
-            sum += error;
-            *most = fmax(*most, error);
-        }
-    }
-    sb_embedding_destroy(embedding);
-    free(points);
-    return sum / (double)made->fine.node_count;
-}
-
 static double match_liver(const liver *made, reg_match_method method, int linear, int landmark, double *most,
                           reg_match_info *info)
 {
@@ -703,7 +617,7 @@ static double match_liver(const liver *made, reg_match_method method, int linear
                                : sb_material_corotated(5000, REAL(0.45), 1060);
     def.body = scene_body(&body_def);
     for (int i = 0; i < made->mesh.node_count; i++)
-        if ((made->mesh.nodes[i].x + made->mesh.nodes[i].z) * REAL(0.70710678) < made->fixed_below)
+        if (liver_is_fixed(made, made->mesh.nodes[i]))
             CHECK_OK(sb_body_fix_nodes(def.body, &i, 1, SB_XYZ));
     def.surface = &made->surface;
     def.target = &made->target;
@@ -716,20 +630,10 @@ static double match_liver(const liver *made, reg_match_method method, int linear
     }
     match = make_match(&def);
     if (match && CHECK_OK(reg_match_run(match, 60, info)))
-        mean = score(made, def.body, most);
+        mean = liver_score(made, def.body, most);
     reg_match_destroy(match);
     sb_body_destroy(def.body);
     return mean;
-}
-
-/* The node of the fine mesh that moves most. */
-static int farthest(const liver *made)
-{
-    int best = 0;
-    for (int i = 0; i < made->fine.node_count; i++)
-        if (sb_v3_norm(made->truth[i]) > sb_v3_norm(made->truth[best]))
-            best = i;
-    return best;
 }
 
 /* In this data a patch of the surface was drawn along itself by two thirds of its way: what no shape shows. The bounds
@@ -748,12 +652,12 @@ static void test_livers(void)
             liver made;
             double most = 0, mean, helped, grid;
             reg_match_info info;
-            if (read_liver(names[k], meshes[m], "deformed_surface.obj", &made)) {
+            if (liver_read(names[k], meshes[m], "deformed_surface.obj", &made)) {
                 mean = match_liver(&made, REG_PBSM, 0, -1, &most, &info);
                 CHECK(mean < 1.75 && most < 17.5);
                 CHECK(info.stop == REG_MATCH_SETTLED && info.iterations < 40 && info.mean_distance < REAL(5e-5));
                 if (m == 0) {
-                    helped = match_liver(&made, REG_PBSM, 0, farthest(&made), &most, &info);
+                    helped = match_liver(&made, REG_PBSM, 0, liver_farthest(&made), &most, &info);
                     CHECK(helped < 0.85 * mean);
                 }
                 if (m == 0 && k == 0) {
@@ -761,7 +665,7 @@ static void test_livers(void)
                     CHECK(grid > mean && grid < 4);
                 }
             }
-            free_liver(&made);
+            liver_free(&made);
         }
 }
 
@@ -775,17 +679,17 @@ static void test_partial_livers(void)
         CHECK_SKIP("no shared livers");
         return;
     }
-    if (read_liver("liver2", "coarse_tet4.vtk", "partial_deformed_surface.obj", &clear) &&
-        read_liver("liver2", "coarse_tet4.vtk", "partial_deformed_surface_noisy.obj", &noisy)) {
+    if (liver_read("liver2", "coarse_tet4.vtk", "partial_deformed_surface.obj", &clear) &&
+        liver_read("liver2", "coarse_tet4.vtk", "partial_deformed_surface_noisy.obj", &noisy)) {
         mean = match_liver(&clear, REG_PBSM, 0, -1, &most, &info);
         CHECK(mean < 5 && info.active > REAL(0.4) && info.active < REAL(0.55));
         rough = match_liver(&noisy, REG_PBSM, 0, -1, &most, &info);
         CHECK(rough < mean + 0.4);
-        helped = match_liver(&clear, REG_PBSM, 0, farthest(&clear), &most, &info);
+        helped = match_liver(&clear, REG_PBSM, 0, liver_farthest(&clear), &most, &info);
         CHECK(helped < mean);
-        free_liver(&noisy);
+        liver_free(&noisy);
     }
-    free_liver(&clear);
+    liver_free(&clear);
 }
 
 CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials}, {"scales", test_scale},

@@ -164,7 +164,7 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
     return result;
 }
 
-static sb_mesh regi_match_mesh(const sb_body *body)
+REGI_API sb_mesh regi_match_mesh(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);

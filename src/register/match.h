@@ -15,7 +15,7 @@
  * What it cannot know: a surface that slides along itself keeps its shape. What loads normal to the surface did comes
  * out to a few hundredths of the motion or much better, from a part of the surface too; but where the organ was dragged
  * along its surface the motion found is the one of least energy, which may be off by the length of the drag. Landmarks
- * mend that.
+ * mend that, and so does what is known of loads (see loads.h).
  *
  * Sources: Suwelack 2014, chapter 7, with corrected factors: no 1/2 in f_phi and K_phi, and bounds on the growth of the
  * charge (q I_int / I_phi alone has an unstable fixed point). */

@@ -59,7 +59,14 @@ struct reg_match {
     reg_match_info info;
 };
 
+/* The body's mesh at rest, borrowed. */
+REGI_API sb_mesh regi_match_mesh(const sb_body *body);
 /* Where a charge or landmark is now (m). */
 REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge);
+/* Looks at the target: fills the charges' last look and the distances of the info. Returns the electric energy (J). */
+REGI_API double regi_match_look(reg_match *match);
+/* Takes the body's increment, shortened so that no node moves more than a tenth of the organ's size and until the
+ * material admits the shape. On failure match->info.error says why, and the body is as it was. */
+REGI_API sb_result regi_match_move(reg_match *match);
 
 #endif /* REG_MATCH_STATE_H */

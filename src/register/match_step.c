@@ -104,7 +104,7 @@ static void regi_match_look_chunk(void *user, int chunk)
 }
 
 /* Sums over the charges, in their order. Returns the electric energy (J). */
-static double regi_match_look(reg_match *match)
+REGI_API double regi_match_look(reg_match *match)
 {
     double area = 0, mean = 0, energy = 0;
     sb_real most = 0;
@@ -288,7 +288,7 @@ static sb_real regi_match_largest(const sb_body *b)
 
 /* Takes the increment, shortened so that no node moves more than a tenth of the organ's size, and until the material
  * admits the shape. */
-static sb_result regi_match_move(reg_match *match)
+REGI_API sb_result regi_match_move(reg_match *match)
 {
     sb_body *b = match->body;
     sb_real largest = regi_match_largest(b), limit = (sb_real)0.1 * match->size, share, energy;

@@ -78,6 +78,8 @@
 #define reg_nicp_positions reg_nicp_positions_f32
 #define reg_nicp_source_count reg_nicp_source_count_f32
 #define reg_nicp_get_source reg_nicp_get_source_f32
+#define reg_default_loads_def reg_default_loads_def_f32
+#define reg_loads_run reg_loads_run_f32
 #endif
 #endif
 

@@ -143,6 +143,12 @@
 #define sb_pcg_workspace_create sb_pcg_workspace_create_f32
 #define sb_pcg_workspace_free sb_pcg_workspace_free_f32
 #define sb_pcg_solve sb_pcg_solve_f32
+#define sb_default_direct_def sb_default_direct_def_f32
+#define sb_direct_create sb_direct_create_f32
+#define sb_direct_free sb_direct_free_f32
+#define sb_direct_update sb_direct_update_f32
+#define sb_direct_solve sb_direct_solve_f32
+#define sb_direct_get_info sb_direct_get_info_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
 #define sb_mapping_apply sb_mapping_apply_f32

@@ -1,0 +1,554 @@
+/* loads: see loads.h. */
+#include "loads.h"
+
+#include <string.h>
+
+#include "../softbody/direct_front.h"
+#include "match_state.h"
+
+#define REGI_LOADS_COOKIE 0x6c6f6164u
+
+enum {
+    REGI_LOADS_SLAB = 96,  /* force components per product of the dense system */
+    REGI_LOADS_SMOOTH = 2  /* times that tractions are averaged over facets */
+};
+
+typedef struct regi_loads {
+    const reg_loads_def *def;
+    reg_match *match;
+    sb_body *body;
+    sb_boundary boundary;
+    sb_direct *direct;
+    void *memory;
+    int node_count, sample_count; /* samples: a multiple of 3, those of landmarks among them */
+    int part_count;        /* samples of parts of the surface; three of each landmark follow */
+    int load_count;        /* surface nodes that may bear a force */
+    int *load_nodes;       /* [load_count] */
+    sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
+    double total_area;
+    int *part;             /* [charges] sample of a charge */
+    int *part_start;       /* [part_count + 1] into part_charges */
+    int *part_charges;     /* [charges] by sample */
+    sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
+    sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
+    sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
+    sb_real *gap;          /* [sample_count] that forces have to close (m) */
+    sb_real *variance;     /* [sample_count] misfit^2, over the share of a sample that acts; 0: the sample is off */
+    sb_real *system;       /* [sample_count][sample_count] */
+    sb_real *multiplier;   /* [sample_count] y */
+    sb_real *signs, *sizes;/* [sample_count] of the factor */
+    sb_real *slab;         /* [SLAB][SLAB + sample_count] */
+    sb_real *pack;
+    sb_real *weight;       /* [load_count] w */
+    sb_real *traction;     /* [nodes] */
+    sb_real *average;      /* [nodes] */
+    sb_real *touch;        /* [nodes] facets */
+    sb_vec3 *force;        /* [nodes] found (N) */
+    sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
+    sb_vec3 *before;       /* [nodes] displacement at the beginning (m) */
+    reg_loads_info info;
+} regi_loads;
+
+REG_API reg_loads_def reg_default_loads_def(void)
+{
+    reg_loads_def def;
+    memset(&def, 0, sizeof def);
+    def.samples = 300;
+    def.rounds = 6;
+    def.reweights = 9;
+    def.misfit = (sb_real)6e-5;
+    def.power = (sb_real)0.5;
+    def.floor = (sb_real)0.01;
+    def.cookie = REGI_LOADS_COOKIE;
+    return def;
+}
+
+static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
+{
+    if (!def || def->cookie != REGI_LOADS_COOKIE || !def->match)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "loads need a def made by reg_default_loads_def, and a match");
+    if (def->samples < 30 || def->samples > 3000 || def->rounds < 1 || def->rounds > 100 || def->reweights < 1 ||
+        def->reweights > 1000)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d samples, %d rounds, %d reweights: out of range", def->samples,
+                        def->rounds, def->reweights);
+    if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
+        !(def->floor > 0) || !sb_is_finite(def->floor))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g: out of range", (double)def->misfit,
+                        (double)def->power, (double)def->floor);
+    if (def->match->method != REG_PBSM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
+    if (def->match->body->load_count > 0 || def->match->body->elimination)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
+    return SB_OK;
+}
+
+static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }
+
+/* ---- what stays: nodes, parts of the surface ---- */
+
+/* Shares the area of the body's facets out to their nodes. */
+static void regi_loads_measure_nodes(regi_loads *l)
+{
+    const sb_mesh *skin = &l->boundary.surface;
+    int width = sb_mesh_element_width(skin), corners = sb_element_corner_count(skin->element_type);
+    memset(l->area, 0, (size_t)l->node_count * sizeof(sb_real));
+    for (int f = 0; f < skin->element_count; f++) {
+        const int *c = skin->elements + (size_t)f * (size_t)width;
+        sb_vec3 d = sb_v3_sub(skin->nodes[c[corners - 1]], skin->nodes[c[0]]), area;
+        area = sb_v3_cross(sb_v3_sub(skin->nodes[c[1]], skin->nodes[c[0]]), d);
+        if (corners == 4) {
+            d = sb_v3_sub(skin->nodes[c[3]], skin->nodes[c[1]]);
+            area = sb_v3_cross(sb_v3_sub(skin->nodes[c[2]], skin->nodes[c[0]]), d);
+        }
+        for (int k = 0; k < width; k++)
+            l->area[l->boundary.nodes[c[k]]] += sb_v3_norm(area) / (2 * (sb_real)width);
+    }
+    l->load_count = 0;
+    l->total_area = 0;
+    for (int i = 0; i < l->node_count; i++) {
+        l->total_area += (double)l->area[i];
+        if (l->area[i] > 0 && l->body->fixed[i] != SB_XYZ)
+            l->load_nodes[l->load_count++] = i;
+    }
+}
+
+static sb_vec3 regi_loads_rest_point(const regi_loads *l, int charge)
+{
+    int width = l->match->width;
+    const int *nodes = l->body->domain.cells + (size_t)l->match->charges[charge].element * (size_t)width;
+    sb_vec3 x = sb_v3(0, 0, 0);
+    for (int a = 0; a < width; a++)
+        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->body->reference[nodes[a]]);
+    return x;
+}
+
+/* Parts around centres that are as far from each other as can be; each charge belongs to the closest. */
+static void regi_loads_cut_parts(regi_loads *l)
+{
+    int charges = l->match->charge_count, centre = 0;
+    for (int i = 0; i < charges; i++)
+        l->spread[i] = SB_REAL_MAX;
+    for (int s = 0; s < l->part_count; s++) {
+        sb_vec3 at = regi_loads_rest_point(l, centre);
+        sb_real farthest = -1;
+        for (int i = 0; i < charges; i++) {
+            sb_vec3 way = sb_v3_sub(regi_loads_rest_point(l, i), at);
+            sb_real square = sb_v3_dot(way, way);
+            if (square < l->spread[i]) {
+                l->spread[i] = square;
+                l->part[i] = s;
+            }
+            if (l->spread[i] > farthest) {
+                farthest = l->spread[i];
+                centre = i;
+            }
+        }
+    }
+    memset(l->part_start, 0, (size_t)(l->part_count + 1) * sizeof(int));
+    for (int i = 0; i < charges; i++)
+        l->part_start[l->part[i] + 1]++;
+    for (int s = 0; s < l->part_count; s++)
+        l->part_start[s + 1] += l->part_start[s];
+    for (int i = charges - 1; i >= 0; i--)
+        l->part_charges[--l->part_start[l->part[i] + 1]] = i;
+    /* each start has moved down to that of the part before it */
+    memmove(l->part_start, l->part_start + 1, (size_t)l->part_count * sizeof(int));
+    l->part_start[l->part_count] = charges;
+}
+
+/* ---- a round: samples and their responses ---- */
+
+/* Adds weight times a charge's motion along `line` to a row. Held components do not move. */
+static void regi_loads_add_point(const regi_loads *l, int charge, sb_vec3 line, sb_real weight, sb_real *row)
+{
+    int width = l->match->width;
+    const int *nodes = l->body->domain.cells + (size_t)l->match->charges[charge].element * (size_t)width;
+    const sb_real *weights = l->match->weights + (size_t)charge * (size_t)width;
+    for (int a = 0; a < width; a++) {
+        sb_real *to = row + 3 * (size_t)nodes[a], share = weight * weights[a];
+        unsigned char held = l->body->fixed[nodes[a]];
+        to[0] += held & SB_X ? 0 : share * line.x;
+        to[1] += held & SB_Y ? 0 : share * line.y;
+        to[2] += held & SB_Z ? 0 : share * line.z;
+    }
+}
+
+/* Signed distance of a charge from the target along the target's normal (m). */
+static sb_real regi_loads_distance(const regi_match_charge *charge)
+{
+    return sb_v3_dot(charge->force, charge->line) / charge->stiffness;
+}
+
+/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
+ * about their mean is noise that no force explains; charges share vertices with their neighbours, so that some six are
+ * worth one in the mean's variance. */
+static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+{
+    sb_real area = 0, sum = 0, scatter = 0, misfit = l->def->misfit * l->match->size;
+    int count = 0;
+    for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
+        const regi_match_charge *charge = l->match->charges + l->part_charges[k];
+        if (!charge->active)
+            continue;
+        count++;
+        area += charge->area;
+        sum += charge->area * regi_loads_distance(charge);
+    }
+    if (count == 0)
+        return;
+    for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
+        const regi_match_charge *charge = l->match->charges + l->part_charges[k];
+        sb_real off = charge->active ? regi_loads_distance(charge) - sum / area : 0;
+        if (!charge->active)
+            continue;
+        scatter += charge->area / area * off * off;
+        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
+    }
+    l->gap[sample] = -sum / area;
+    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
+                          6 * scatter / (sb_real)count;
+}
+
+static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
+{
+    int index = (sample - l->part_count) / 3, axis = (sample - l->part_count) % 3, charge;
+    sb_real misfit = l->def->misfit * l->match->size;
+    sb_vec3 line = sb_v3(axis == 0, axis == 1, axis == 2), gap;
+    if (index >= l->match->landmark_count)
+        return;
+    charge = l->match->charge_count + index;
+    gap = sb_v3_sub(l->match->targets[l->match->charges[charge].index], regi_match_point(l->match, charge));
+    l->gap[sample] = sb_v3_dot(gap, line);
+    l->variance[sample] = misfit * misfit;
+    regi_loads_add_point(l, charge, line, 1, row);
+}
+
+/* Forces and stiffness of the present shape, factored. */
+static sb_result regi_loads_stiffness(regi_loads *l, sb_error *error)
+{
+    sb_body *b = l->body;
+    sb_real mass = sb_body_mass(b), hold;
+    int bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    if (bad >= 0)
+        return sbi_fail_element(error, SB_ERROR_INVERTED, bad, "element %d is inside out, which its material does not "
+                                "allow", bad);
+    for (int i = 0; i < l->node_count; i++)
+        l->residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
+    /* holds what nothing holds; it acts on a round's motion only, so that the end does not notice */
+    hold = (sb_real)0.1 * l->match->young * l->match->size;
+    sbi_body_add_mass(b, mass > 0 ? hold / mass : 0);
+    sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
+    return sb_direct_update(l->direct, &b->matrix, error);
+}
+
+/* Responses of the samples, a group of right-hand sides at a time, and the gaps that all the forces have to close:
+ * those seen and those that would open if the present ones went. */
+static void regi_loads_respond(regi_loads *l)
+{
+    size_t row_size = 3 * (size_t)l->node_count, samples = (size_t)l->sample_count;
+    for (int first = 0; first < l->sample_count; first += SBI_FRONT_GROUP) {
+        int count = sbi_min_int(SBI_FRONT_GROUP, l->sample_count - first);
+        memset(l->rows, 0, (size_t)count * row_size * sizeof(sb_real));
+        for (int s = 0; s < count; s++) {
+            l->gap[first + s] = l->variance[first + s] = 0;
+            if (first + s < l->part_count)
+                regi_loads_sample_part(l, first + s, l->rows + (size_t)s * row_size);
+            else
+                regi_loads_sample_landmark(l, first + s, l->rows + (size_t)s * row_size);
+        }
+        (void)sb_direct_solve(l->direct, l->rows, l->rows, count);
+        for (int s = 0; s < count; s++) {
+            const sb_real *row = l->rows + (size_t)s * row_size;
+            for (int i = 0; i < l->node_count; i++)
+                l->gap[first + s] += sb_v3_dot(sb_v3(row[3 * i], row[3 * i + 1], row[3 * i + 2]), l->residual[i]);
+            for (int k = 0; k < 3 * l->load_count; k++)
+                l->response[(size_t)k * samples + (size_t)(first + s)] = row[3 * l->load_nodes[k / 3] + k % 3];
+        }
+    }
+}
+
+/* ---- a round: forces ---- */
+
+/* Averages the tractions over facets and back to the nodes. */
+static void regi_loads_smooth(regi_loads *l)
+{
+    const sb_mesh *skin = &l->boundary.surface;
+    int width = sb_mesh_element_width(skin);
+    memset(l->average, 0, (size_t)l->node_count * sizeof(sb_real));
+    memset(l->touch, 0, (size_t)l->node_count * sizeof(sb_real));
+    for (int f = 0; f < skin->element_count; f++) {
+        const int *c = skin->elements + (size_t)f * (size_t)width;
+        sb_real mean = 0;
+        for (int k = 0; k < width; k++)
+            mean += l->traction[l->boundary.nodes[c[k]]] / (sb_real)width;
+        for (int k = 0; k < width; k++) {
+            l->average[l->boundary.nodes[c[k]]] += mean;
+            l->touch[l->boundary.nodes[c[k]]] += 1;
+        }
+    }
+    for (int i = 0; i < l->node_count; i++)
+        l->traction[i] = l->touch[i] > 0 ? l->average[i] / l->touch[i] : 0;
+}
+
+/* Largest traction (Pa). */
+static sb_real regi_loads_tractions(regi_loads *l)
+{
+    sb_real most = 0;
+    memset(l->traction, 0, (size_t)l->node_count * sizeof(sb_real));
+    for (int k = 0; k < l->load_count; k++) {
+        int i = l->load_nodes[k];
+        l->traction[i] = sb_v3_norm(l->force[i]) / l->area[i];
+        most = sb_max(most, l->traction[i]);
+    }
+    return most;
+}
+
+/* w from the forces; the same everywhere when there are none yet. */
+static void regi_loads_weigh(regi_loads *l)
+{
+    double sum = 0;
+    sb_real exponent = 2 - l->def->power, mean;
+    (void)regi_loads_tractions(l);
+    for (int i = 0; i < l->node_count; i++)
+        sum += (double)(l->area[i] * l->traction[i]);
+    mean = (sb_real)(sum / l->total_area);
+    for (int k = 0; k < REGI_LOADS_SMOOTH; k++)
+        regi_loads_smooth(l);
+    for (int k = 0; k < l->load_count; k++) {
+        int i = l->load_nodes[k];
+        sb_real share = mean > 0 ? l->traction[i] / mean + l->def->floor : 1;
+        l->weight[k] = l->area[i] * sb_exp(exponent * sb_log(share));
+    }
+}
+
+/* system = G W G^T, lower triangle, by slabs of columns for the fronts' product, which subtracts. */
+static void regi_loads_gram(regi_loads *l)
+{
+    size_t samples = (size_t)l->sample_count, columns = 3 * (size_t)l->load_count;
+    memset(l->system, 0, samples * samples * sizeof(sb_real));
+    for (size_t first = 0; first < columns; first += REGI_LOADS_SLAB) {
+        size_t count = columns - first < REGI_LOADS_SLAB ? columns - first : (size_t)REGI_LOADS_SLAB;
+        for (size_t k = 0; k < count; k++) {
+            const sb_real *from = l->response + (first + k) * samples;
+            sb_real root = sb_sqrt(l->weight[(first + k) / 3]), *to = l->slab + k * (count + samples) + count;
+            for (size_t s = 0; s < samples; s++)
+                to[s] = root * from[s];
+        }
+        sbi_front_square(l->slab, count + samples, count, 0, NULL, l->system, l->pack);
+    }
+}
+
+/* Scales w so that the forces expected close gaps of the size seen, adds the variances, and turns the sign back. */
+static void regi_loads_balance(regi_loads *l)
+{
+    size_t samples = (size_t)l->sample_count;
+    double gaps = 0, trace = 0;
+    sb_real scale, least;
+    int count = 0;
+    for (size_t s = 0; s < samples; s++)
+        if (l->variance[s] > 0) {
+            gaps += (double)l->gap[s] * (double)l->gap[s];
+            trace -= (double)l->system[s * samples + s];
+            count++;
+        }
+    scale = (sb_real)(trace > 0 ? gaps / trace : 0);
+    least = count > 0 ? 16 * SB_EPSILON * scale * (sb_real)(trace / count) : 0; /* what its rounding takes */
+    for (int k = 0; k < l->load_count; k++)
+        l->weight[k] *= scale;
+    for (size_t j = 0; j < samples; j++)
+        for (size_t s = j; s < samples; s++) {
+            sb_real *entry = l->system + j * samples + s;
+            int off = !(l->variance[s] > 0 && l->variance[j] > 0);
+            *entry = off ? (sb_real)(s == j) : -scale * *entry + (s == j ? l->variance[s] + least : 0);
+        }
+}
+
+/* One weighted least squares problem: w, y, f. */
+static sb_result regi_loads_solve(regi_loads *l, sb_error *error)
+{
+    size_t samples = (size_t)l->sample_count;
+    sb_direct_info info;
+    regi_loads_weigh(l);
+    regi_loads_gram(l);
+    regi_loads_balance(l);
+    memset(&info, 0, sizeof info);
+    for (size_t s = 0; s < samples; s++) {
+        l->sizes[s] = l->system[s * samples + s];
+        l->multiplier[s] = l->variance[s] > 0 ? l->gap[s] : 0;
+    }
+    if (sbi_front_factor(l->system, samples, samples, 0, l->signs, l->sizes, l->pack, &info) >= 0)
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "the samples of the surface cannot be told apart");
+    sbi_front_forward(l->system, samples, samples, l->multiplier, 1);
+    sbi_front_backward(l->system, samples, samples, l->multiplier, 1);
+    for (int k = 0; k < l->load_count; k++) {
+        sb_real sum[3] = {0, 0, 0};
+        for (int axis = 0; axis < 3; axis++) {
+            const sb_real *row = l->response + (3 * (size_t)k + (size_t)axis) * samples;
+            for (size_t s = 0; s < samples; s++)
+                sum[axis] += row[s] * l->multiplier[s];
+        }
+        l->force[l->load_nodes[k]] = sb_v3_scale(l->weight[k], sb_v3(sum[0], sum[1], sum[2]));
+    }
+    return SB_OK;
+}
+
+/* What the solution leaves of the gaps: variance times y. */
+static sb_real regi_loads_misfit(const regi_loads *l)
+{
+    double sum = 0;
+    int count = 0;
+    for (int s = 0; s < l->sample_count; s++)
+        if (l->variance[s] > 0) {
+            double left = (double)(l->variance[s] * l->multiplier[s]);
+            sum += left * left;
+            count++;
+        }
+    return (sb_real)(count > 0 ? sb_sqrt((sb_real)(sum / count)) : 0);
+}
+
+static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
+{
+    double begin = regi_loads_now(l), responded;
+    int reweights = round == 0 ? l->def->reweights : (l->def->reweights + 2) / 3;
+    sb_result result;
+    (void)regi_match_look(l->match);
+    l->info.mean_distance = l->match->info.mean_distance;
+    if (!(l->match->info.active > 0))
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "nothing of the organ's surface is near the target");
+    result = regi_loads_stiffness(l, error);
+    if (result != SB_OK)
+        return result;
+    regi_loads_respond(l);
+    responded = regi_loads_now(l);
+    l->info.seconds_response += responded - begin;
+    for (int k = 0; result == SB_OK && k < reweights; k++)
+        result = regi_loads_solve(l, error);
+    l->info.seconds_dense += regi_loads_now(l) - responded;
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < l->node_count; i++)
+        l->body->rhs[i] = sbi_body_pick_axes(l->body->fixed[i], sb_v3(0, 0, 0),
+                                             sb_v3_sub(l->force[i], l->residual[i]));
+    (void)sb_direct_solve(l->direct, &l->body->rhs[0].x, &l->body->increment[0].x, 1);
+    result = regi_match_move(l->match);
+    if (result != SB_OK) {
+        if (error)
+            *error = l->match->info.error;
+        return result;
+    }
+    l->info.change = l->match->info.change;
+    l->info.sample_misfit = regi_loads_misfit(l);
+    l->info.rounds++;
+    return SB_OK;
+}
+
+/* ---- life ---- */
+
+static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
+{
+    size_t n = (size_t)l->node_count, charges = (size_t)l->match->charge_count, samples = (size_t)l->sample_count;
+    size_t skin = (size_t)l->boundary.surface.node_count, real = sizeof(sb_real);
+    l->load_nodes = (int *)sbi_arena_take(arena, skin, sizeof(int));
+    l->area = (sb_real *)sbi_arena_take(arena, n, real);
+    l->part = (int *)sbi_arena_take(arena, charges, sizeof(int));
+    l->part_start = (int *)sbi_arena_take(arena, (size_t)l->part_count + 1, sizeof(int));
+    l->part_charges = (int *)sbi_arena_take(arena, charges, sizeof(int));
+    l->spread = (sb_real *)sbi_arena_take(arena, charges, real);
+    l->rows = (sb_real *)sbi_arena_take(arena, n, 3 * SBI_FRONT_GROUP * real);
+    l->response = (sb_real *)sbi_arena_take(arena, skin, 3 * samples * real);
+    l->gap = (sb_real *)sbi_arena_take(arena, samples, real);
+    l->variance = (sb_real *)sbi_arena_take(arena, samples, real);
+    l->system = (sb_real *)sbi_arena_take(arena, samples, samples * real);
+    l->multiplier = (sb_real *)sbi_arena_take(arena, samples, real);
+    l->signs = (sb_real *)sbi_arena_take(arena, samples, real);
+    l->sizes = (sb_real *)sbi_arena_take(arena, samples, real);
+    l->slab = (sb_real *)sbi_arena_take(arena, REGI_LOADS_SLAB + samples, REGI_LOADS_SLAB * real);
+    l->pack = (sb_real *)sbi_arena_take(arena, SBI_FRONT_PACK, real);
+    l->weight = (sb_real *)sbi_arena_take(arena, skin, real);
+    l->traction = (sb_real *)sbi_arena_take(arena, n, real);
+    l->average = (sb_real *)sbi_arena_take(arena, n, real);
+    l->touch = (sb_real *)sbi_arena_take(arena, n, real);
+    l->force = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->before = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+}
+
+static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
+{
+    const sb_allocator *allocator = &l->def->allocator;
+    sb_direct_def direct = sb_default_direct_def();
+    sb_mesh mesh = regi_match_mesh(l->body);
+    sbi_arena arena;
+    sb_result result = sb_mesh_boundary(&mesh, 1, allocator, &l->boundary, error);
+    direct.positions = l->body->reference;
+    if (result == SB_OK)
+        result = sb_direct_create(&direct, &l->body->matrix, allocator, &l->direct, error);
+    if (result != SB_OK)
+        return result;
+    l->node_count = mesh.node_count;
+    l->part_count = sbi_min_int(l->def->samples, l->match->charge_count);
+    l->sample_count = (l->part_count + 3 * l->match->landmark_count + 2) / 3 * 3;
+    memset(&arena, 0, sizeof arena);
+    regi_loads_layout(l, &arena);
+    l->memory = arena.overflow ? NULL : sbi_alloc_zeroed(allocator, 1, arena.used);
+    if (!l->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d samples of the surface", l->sample_count);
+    arena.base = (unsigned char *)l->memory;
+    arena.used = 0;
+    regi_loads_layout(l, &arena);
+    memcpy(l->before, l->body->displacement, (size_t)l->node_count * sizeof(sb_vec3));
+    regi_loads_measure_nodes(l);
+    regi_loads_cut_parts(l);
+    return l->load_count > 0 ? SB_OK : sbi_fail(error, SB_ERROR_ARGUMENT, "all of the surface is held");
+}
+
+/* Rounds, and what they found; a failure puts the body back. */
+static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error)
+{
+    sb_result result = regi_loads_prepare(l, error);
+    double loaded = 0;
+    sb_real most;
+    if (result != SB_OK)
+        return result;
+    l->info.change = l->match->size;
+    for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
+        if (l->info.change > (sb_real)1e-3 * l->match->size)
+            result = regi_loads_round(l, round, error);
+    if (result != SB_OK) {
+        (void)sb_body_set_displacements(l->body, l->before);
+        return result;
+    }
+    most = regi_loads_tractions(l);
+    for (int i = 0; i < l->node_count; i++)
+        loaded += l->traction[i] > (sb_real)0.05 * most ? (double)l->area[i] : 0;
+    l->info.loaded = (sb_real)(loaded / l->total_area);
+    if (forces)
+        memcpy(forces, l->force, (size_t)l->node_count * sizeof(sb_vec3));
+    return SB_OK;
+}
+
+REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_loads_info *info)
+{
+    regi_loads loads;
+    sb_result result;
+    double begin;
+    memset(&loads, 0, sizeof loads);
+    loads.info.error.element = loads.info.error.node = -1;
+    result = regi_loads_check(def, &loads.info.error);
+    if (result == SB_OK) {
+        loads.def = def;
+        loads.match = def->match;
+        loads.body = def->match->body;
+        begin = regi_loads_now(&loads);
+        result = regi_loads_find(&loads, forces, &loads.info.error);
+        loads.info.seconds = regi_loads_now(&loads) - begin;
+        sb_boundary_free(&loads.boundary);
+        sb_direct_free(loads.direct);
+        sbi_free(&def->allocator, loads.memory);
+    }
+    if (info)
+        *info = loads.info;
+    return result;
+}
