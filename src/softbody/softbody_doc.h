@@ -23,7 +23,7 @@
  *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
- *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
+ *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
@@ -293,5 +293,5 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, precond, pcg,
- * domain, grid, body, load, embed, constraint, step, modes, state, record.
+ * direct, domain, grid, body, load, embed, constraint, step, modes, state, record.
  */
