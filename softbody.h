@@ -28,7 +28,7 @@
  *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
- *     SB_NO_VECTORS      no compiler vector types in the preconditioner: plain loops, the same bits, slower.
+ *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
@@ -298,7 +298,7 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, precond, pcg,
- * domain, grid, body, load, embed, constraint, step, modes, state, record.
+ * direct, domain, grid, body, load, embed, constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -23015,41 +23015,37 @@ static void sbi_front_backward_one(const sb_real *l, size_t height, size_t rows,
 }
 
 #if SBI_FRONT_BYTES
-/* `half` a group: one vector of right-hand sides */
-static void sbi_front_forward_half(const sb_real *l, size_t height, size_t rows, sb_real *x)
-{
-    sbi_front_lanes x0 = SBI_FRONT_AT(x), x1 = SBI_FRONT_AT(x + SBI_FRONT_GROUP);
-    sbi_front_lanes x2 = SBI_FRONT_AT(x + 2 * SBI_FRONT_GROUP);
-    for (size_t r = 3; r < rows; r++) {
-        sb_real *at = x + r * SBI_FRONT_GROUP;
-        SBI_FRONT_PUT(at, SBI_FRONT_AT(at) - x0 * l[r] - x1 * l[height + r] - x2 * l[2 * height + r]);
-    }
-}
-
-static void sbi_front_backward_half(const sb_real *l, size_t height, size_t rows, sb_real *x)
-{
-    sbi_front_lanes s0 = SBI_FRONT_AT(x) - SBI_FRONT_AT(x), s1 = s0, s2 = s0;
-    for (size_t r = 3; r < rows; r++) {
-        sbi_front_lanes value = SBI_FRONT_AT(x + r * SBI_FRONT_GROUP);
-        s0 += value * l[r];
-        s1 += value * l[height + r];
-        s2 += value * l[2 * height + r];
-    }
-    SBI_FRONT_PUT(x, SBI_FRONT_AT(x) - s0);
-    SBI_FRONT_PUT(x + SBI_FRONT_GROUP, SBI_FRONT_AT(x + SBI_FRONT_GROUP) - s1);
-    SBI_FRONT_PUT(x + 2 * SBI_FRONT_GROUP, SBI_FRONT_AT(x + 2 * SBI_FRONT_GROUP) - s2);
-}
-
 static void sbi_front_forward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
 {
-    sbi_front_forward_half(l, height, rows, x);
-    sbi_front_forward_half(l, height, rows, x + SBI_FRONT_WIDTH);
+    const size_t second = SBI_FRONT_WIDTH, row = SBI_FRONT_GROUP;
+    sbi_front_lanes x0 = SBI_FRONT_AT(x), x1 = SBI_FRONT_AT(x + row), x2 = SBI_FRONT_AT(x + 2 * row);
+    sbi_front_lanes y0 = SBI_FRONT_AT(x + second), y1 = SBI_FRONT_AT(x + row + second);
+    sbi_front_lanes y2 = SBI_FRONT_AT(x + 2 * row + second);
+    const sb_real *l1 = l + height, *l2 = l1 + height;
+    for (size_t r = 3; r < rows; r++) {
+        sb_real *at = x + r * row, a = l[r], b = l1[r], c = l2[r];
+        SBI_FRONT_PUT(at, SBI_FRONT_AT(at) - x0 * a - x1 * b - x2 * c);
+        SBI_FRONT_PUT(at + second, SBI_FRONT_AT(at + second) - y0 * a - y1 * b - y2 * c);
+    }
 }
 
 static void sbi_front_backward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
 {
-    sbi_front_backward_half(l, height, rows, x);
-    sbi_front_backward_half(l, height, rows, x + SBI_FRONT_WIDTH);
+    const size_t second = SBI_FRONT_WIDTH, row = SBI_FRONT_GROUP;
+    sbi_front_lanes s0 = SBI_FRONT_AT(x) - SBI_FRONT_AT(x), s1 = s0, s2 = s0, t0 = s0, t1 = s0, t2 = s0;
+    const sb_real *l1 = l + height, *l2 = l1 + height;
+    for (size_t r = 3; r < rows; r++) {
+        sbi_front_lanes value = SBI_FRONT_AT(x + r * row), other = SBI_FRONT_AT(x + r * row + second);
+        sb_real a = l[r], b = l1[r], c = l2[r];
+        s0 += value * a, t0 += other * a;
+        s1 += value * b, t1 += other * b;
+        s2 += value * c, t2 += other * c;
+    }
+    SBI_FRONT_PUT(x, SBI_FRONT_AT(x) - s0), SBI_FRONT_PUT(x + second, SBI_FRONT_AT(x + second) - t0);
+    SBI_FRONT_PUT(x + row, SBI_FRONT_AT(x + row) - s1);
+    SBI_FRONT_PUT(x + row + second, SBI_FRONT_AT(x + row + second) - t1);
+    SBI_FRONT_PUT(x + 2 * row, SBI_FRONT_AT(x + 2 * row) - s2);
+    SBI_FRONT_PUT(x + 2 * row + second, SBI_FRONT_AT(x + 2 * row + second) - t2);
 }
 #else
 static void sbi_front_forward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
