@@ -31,7 +31,7 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3 };
 
 typedef struct settings {
     const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out;
-    int linear, partial, aligned, noisy, cells, steps, help;
+    int linear, partial, aligned, noisy, plain, cells, steps, help;
     double scale, young, poisson, seconds;
 } settings;
 
@@ -434,6 +434,7 @@ static task make_task(const work *w)
     given.aligned = set->aligned;
     given.linear = set->linear;
     given.noisy = set->noisy;
+    given.loads = !set->plain && !set->linear;
     given.fixed = w->fixed;
     given.fixed_count = w->fixed_count;
     given.landmarks = w->landmarks;
@@ -525,7 +526,7 @@ static int check_settings(const settings *set, const char *const files[2])
 
 int main(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd"},
@@ -534,6 +535,8 @@ int main(int argc, char **argv)
          "the target is a part of the surface; an open surface always is"},
         {"--aligned", NULL, OPTION_FLAG, &set.aligned, NULL, NULL, 0, 0, "the target is in the model's frame: no rigid start"},
         {"--noisy", NULL, OPTION_FLAG, &set.noisy, NULL, NULL, 0, 0, "follow the target's shape less closely"},
+        {"--plain", NULL, OPTION_FLAG, &set.plain, NULL, NULL, 0, 0,
+         "pbsm only: without the loads that say more of motion along the surface; some seconds less"},
         {"--surface", "FILE", OPTION_TEXT, NULL, NULL, &set.surface, 0, 0,
          "the fine surface that the model was made from: it is matched in place of the model's own"},
         {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &set.landmarks, 0, 0, "lines x y z  X Y Z"},

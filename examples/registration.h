@@ -33,6 +33,7 @@ typedef struct task {
     int aligned;                  /* 1: it is in the model's frame already */
     int linear;                   /* 1: a linear material */
     int noisy;
+    int loads; /* after shape matching: the loads on little of the surface that give that shape */
     const int *fixed;             /* [fixed_count] nodes that do not move, but with the whole organ */
     int fixed_count;
     const sb_vec3 *landmarks, *landmark_targets; /* [landmark_count] m */
@@ -234,6 +235,142 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     return result;
 }
 
+/* ---- a smooth skin for a coarse model ---------------------------------------------------------------------------
+ * A coarse mesh cuts the corners of a round organ, its nodes lie on it. Curved point-normal triangles (Vlachos et al.
+ * 2001) through the nodes are much nearer to what a scan shows than the mesh's facets. */
+
+/* Corner triangles of a boundary whose edges are straight; 0 elements where they are not, or there are quads. */
+static inline sb_result skin_corners(const sb_mesh *boundary, sb_mesh *corners, sb_error *error)
+{
+    int stride = boundary->element_type == SB_TRI6 ? 6 : 3;
+    sb_result result = sb_mesh_copy(boundary, NULL, corners, error);
+    int straight = boundary->element_type == SB_TRI3 || boundary->element_type == SB_TRI6;
+    for (int e = 0; result == SB_OK && e < boundary->element_count && straight; e++) {
+        const int *n = boundary->elements + (size_t)stride * (size_t)e;
+        for (int c = 0; c < 3; c++) {
+            sb_vec3 a = boundary->nodes[n[c]], b = boundary->nodes[n[(c + 1) % 3]];
+            sb_vec3 middle = sb_v3_scale((sb_real)0.5, sb_v3_add(a, b));
+            corners->elements[3 * (size_t)e + (size_t)c] = n[c];
+            if (stride == 6 && sb_v3_norm(sb_v3_sub(boundary->nodes[n[3 + c]], middle)) >
+                                   (sb_real)1e-4 * sb_v3_norm(sb_v3_sub(b, a)))
+                straight = 0;
+        }
+    }
+    if (result == SB_OK)
+        corners->element_type = SB_TRI3;
+    if (result == SB_OK && !straight)
+        corners->element_count = 0;
+    return result;
+}
+
+static inline sb_vec3 skin_control(sb_vec3 a, sb_vec3 b, sb_vec3 normal, sb_vec3 other)
+{
+    sb_real lift = sb_v3_dot(normal, other) > (sb_real)0.3 ? sb_v3_dot(sb_v3_sub(b, a), normal) : 0; /* no crease */
+    return sb_v3_scale((sb_real)(1.0 / 3), sb_v3_madd(sb_v3_add(sb_v3_scale(2, a), b), -lift, normal));
+}
+
+/* Point of the curved triangle with corners p and unit normals n at (u, v, w), which sum to 1. */
+static inline sb_vec3 skin_point(const sb_vec3 p[3], const sb_vec3 n[3], double u, double v, double w)
+{
+    const double at[3] = {u, v, w};
+    sb_vec3 sum = sb_v3(0, 0, 0), edges = sum, centre;
+    for (int i = 0; i < 3; i++) {
+        sum = sb_v3_madd(sum, (sb_real)(at[i] * at[i] * at[i]), p[i]);
+        for (int j = 0; j < 3; j++)
+            if (j != i) {
+                sb_vec3 control = skin_control(p[i], p[j], n[i], n[j]);
+                edges = sb_v3_add(edges, control);
+                sum = sb_v3_madd(sum, (sb_real)(3 * at[i] * at[i] * at[j]), control);
+            }
+    }
+    edges = sb_v3_scale((sb_real)(1.0 / 6), edges);
+    centre = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(sb_v3_add(p[0], p[1]), p[2]));
+    centre = sb_v3_madd(edges, (sb_real)0.5, sb_v3_sub(edges, centre));
+    return sb_v3_madd(sum, (sb_real)(6 * u * v * w), centre);
+}
+
+/* Unit normals of the nodes, by angles times areas of the faces. */
+static inline void skin_normals(const sb_mesh *corners, sb_vec3 *normals)
+{
+    memset(normals, 0, (size_t)corners->node_count * sizeof *normals);
+    for (int e = 0; e < corners->element_count; e++) {
+        const int *n = corners->elements + 3 * (size_t)e;
+        sb_vec3 ab = sb_v3_sub(corners->nodes[n[1]], corners->nodes[n[0]]);
+        sb_vec3 normal = sb_v3_cross(ab, sb_v3_sub(corners->nodes[n[2]], corners->nodes[n[0]]));
+        for (int c = 0; c < 3; c++)
+            normals[n[c]] = sb_v3_add(normals[n[c]], normal);
+    }
+    for (int i = 0; i < corners->node_count; i++) {
+        sb_real length = sb_v3_norm(normals[i]);
+        normals[i] = sb_v3_scale(length > 0 ? 1 / length : 0, normals[i]);
+    }
+}
+
+/* The nodes and triangles of one curved triangle, cut into cuts x cuts; appended. */
+static inline void skin_cut(const sb_mesh *corners, const sb_vec3 *normals, int e, int cuts, sb_mesh *skin)
+{
+    const int *c = corners->elements + 3 * (size_t)e;
+    int first = skin->node_count, row = first;
+    sb_vec3 p[3], n[3];
+    for (int k = 0; k < 3; k++)
+        p[k] = corners->nodes[c[k]], n[k] = normals[c[k]];
+    for (int i = 0; i <= cuts; i++)
+        for (int j = 0; j <= cuts - i; j++)
+            skin->nodes[skin->node_count++] = skin_point(p, n, (double)(cuts - i - j) / cuts, (double)j / cuts,
+                                                         (double)i / cuts);
+    for (int i = 0; i < cuts; row += cuts + 1 - i, i++)
+        for (int j = 0; j < cuts - i; j++) {
+            int below = row + j, above = row + cuts + 1 - i + j;
+            int *t = skin->elements + 3 * (size_t)skin->element_count++;
+            t[0] = below, t[1] = below + 1, t[2] = above;
+            if (j < cuts - i - 1) {
+                t = skin->elements + 3 * (size_t)skin->element_count++;
+                t[0] = below + 1, t[1] = above + 1, t[2] = above;
+            }
+        }
+}
+
+enum { SKIN_TRIANGLES = 10000 };
+
+/* The skin, welded. Boundaries of quads and curved faces come out as their triangulation. */
+static inline sb_result task_make_skin(const sb_mesh *boundary, sb_mesh *skin, sb_error *error)
+{
+    sb_mesh corners;
+    sb_vec3 *normals;
+    sb_result result;
+    int cuts = 1, merged;
+    memset(&corners, 0, sizeof corners);
+    if (boundary->element_type != SB_TRI3 && boundary->element_type != SB_TRI6)
+        return sb_surface_triangulate(boundary, NULL, skin, error);
+    result = skin_corners(boundary, &corners, error);
+    if (result != SB_OK || corners.element_count == 0 || corners.element_count > SKIN_TRIANGLES / 4) {
+        sb_mesh_free(&corners);
+        return result != SB_OK ? result : sb_surface_triangulate(boundary, NULL, skin, error);
+    }
+    while (cuts < 6 && corners.element_count * (cuts + 1) * (cuts + 1) <= SKIN_TRIANGLES)
+        cuts++;
+    memset(skin, 0, sizeof *skin);
+    skin->element_type = SB_TRI3;
+    skin->nodes = (sb_vec3 *)malloc((size_t)(corners.element_count * (cuts + 1) * (cuts + 2) / 2) * sizeof *skin->nodes);
+    skin->elements = (int *)malloc((size_t)(corners.element_count * cuts * cuts) * 3 * sizeof *skin->elements);
+    normals = (sb_vec3 *)malloc((size_t)corners.node_count * sizeof *normals);
+    if (!skin->nodes || !skin->elements || !normals)
+        result = task_fail(error, SB_ERROR_MEMORY, "not enough memory for the skin");
+    if (result == SB_OK)
+        skin_normals(&corners, normals);
+    for (int e = 0; result == SB_OK && e < corners.element_count; e++)
+        skin_cut(&corners, normals, e, cuts, skin);
+    if (result == SB_OK)
+        result = sb_mesh_merge_nodes(skin, -1, &merged, error);
+    if (result == SB_OK)
+        result = sb_mesh_remove_unreferenced(skin, &merged, error);
+    free(normals);
+    sb_mesh_free(&corners);
+    if (result != SB_OK)
+        sb_mesh_free(skin);
+    return result;
+}
+
 /* out->start, out->placed, out->boundary and out->seen. */
 static inline sb_result task_start(const task *given, outcome *out, sb_error *error)
 {
@@ -257,7 +394,8 @@ static inline sb_result task_start(const task *given, outcome *out, sb_error *er
     task_shape_free(&model);
     task_shape_free(&target);
     if (result == SB_OK)
-        result = sb_surface_triangulate(surface, NULL, &out->seen, error);
+        result = given->surface ? sb_surface_triangulate(surface, NULL, &out->seen, error)
+                                : task_make_skin(surface, &out->seen, error);
     for (int i = 0; result == SB_OK && i < out->placed.node_count; i++)
         out->placed.nodes[i] = reg_rigid_apply(&out->start, given->model->nodes[i]);
     for (int i = 0; result == SB_OK && i < out->seen.node_count; i++)
@@ -337,6 +475,21 @@ static inline sb_result task_run_match(const task *given, reg_match *match, outc
     return result;
 }
 
+/* What a surface shows of motion along itself. Where no such loads are found the match stays as it is. */
+static inline void task_find_loads(const task *given, reg_match *match, outcome *out)
+{
+    sb_material tissue = sb_material_neo_hookean((sb_real)given->young, (sb_real)given->poisson, 1060);
+    reg_loads_def def = reg_default_loads_def();
+    reg_loads_info info;
+    double begun = seconds_now();
+    task_show(given, 0.9, "loads on the surface");
+    def.match = match;
+    def.clock = seconds_now;
+    if (sb_body_set_material(out->body, &tissue, NULL) == SB_OK && reg_loads_run(&def, NULL, &info) != SB_OK)
+        fprintf(stderr, "warning: no loads were found: %s\n", info.error.message);
+    out->seconds_setup += seconds_now() - begun;
+}
+
 static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
 {
     reg_match_def def = reg_default_match_def();
@@ -352,7 +505,7 @@ static inline sb_result task_match(const task *given, outcome *out, sb_error *er
     def.target_count = given->target ? 0 : given->cloud->count;
     def.method = out->how == METHOD_PBSM_LAPLACE ? REG_PBSM_LAPLACE : REG_PBSM;
     def.partial = given->partial;
-    if (given->noisy)
+    if (given->noisy || given->loads) /* a firm charge presses noise into the shape, and elements that loads cannot bear */
         def.last_charge = 2;
     def.landmarks = landmarks;
     def.landmark_targets = given->landmark_targets;
@@ -365,6 +518,8 @@ static inline sb_result task_match(const task *given, outcome *out, sb_error *er
         result = task_run_match(given, match, out, error);
     out->seconds_setup += made - begun;
     out->seconds_run = seconds_now() - made;
+    if (result == SB_OK && given->loads && out->how == METHOD_PBSM && strcmp(out->stop, "settled") == 0)
+        task_find_loads(given, match, out);
     reg_match_destroy(match);
     free(landmarks);
     return result;
