@@ -100,13 +100,14 @@ PORTABLE = core dense element material mesh meshio sparse pcg body step state re
 	couple kdtree cloud cpd field picture
 THREADED = core step golden tissue couple
 LONG = $(wildcard tests/test_verification_*.c tests/test_reference.c)
+FLOAT_TESTS = $(TESTS)
 some = $(1:%=tests/test_%.c)
 OTHER_CFLAGS = -O1 # of the builds that differ in language or system only: they compile faster
 MINGW = x86_64-w64-mingw32-gcc
 WASM = $(CLANG) --target=wasm32-wasi --sysroot=/usr -D_WASI_EMULATED_PROCESS_CLOCKS
 
 $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
-$(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float))
+$(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float,,,$(FLOAT_TESTS)))
 $(eval $(call suite,cpp,$(CXX) $(OTHER_CFLAGS),-std=c++11 $(WARNINGS) -x c++,,,$(call some,$(PORTABLE))))
 $(eval $(call suite,openmp,$(CC) $(OTHER_CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP,,,$(call some,$(THREADED))))
 $(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C_WARNINGS),,,$(filter-out $(LONG),$(TESTS))))
