@@ -530,7 +530,7 @@ static void score_points(const work *w, const sb_vec3 *moved, score *s)
     }
     for (int i = 0; i < MARKERS; i++) {
         double e = s->volume[w->markers[i]];
-        s->marker_mean += e / MARKERS;
+        s->marker_mean += e / (double)MARKERS;
         s->marker_most = fmax(s->marker_most, e);
     }
     qsort(s->volume, (size_t)n, sizeof *s->volume, compare_numbers);

@@ -544,7 +544,7 @@ static void test_odd_materials(void)
             CHECK(needle_scene_is_sound(&s));
             if (young[i] > 1000)
                 CHECK_NEAR(needle_push(&s), 0.5 + 20 * (double)ndl_needle_depth(s.needles[0]), 0.05);
-            needle_scene_run(&s, dt, 80, needle_command(-2 * speed, 0));
+            needle_scene_run(&s, dt, 120, needle_command(-2 * speed, 0));
             CHECK(needle_scene_is_sound(&s));
             CHECK(ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(s.tissue)));
         }
