@@ -120,7 +120,7 @@ SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildca
 QUICK = $(or $(FILTER),$(SLOW))
 # Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), the
 # suites with threads, and those that touch most of what rooms ask of each other.
-VIOLENT = -step/linearised -step/scale -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
+VIOLENT = -step -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
 	-viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit
 LINKED = mesh body load constraint record
 
