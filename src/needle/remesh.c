@@ -1546,6 +1546,7 @@ NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_n
 static int ndli_remesh_keeps_skin(const ndl_remesh *r)
 {
     const ndli_candidate *t = &r->trial;
+    sb_real flat = sb_sqrt(SB_EPSILON) * sb_sqrt(sb_sqrt(SB_EPSILON)); /* volume is kept to the last digits but few */
     for (int i = 0; i < r->here.count; i++) {
         const ndli_patch_tet *tet = r->here.tets + i;
         if (!ndli_remesh_holds(tet->nodes, t->simplex, t->size))
@@ -1563,7 +1564,7 @@ static int ndli_remesh_keeps_skin(const ndl_remesh *r)
                     p[k++] = r->mesh->X[tet->nodes[j]];
             n = sb_v3_cross(sb_v3_sub(p[1], p[0]), sb_v3_sub(p[2], p[0]));
             size = sb_v3_norm(n);
-            if (!(sb_abs(sb_v3_dot(n, sb_v3_sub(t->X, p[0]))) <= sb_sqrt(SB_EPSILON) * size * sb_sqrt(size)))
+            if (!(sb_abs(sb_v3_dot(n, sb_v3_sub(t->X, p[0]))) <= flat * size * sb_sqrt(size)))
                 return 0;
         }
     }
