@@ -229,6 +229,7 @@
 #define ndl_default_remesh_def ndl_default_remesh_def_f32
 #define ndl_remesh_create ndl_remesh_create_f32
 #define ndl_remesh_destroy ndl_remesh_destroy_f32
+#define ndl_remesh_reserve ndl_remesh_reserve_f32
 #define ndl_remesh_puncture ndl_remesh_puncture_f32
 #define ndl_remesh_penetrate ndl_remesh_penetrate_f32
 #define ndl_remesh_retract ndl_remesh_retract_f32
@@ -775,6 +776,10 @@ typedef struct ndl_remesh_info {
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error);
 /* Leaves the tissue as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
+
+/* Takes the memory that a needle of up to so many nodes in the tissue usually needs, so that calls ask for none while the
+ * mesh keeps to its slack. SB_ERROR_INDEX, _ARGUMENT (nodes < 0) and _MEMORY change nothing that can be seen. */
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error);
 
 /* In all calls `needle` is in [0, max_needles) (SB_ERROR_INDEX) and `info` and `error` may be NULL. Each operation
  * happens as a whole or, when the call fails at it, not at all: SB_ERROR_MEMORY; SB_ERROR_NOT_FINITE;
@@ -1467,13 +1472,15 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
  * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
  * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
 NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t);
+NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t); /* most, while the mesh keeps to its slack */
 /* 0: the tissue waits for memory after a change of its mesh, and there is none: SB_ERROR_MEMORY for the caller. */
 NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer);
 NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer);
 NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r); /* most, while the needles keep to what was reserved */
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
 NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer);
-NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod);
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count); /* when it has so many nodes */
 NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
 NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
 
@@ -5609,6 +5616,8 @@ NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
+enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
+       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
 enum {
     NDLI_SLIDE_SAMPLES = 10,
     NDLI_MAX_SUBSTEPS = 1000,
@@ -5777,21 +5786,28 @@ static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used
     return 1;
 }
 
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
+static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
+    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    return good;
+}
+
 /* All that one operation may need, before anything changes. */
 static int ndli_remesh_reserve(ndl_remesh *r)
 {
     ndli_needle *needle = r->needles + r->needle;
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int tets = 2 * r->here.count + 8, good;
-    good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, needle->count + 1, sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, needle->depth + 1,
-                                    sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, needle->pool_count + tets,
-                                    sizeof(int));
-    needle->pool = (int *)pool;
-    return good && ndli_tissue_reserve(r->mesh, 1, tets);
+    int tets = 2 * r->here.count + 8, counts[3];
+    counts[0] = needle->count + 1;
+    counts[1] = needle->depth + 1;
+    counts[2] = needle->pool_count + tets;
+    return ndli_remesh_make_room(r, needle, counts) && ndli_tissue_reserve(r->mesh, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -5865,6 +5881,22 @@ NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
     sbi_free(&allocator, remesh->needles);
     sbi_free(&allocator, remesh->scratch);
     sbi_free(&allocator, remesh);
+}
+
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
+{
+    ndli_needle *n;
+    int counts[3];
+    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
+    if (needle < 0 || needle >= remesh->def.max_needles)
+        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
+    n = remesh->needles + needle;
+    counts[0] = counts[1] = nodes;
+    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
+    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
+    return SB_OK;
 }
 
 /* ---- the patch ---- */
@@ -7456,6 +7488,21 @@ NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
     return image.used;
 }
 
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.used = sizeof(ndli_remesh_head);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const ndli_needle *needle = r->needles + i;
+        ndli_image_part(&image, NULL, 4, sizeof(int));
+        ndli_image_part(&image, NULL, (size_t)needle->node_capacity, sizeof(int));
+        ndli_image_part(&image, NULL, (size_t)needle->stack_capacity, sizeof(ndli_split));
+        ndli_image_part(&image, NULL, (size_t)needle->pool_capacity, sizeof(int));
+    }
+    return image.used;
+}
+
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
 {
     ndli_image image;
@@ -7551,19 +7598,6 @@ static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_h
     if (head->release_cursor < 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
     return SB_OK;
-}
-
-/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
-static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
-{
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
-    needle->pool = (int *)pool;
-    return good;
 }
 
 /* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
@@ -10730,6 +10764,20 @@ NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t
 
 NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t) { return ndli_state_size_of(t); }
 
+NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t)
+{
+    ndl_tissue view = *t;
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    int overflow;
+    ndli_state_fill_head(t, &head);
+    head.node_end = head.displaced_count = t->mesh.node_capacity;
+    head.tet_end = t->mesh.tet_capacity;
+    head.seen = head.coarse_usable = 1;
+    head.coarse_width = sbi_max_int(0, 6 * head.coarse_count - 1);
+    return ndli_state_measure(&view, &head, &places, &overflow);
+}
+
 NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer)
 {
     if (t->broken && !ndli_solid_rebuild(t))
@@ -10814,11 +10862,11 @@ static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
     return image.used;
 }
 
-NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod)
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count)
 {
     ndl_rod view = *rod;
     size_t flags;
-    return ndli_rod_measure(&view, rod->node_count, &flags);
+    return ndli_rod_measure(&view, node_count, &flags);
 }
 
 NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
@@ -10882,7 +10930,7 @@ static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t s
 
 NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
 {
-    return rod ? ndli_rod_snapshot_size(rod) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+    return rod ? ndli_rod_snapshot_size(rod, rod->node_count) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
 }
 
 NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
@@ -13218,7 +13266,10 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* ---- needle_undo ---- */
 
-/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has grown; 0: there is none. */
+/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
+NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more);
+/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
+ * none. */
 NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
 /* Brings it back. */
 NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
@@ -14000,11 +14051,12 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
 static size_t ndli_undo_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
 
 /* What a needle has beside its rod: its fields, and the arrays that go from step to step. */
-static size_t ndli_undo_needle_size(const ndl_needle *needle)
+static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
 {
-    size_t n = (size_t)needle->rod->node_count;
+    size_t n = (size_t)node_count;
     return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
-           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n);
+           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) +
+           ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
 static size_t ndli_undo_size(const ndl_tissue *tissue)
@@ -14014,9 +14066,36 @@ static size_t ndli_undo_size(const ndl_tissue *tissue)
                  ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
-            sum += ndli_undo_needle_size(site->needles[i]) +
-                   ndli_undo_aligned(ndli_rod_snapshot_size(site->needles[i]->rod));
+            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count);
     return sum;
+}
+
+/* The block holds nothing between steps. */
+static int ndli_undo_make_room(ndl_tissue *tissue, size_t needed)
+{
+    struct ndli_site *site = tissue->site;
+    unsigned char *grown;
+    if (needed <= site->undo_room)
+        return 1;
+    grown = (unsigned char *)sbi_alloc(&tissue->allocator, needed, 1);
+    if (!grown)
+        return 0;
+    sbi_free(&tissue->allocator, site->undo);
+    site->undo = grown;
+    site->undo_room = needed;
+    return 1;
+}
+
+NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more)
+{
+    const struct ndli_site *site = tissue->site;
+    size_t sum = ndli_undo_aligned(ndli_solid_snapshot_room(tissue)) +
+                 ndli_undo_aligned(ndli_remesh_snapshot_room(site->remesh)) +
+                 ndli_undo_needle_size(more, more->rod->capacity);
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i])
+            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity);
+    return ndli_undo_make_room(tissue, sum);
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -14041,15 +14120,8 @@ NDLI_API int ndli_needle_keep(ndl_tissue *tissue)
     struct ndli_site *site = tissue->site;
     size_t needed = ndli_undo_size(tissue);
     unsigned char *at;
-    if (needed > site->undo_room) {
-        size_t room = needed + needed / 8; /* a needle on its way in grows a little with each step */
-        unsigned char *grown = (unsigned char *)sbi_alloc(&tissue->allocator, room, 1);
-        if (!grown)
-            return 0;
-        sbi_free(&tissue->allocator, site->undo);
-        site->undo = grown;
-        site->undo_room = room;
-    }
+    if (needed > site->undo_room && !ndli_undo_make_room(tissue, needed + needed / 8))
+        return 0;
     at = site->undo + ndli_undo_aligned(ndli_solid_snapshot_size(tissue));
     if (!ndli_solid_snapshot(tissue, site->undo))
         return 0;
@@ -14057,7 +14129,8 @@ NDLI_API int ndli_needle_keep(ndl_tissue *tissue)
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
-            size_t rod = ndli_undo_aligned(ndli_rod_snapshot_size(site->needles[i]->rod));
+            size_t rod = ndli_undo_aligned(
+                ndli_rod_snapshot_size(site->needles[i]->rod, site->needles[i]->rod->node_count));
             ndli_rod_snapshot(site->needles[i]->rod, at);
             at += rod;
             ndli_undo_copy_needle(site->needles[i], site->needles[i]->rod->node_count, &at, 0);
@@ -14077,7 +14150,7 @@ NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
         if (site->needles[i]) {
             ndl_rod *rod = site->needles[i]->rod;
             ndli_rod_rewind(rod, at);
-            at += ndli_undo_aligned(ndli_rod_snapshot_size(rod));
+            at += ndli_undo_aligned(ndli_rod_snapshot_size(rod, rod->node_count));
             ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 1);
         }
 }
@@ -14390,7 +14463,8 @@ static void ndli_step_count_states(const ndli_stepping *s)
     }
 }
 
-/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. */
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how many;
+ * 0: nothing has changed. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
@@ -14399,8 +14473,10 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
             continue;
         ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
-        if (ndli_needle_renew_nodes(needle) >= 0)
+        if (ndli_needle_renew_nodes(needle) >= 0) {
+            ndli_needle_undo(s->tissue);
             return 0;
+        }
         torn++;
     }
     return torn;
@@ -14450,7 +14526,8 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
         result = ndli_step_run(&s, (double)dt, finer * substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(&s);
-        result = ndli_step_run(&s, (double)dt, substeps);
+        if (torn > 0)
+            result = ndli_step_run(&s, (double)dt, substeps);
         s.info->torn = result == SB_OK ? torn : 0;
     }
     for (int k = 0; k < count; k++) {
@@ -14514,6 +14591,14 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
     site->mean_edge = ndli_site_mean_edge(tissue);
     tissue->site = site;
     return SB_OK;
+}
+
+static int ndli_site_free_index(const struct ndli_site *site)
+{
+    int index = 0;
+    while (site->needles[index])
+        index++;
+    return index;
 }
 
 /* Room for the coupled nodes of all needles and one more. */
@@ -14759,9 +14844,12 @@ static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def
                        : sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d: no face lies between regions %d and %d", bad,
                                   def->membranes[bad].regions[0], def->membranes[bad].regions[1]);
     ndli_needle_fill(needle, def);
-    if (!ndli_site_reserve(def->tissue, def->capacity))
+    needle->index = ndli_site_free_index(site);
+    result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
+    if (result == SB_OK && !(ndli_site_reserve(def->tissue, def->capacity) &&
+                             ndli_needle_reserve_undo(def->tissue, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
-    return SB_OK;
+    return result;
 }
 
 static void ndli_needle_release(ndl_needle *needle)
@@ -14778,8 +14866,6 @@ static void ndli_needle_release(ndl_needle *needle)
 static void ndli_needle_join(ndl_needle *needle)
 {
     struct ndli_site *site = needle->tissue->site;
-    while (site->needles[needle->index])
-        needle->index++;
     site->needles[needle->index] = needle;
     site->count++;
 }

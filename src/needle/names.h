@@ -60,6 +60,7 @@
 #define ndl_default_remesh_def ndl_default_remesh_def_f32
 #define ndl_remesh_create ndl_remesh_create_f32
 #define ndl_remesh_destroy ndl_remesh_destroy_f32
+#define ndl_remesh_reserve ndl_remesh_reserve_f32
 #define ndl_remesh_puncture ndl_remesh_puncture_f32
 #define ndl_remesh_penetrate ndl_remesh_penetrate_f32
 #define ndl_remesh_retract ndl_remesh_retract_f32

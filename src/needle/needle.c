@@ -52,6 +52,14 @@ static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
     return SB_OK;
 }
 
+static int ndli_site_free_index(const struct ndli_site *site)
+{
+    int index = 0;
+    while (site->needles[index])
+        index++;
+    return index;
+}
+
 /* Room for the coupled nodes of all needles and one more. */
 static int ndli_site_reserve(ndl_tissue *tissue, int more)
 {
@@ -295,9 +303,12 @@ static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def
                        : sbi_fail(error, SB_ERROR_ARGUMENT, "membrane %d: no face lies between regions %d and %d", bad,
                                   def->membranes[bad].regions[0], def->membranes[bad].regions[1]);
     ndli_needle_fill(needle, def);
-    if (!ndli_site_reserve(def->tissue, def->capacity))
+    needle->index = ndli_site_free_index(site);
+    result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
+    if (result == SB_OK && !(ndli_site_reserve(def->tissue, def->capacity) &&
+                             ndli_needle_reserve_undo(def->tissue, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
-    return SB_OK;
+    return result;
 }
 
 static void ndli_needle_release(ndl_needle *needle)
@@ -314,8 +325,6 @@ static void ndli_needle_release(ndl_needle *needle)
 static void ndli_needle_join(ndl_needle *needle)
 {
     struct ndli_site *site = needle->tissue->site;
-    while (site->needles[needle->index])
-        needle->index++;
     site->needles[needle->index] = needle;
     site->count++;
 }

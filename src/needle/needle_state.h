@@ -100,7 +100,10 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* ---- needle_undo ---- */
 
-/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has grown; 0: there is none. */
+/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
+NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more);
+/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
+ * none. */
 NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
 /* Brings it back. */
 NDLI_API void ndli_needle_undo(ndl_tissue *tissue);

@@ -307,7 +307,8 @@ static void ndli_step_count_states(const ndli_stepping *s)
     }
 }
 
-/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. */
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how many;
+ * 0: nothing has changed. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
@@ -316,8 +317,10 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
             continue;
         ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
-        if (ndli_needle_renew_nodes(needle) >= 0)
+        if (ndli_needle_renew_nodes(needle) >= 0) {
+            ndli_needle_undo(s->tissue);
             return 0;
+        }
         torn++;
     }
     return torn;
@@ -367,7 +370,8 @@ NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int c
         result = ndli_step_run(&s, (double)dt, finer * substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(&s);
-        result = ndli_step_run(&s, (double)dt, substeps);
+        if (torn > 0)
+            result = ndli_step_run(&s, (double)dt, substeps);
         s.info->torn = result == SB_OK ? torn : 0;
     }
     for (int k = 0; k < count; k++) {

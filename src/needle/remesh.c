@@ -15,6 +15,8 @@
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
+enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
+       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
 enum {
     NDLI_SLIDE_SAMPLES = 10,
     NDLI_MAX_SUBSTEPS = 1000,
@@ -183,21 +185,28 @@ static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used
     return 1;
 }
 
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
+static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
+    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    return good;
+}
+
 /* All that one operation may need, before anything changes. */
 static int ndli_remesh_reserve(ndl_remesh *r)
 {
     ndli_needle *needle = r->needles + r->needle;
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int tets = 2 * r->here.count + 8, good;
-    good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, needle->count + 1, sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, needle->depth + 1,
-                                    sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, needle->pool_count + tets,
-                                    sizeof(int));
-    needle->pool = (int *)pool;
-    return good && ndli_tissue_reserve(r->mesh, 1, tets);
+    int tets = 2 * r->here.count + 8, counts[3];
+    counts[0] = needle->count + 1;
+    counts[1] = needle->depth + 1;
+    counts[2] = needle->pool_count + tets;
+    return ndli_remesh_make_room(r, needle, counts) && ndli_tissue_reserve(r->mesh, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -271,6 +280,22 @@ NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
     sbi_free(&allocator, remesh->needles);
     sbi_free(&allocator, remesh->scratch);
     sbi_free(&allocator, remesh);
+}
+
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
+{
+    ndli_needle *n;
+    int counts[3];
+    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
+    if (needle < 0 || needle >= remesh->def.max_needles)
+        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
+    n = remesh->needles + needle;
+    counts[0] = counts[1] = nodes;
+    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
+    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
+    return SB_OK;
 }
 
 /* ---- the patch ---- */
@@ -1862,6 +1887,21 @@ NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
     return image.used;
 }
 
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.used = sizeof(ndli_remesh_head);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const ndli_needle *needle = r->needles + i;
+        ndli_image_part(&image, NULL, 4, sizeof(int));
+        ndli_image_part(&image, NULL, (size_t)needle->node_capacity, sizeof(int));
+        ndli_image_part(&image, NULL, (size_t)needle->stack_capacity, sizeof(ndli_split));
+        ndli_image_part(&image, NULL, (size_t)needle->pool_capacity, sizeof(int));
+    }
+    return image.used;
+}
+
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
 {
     ndli_image image;
@@ -1957,19 +1997,6 @@ static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_h
     if (head->release_cursor < 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
     return SB_OK;
-}
-
-/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
-static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
-{
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
-    needle->pool = (int *)pool;
-    return good;
 }
 
 /* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */

@@ -64,6 +64,10 @@ NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **reme
 /* Leaves the tissue as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
 
+/* Takes the memory that a needle of up to so many nodes in the tissue usually needs, so that calls ask for none while the
+ * mesh keeps to its slack. SB_ERROR_INDEX, _ARGUMENT (nodes < 0) and _MEMORY change nothing that can be seen. */
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error);
+
 /* In all calls `needle` is in [0, max_needles) (SB_ERROR_INDEX) and `info` and `error` may be NULL. Each operation
  * happens as a whole or, when the call fails at it, not at all: SB_ERROR_MEMORY; SB_ERROR_NOT_FINITE;
  * SB_ERROR_ARGUMENT, a needle that is (not) in the tissue; SB_ERROR_MESH, no operation leaves sound tets: the step is

@@ -589,6 +589,20 @@ NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t
 
 NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t) { return ndli_state_size_of(t); }
 
+NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t)
+{
+    ndl_tissue view = *t;
+    ndli_tissue_head head;
+    ndli_tissue_places places;
+    int overflow;
+    ndli_state_fill_head(t, &head);
+    head.node_end = head.displaced_count = t->mesh.node_capacity;
+    head.tet_end = t->mesh.tet_capacity;
+    head.seen = head.coarse_usable = 1;
+    head.coarse_width = sbi_max_int(0, 6 * head.coarse_count - 1);
+    return ndli_state_measure(&view, &head, &places, &overflow);
+}
+
 NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer)
 {
     if (t->broken && !ndli_solid_rebuild(t))
@@ -673,11 +687,11 @@ static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
     return image.used;
 }
 
-NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod)
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count)
 {
     ndl_rod view = *rod;
     size_t flags;
-    return ndli_rod_measure(&view, rod->node_count, &flags);
+    return ndli_rod_measure(&view, node_count, &flags);
 }
 
 NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
@@ -741,7 +755,7 @@ static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t s
 
 NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
 {
-    return rod ? ndli_rod_snapshot_size(rod) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+    return rod ? ndli_rod_snapshot_size(rod, rod->node_count) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
 }
 
 NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)

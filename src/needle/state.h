@@ -42,13 +42,15 @@ NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb
  * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
  * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
 NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t);
+NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t); /* most, while the mesh keeps to its slack */
 /* 0: the tissue waits for memory after a change of its mesh, and there is none: SB_ERROR_MEMORY for the caller. */
 NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer);
 NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer);
 NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r); /* most, while the needles keep to what was reserved */
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
 NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer);
-NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod);
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count); /* when it has so many nodes */
 NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
 NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
 #endif
