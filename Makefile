@@ -84,7 +84,8 @@ build/suites.h: $(TESTS)
 define suite
 build/$(1)/%.o: tests/%.c $(HEADERS) $(wildcard tests/*.h examples/*.h) build/flags
 	@mkdir -p $$(@D)
-	$(2) -Ibuild/$(1) $(INCLUDES) $(3) -c $$< -o $$@
+	$(2) -Ibuild/$(1) $(INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
+build/$(1)/implementation.o: UNIT_CFLAGS =
 build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 	@mkdir -p $$(@D)
 	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(or $(6),$(TESTS)) >$$@
@@ -93,6 +94,7 @@ build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) t
 	$(2) $$^ -lm $(4) -o $$@
 endef
 
+UNIT_CFLAGS = # of the tests beside the implementation: -O0 there compiles in a fraction of the time
 SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_CFLAGS = -O1 -g
 # Suites that touch most of what a language, a system or threads could change; the other builds are of all.
