@@ -85,7 +85,7 @@ define suite
 build/$(1)/%.o: tests/%.c $(HEADERS) $(wildcard tests/*.h examples/*.h) build/flags
 	@mkdir -p $$(@D)
 	$(2) -Ibuild/$(1) $(INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
-build/$(1)/implementation.o: UNIT_CFLAGS =
+build/$(1)/implementation.o: override UNIT_CFLAGS =
 build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 	@mkdir -p $$(@D)
 	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(or $(6),$(TESTS)) >$$@
