@@ -963,6 +963,26 @@ static void test_needles_that_come_and_go(void)
     CHECK(memory.bytes == 0);
 }
 
+/* A load would leave the needles with nodes of another mesh. */
+static void test_load_with_needles(void)
+{
+    needle_scene s = needle_scene_default();
+    if (needle_scene_make(&s)) {
+        size_t size = ndl_tissue_state_size(s.tissue);
+        void *state = malloc(size);
+        unsigned long long before;
+        CHECK_OK(ndl_tissue_save(s.tissue, state, size, &s.error));
+        needle_scene_run(&s, dt, 60, needle_command(speed, 0));
+        before = needle_scene_bits(&s);
+        CHECK_RESULT(ndl_tissue_load(s.tissue, state, size, &s.error), SB_ERROR_UNSUPPORTED);
+        CHECK(before == needle_scene_bits(&s));
+        ndl_needle_destroy(s.needles[--s.count]);
+        CHECK_OK(ndl_tissue_load(s.tissue, state, size, &s.error));
+        free(state);
+    }
+    needle_scene_free(&s);
+}
+
 /* ---- long random use ---- */
 
 /* The sleeve strays about its first place; the needle goes in, back, turns and now and then is moved by hand. */
@@ -1195,4 +1215,4 @@ CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes 
             {"steps without memory", test_steps_without_memory},
             {"steps take no memory", test_steps_take_no_memory},
             {"needles that come and go", test_needles_that_come_and_go},
-            {"long random use", test_long_random_use}, {"random scenes", test_random_scenes});
+            {"a load with needles", test_load_with_needles}, {"long random use", test_long_random_use}, {"random scenes", test_random_scenes});

@@ -579,6 +579,8 @@ NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t
     sb_result result;
     if (!tissue)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    if (tissue->site)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a tissue with needles takes no saved state: destroy them first");
     result = ndli_state_check_tissue(tissue, buffer, size, error);
     if (result == SB_OK)
         result = ndli_state_reserve(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD, error);
