@@ -474,22 +474,26 @@
 #define sb_matrix_asymmetry sb_matrix_asymmetry_f32
 #define sb_matrix_diagonal_scale sb_matrix_diagonal_scale_f32
 #define sb_matrix_constrain sb_matrix_constrain_f32
-#define sb_default_preconditioner_def sb_default_preconditioner_def_f32
-#define sb_preconditioner_create sb_preconditioner_create_f32
-#define sb_preconditioner_free sb_preconditioner_free_f32
-#define sb_preconditioner_update sb_preconditioner_update_f32
-#define sb_preconditioner_apply sb_preconditioner_apply_f32
-#define sb_preconditioner_get_info sb_preconditioner_get_info_f32
-#define sb_default_pcg_options sb_default_pcg_options_f32
-#define sb_pcg_workspace_create sb_pcg_workspace_create_f32
-#define sb_pcg_workspace_free sb_pcg_workspace_free_f32
-#define sb_pcg_solve sb_pcg_solve_f32
 #define sb_default_direct_def sb_default_direct_def_f32
 #define sb_direct_create sb_direct_create_f32
 #define sb_direct_free sb_direct_free_f32
 #define sb_direct_update sb_direct_update_f32
 #define sb_direct_solve sb_direct_solve_f32
 #define sb_direct_get_info sb_direct_get_info_f32
+#define sb_default_preconditioner_def sb_default_preconditioner_def_f32
+#define sb_preconditioner_create sb_preconditioner_create_f32
+#define sb_preconditioner_free sb_preconditioner_free_f32
+#define sb_preconditioner_update sb_preconditioner_update_f32
+#define sb_preconditioner_apply sb_preconditioner_apply_f32
+#define sb_preconditioner_warp sb_preconditioner_warp_f32
+#define sb_preconditioner_saved_size sb_preconditioner_saved_size_f32
+#define sb_preconditioner_save sb_preconditioner_save_f32
+#define sb_preconditioner_load sb_preconditioner_load_f32
+#define sb_preconditioner_get_info sb_preconditioner_get_info_f32
+#define sb_default_pcg_options sb_default_pcg_options_f32
+#define sb_pcg_workspace_create sb_pcg_workspace_create_f32
+#define sb_pcg_workspace_free sb_pcg_workspace_free_f32
+#define sb_pcg_solve sb_pcg_solve_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
 #define sb_mapping_apply sb_mapping_apply_f32
@@ -532,6 +536,7 @@
 #define sb_body_stress sb_body_stress_f32
 #define sb_body_von_mises sb_body_von_mises_f32
 #define sb_body_nodal_von_mises sb_body_nodal_von_mises_f32
+#define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_body_add_forces sb_body_add_forces_f32
@@ -767,6 +772,15 @@ SB_INLINE int sbi_max_int(int a, int b) { return a > b ? a : b; }
 SB_INLINE int sb_is_finite(sb_real x) { return x - x == (sb_real)0; }
 
 #endif /* SB_CORE_H */
+
+/* ==== src/softbody/bytes.h ==== */
+/* bytes: images in memory that tell what they are, and whether they are whole. Floor 0, internal. */
+#ifndef SB_BYTES_H
+#define SB_BYTES_H
+
+
+
+#endif /* SB_BYTES_H */
 
 /* ==== src/softbody/dense.h ==== */
 /* dense: 3-vectors, 3x3 matrices, quaternions, their decompositions, small dense systems, and scalar
@@ -4125,9 +4139,73 @@ SB_INLINE int sbi_row_chunks(int row_count)
 
 #endif /* SB_SPARSE_H */
 
+/* ==== src/softbody/direct.h ==== */
+/* direct: sparse Cholesky and LDL^T factorisation of symmetric block matrices. Floor 2. */
+#ifndef SB_DIRECT_H
+#define SB_DIRECT_H
+
+
+typedef enum sb_direct_kind {
+    SB_DIRECT_CHOLESKY = 0, /* A = L L^T of a positive definite matrix: the default */
+    SB_DIRECT_LDLT = 1      /* A = L D L^T with the signs of D as they come, without pivoting: for matrices every
+                             * symmetric permutation of which has such a factor, as the quasi-definite [K B^T; B -C]
+                             * with K and C positive definite */
+} sb_direct_kind;
+
+typedef struct sb_direct_def {
+    sb_direct_kind kind;
+    const sb_vec3 *positions; /* [row_count] of the nodes (m), read at creation only: they help to find an order with
+                               * little fill. NULL (default): the pattern alone has to do */
+} sb_direct_def;
+
+/* What a solver is and how its last update went. */
+typedef struct sb_direct_info {
+    int unknowns;             /* 3 row_count */
+    int fronts;               /* dense pieces that the factor is made of */
+    int largest_front;        /* rows of the largest */
+    double factor_entries;    /* of L, with the zeros that are stored */
+    double multiply_adds;     /* of an update; a solve takes 2 factor_entries */
+    size_t bytes;             /* memory held */
+    sb_real least_pivot;      /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
+                               * of the condition at best. 0 before the first */
+    int negative_pivots;      /* of the last update (LDL^T): how many eigenvalues are negative */
+} sb_direct_info;
+
+/* The factor of matrices of one pattern. Multifrontal: nested dissection cuts the nodes by small separators; the
+ * factor is computed in dense fronts, from the leaves of the dissection to the root, each with block operations.
+ * Worth its while for small and for stiff systems, for many right-hand sides, and where iterations fail: for n nodes of
+ * a solid L has some n^(4/3) blocks and takes some n^2 block operations; n from 1 to some 30,000. */
+typedef struct sb_direct sb_direct;
+
+SB_API sb_direct_def sb_default_direct_def(void);
+
+/* Orders and analyses the pattern (values are not read) and takes all memory that is ever needed. allocator NULL:
+ * malloc. def NULL: the default. *direct is released with sb_direct_free and refers to neither def nor pattern.
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *direct is then
+ * untouched. */
+SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pattern, const sb_allocator *allocator,
+                                  sb_direct **direct, sb_error *error);
+SB_API void sb_direct_free(sb_direct *direct); /* NULL is fine */
+
+/* Factors a symmetric matrix of the pattern; allocates nothing. Returns SB_ERROR_ARGUMENT (another pattern),
+ * SB_ERROR_NOT_FINITE (error->node) or SB_ERROR_INDEFINITE when a pivot is negative (Cholesky) or lost in rounding
+ * (error->node tells its node). After an error it must be updated again before it can solve. */
+SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb_error *error);
+
+/* Solves A x = rhs for `count` right-hand sides; rhs and x are [count][row_count][3] and may be the same array. Several
+ * at once cost much less than one after the other, and each gives the bits that it gives alone. Uses the solver's
+ * scratch: one call at a time. Returns SB_ERROR_ARGUMENT (also when the last update failed): x is then untouched. */
+SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real *x, int count);
+
+SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
+
+
+#endif /* SB_DIRECT_H */
+
 /* ==== src/softbody/precond.h ==== */
-/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, each with a coarse
- * space of rigid motions. Floor 2. */
+/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, factorised sparse approximate
+ * inverses, a complete factor; each with a coarse space of rigid motions, and fit to be made once and turned with the
+ * body. Floor 2. */
 #ifndef SB_PRECOND_H
 #define SB_PRECOND_H
 
@@ -4138,15 +4216,22 @@ typedef enum sb_precond_kind {
     SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
-    SB_PRECOND_AUTO = 4          /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_AUTO = 4,         /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
+                                  * application use all threads; 1.5 times the iterations of IC0, ten times its set-up */
+    SB_PRECOND_CHOLESKY = 6      /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
+                                  * as warping makes them */
 } sb_precond_kind;
 
-enum { SB_PRECOND_PIECES_AUTO = -1 };
+enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
 
 typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 halves the iterations, takes about four times the
+                      * memory, and a hundred times the set-up */
+    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -4154,7 +4239,8 @@ typedef struct sb_preconditioner_info {
     sb_precond_kind kind; /* never SB_PRECOND_AUTO */
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive */
+    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive; FSAI: the
+                           * largest that a row needed */
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
 
@@ -4180,7 +4266,7 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
                                           sb_error *error);
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 
-/* Takes over the values of a symmetric matrix of the pattern; allocates nothing.
+/* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
  * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
  * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
@@ -4192,6 +4278,37 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, con
 
 /* z = M^-1 r; both [row_count][3], not overlapping. Uses the preconditioner's scratch: one call at a time. */
 SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z);
+
+/* Turns the smoother of the last update (or load) with the body instead of making it anew:
+ *     M^-1 = R S R^T on the free components, the inverse diagonal on those prescribed now
+ * with R of the nodes' rotations since then; the coarse space is that of the matrix. The tangent of a bent body is
+ * nearly that of the unbent one turned, so that M made at rest serves through large motions. Positive definite whatever
+ * the rotations.
+ * matrix     what is to be solved now, of the same pattern
+ * rotations  [row_count] unit quaternions, as sb_body_nodal_rotations gives; NULL: none
+ * positions  as in sb_preconditioner_update
+ * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion) or
+ * SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
+ * over the matrix; allocates nothing. */
+SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const sb_matrix *matrix,
+                                        const sb_quat *rotations, const sb_vec3 *positions, sb_error *error);
+
+/* ---- kept in memory -------------------------------------------------------------------------------------
+ * What an update made, to be shipped with an organ: loaded, it needs no factorisation, only a warp. The bytes are
+ * little-endian everywhere: "SBPRECND", version (4 bytes), bytes of sb_real (4), bytes in all (8), the make, the
+ * values, checksum of all bytes before it (8). */
+
+/* Bytes that sb_preconditioner_save writes; 0: more than size_t holds. */
+SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
+/* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
+ * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer, or never updated (then untouched). */
+SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
+/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern; it is without coarse
+ * space until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
+ * cut short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
+ * (another kind or pattern), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
+SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
+                                        sb_error *error);
 
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner);
 
@@ -4263,69 +4380,6 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
                               sb_pcg_info *info);
 
 #endif /* SB_PCG_H */
-
-/* ==== src/softbody/direct.h ==== */
-/* direct: sparse Cholesky and LDL^T factorisation of symmetric block matrices. Floor 2. */
-#ifndef SB_DIRECT_H
-#define SB_DIRECT_H
-
-
-typedef enum sb_direct_kind {
-    SB_DIRECT_CHOLESKY = 0, /* A = L L^T of a positive definite matrix: the default */
-    SB_DIRECT_LDLT = 1      /* A = L D L^T with the signs of D as they come, without pivoting: for matrices every
-                             * symmetric permutation of which has such a factor, as the quasi-definite [K B^T; B -C]
-                             * with K and C positive definite */
-} sb_direct_kind;
-
-typedef struct sb_direct_def {
-    sb_direct_kind kind;
-    const sb_vec3 *positions; /* [row_count] of the nodes (m), read at creation only: they help to find an order with
-                               * little fill. NULL (default): the pattern alone has to do */
-} sb_direct_def;
-
-/* What a solver is and how its last update went. */
-typedef struct sb_direct_info {
-    int unknowns;             /* 3 row_count */
-    int fronts;               /* dense pieces that the factor is made of */
-    int largest_front;        /* rows of the largest */
-    double factor_entries;    /* of L, with the zeros that are stored */
-    double multiply_adds;     /* of an update; a solve takes 2 factor_entries */
-    size_t bytes;             /* memory held */
-    sb_real least_pivot;      /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
-                               * of the condition at best. 0 before the first */
-    int negative_pivots;      /* of the last update (LDL^T): how many eigenvalues are negative */
-} sb_direct_info;
-
-/* The factor of matrices of one pattern. Multifrontal: nested dissection cuts the nodes by small separators; the
- * factor is computed in dense fronts, from the leaves of the dissection to the root, each with block operations.
- * Worth its while for small and for stiff systems, for many right-hand sides, and where iterations fail: for n nodes of
- * a solid L has some n^(4/3) blocks and takes some n^2 block operations; n from 1 to some 30,000. */
-typedef struct sb_direct sb_direct;
-
-SB_API sb_direct_def sb_default_direct_def(void);
-
-/* Orders and analyses the pattern (values are not read) and takes all memory that is ever needed. allocator NULL:
- * malloc. def NULL: the default. *direct is released with sb_direct_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *direct is then
- * untouched. */
-SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pattern, const sb_allocator *allocator,
-                                  sb_direct **direct, sb_error *error);
-SB_API void sb_direct_free(sb_direct *direct); /* NULL is fine */
-
-/* Factors a symmetric matrix of the pattern; allocates nothing. Returns SB_ERROR_ARGUMENT (another pattern),
- * SB_ERROR_NOT_FINITE (error->node) or SB_ERROR_INDEFINITE when a pivot is negative (Cholesky) or lost in rounding
- * (error->node tells its node). After an error it must be updated again before it can solve. */
-SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb_error *error);
-
-/* Solves A x = rhs for `count` right-hand sides; rhs and x are [count][row_count][3] and may be the same array. Several
- * at once cost much less than one after the other, and each gives the bits that it gives alone. Uses the solver's
- * scratch: one call at a time. Returns SB_ERROR_ARGUMENT (also when the last update failed): x is then untouched. */
-SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real *x, int count);
-
-SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
-
-
-#endif /* SB_DIRECT_H */
 
 /* ==== src/softbody/domain.h ==== */
 /* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
@@ -4706,6 +4760,10 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values);
 /* The same as nodal averages weighted by volume, for colouring; values[node_count]. */
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
+/* How the material around each node has turned from the reference shape, as unit quaternions: the rotation of the mean
+ * deformation gradient, weighted by volume; identity where there is no material. rotations[node_count], as
+ * sb_preconditioner_warp takes them. Uses the body's scratch: between steps only. */
+SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
 
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */
@@ -5316,6 +5374,49 @@ SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, con
 #endif
     ;
 
+/* ==== src/softbody/bytes.h, internal ==== */
+enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
+
+/* One step of the hash: words in order. */
+SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
+{
+    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
+    return hash ^ (hash >> 32);
+}
+
+/* Little-endian numbers of 1 to 8 bytes. */
+SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
+}
+SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
+{
+    uint64_t value = 0;
+    for (int i = 0; i < bytes; i++)
+        value |= (uint64_t)from[i] << (8 * i);
+    return value;
+}
+/* The low 32 bits of a number as a signed integer, and back. */
+SB_INLINE int sbi_int_of(uint64_t word)
+{
+    uint32_t bits = (uint32_t)word;
+    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
+}
+/* The bits of a real, and back. */
+SBI_API uint64_t sbi_real_bits(sb_real value);
+SBI_API sb_real sbi_real_of(uint64_t bits);
+
+/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
+ * magic: 8 bytes. */
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
+/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error);
+/* The part of it that the first SBI_IMAGE_HEAD bytes settle. */
+SBI_API sb_result sbi_image_check_head(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                       const char *what, sb_error *error);
+
 /* ==== src/softbody/element.h, internal ==== */
 /* ---- internal: any element ---------------------------------------------------------------------------------- */
 
@@ -5462,6 +5563,15 @@ SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, con
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last);
 
+/* ==== src/softbody/direct.h, internal ==== */
+/* order[k] is the node eliminated k-th, by nested dissection. Scratch from the allocator, released again. */
+SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *positions, const sb_allocator *allocator,
+                                   int *order, sb_error *error);
+/* The entries of L as they are kept, and their number, which follows from the pattern and the order. */
+SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
+/* Whoever filled them says so. */
+SBI_API void sbi_direct_take_values(sb_direct *direct);
+
 /* ==== src/softbody/precond.h, internal ==== */
 /* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
  * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
@@ -5481,11 +5591,6 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
 /* The memory must be valid. */
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
-
-/* ==== src/softbody/direct.h, internal ==== */
-/* order[k] is the node eliminated k-th, by nested dissection. Scratch from the allocator, released again. */
-SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *positions, const sb_allocator *allocator,
-                                   int *order, sb_error *error);
 
 /* ==== src/softbody/domain.h, internal ==== */
 /* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
@@ -5570,44 +5675,6 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 /* ==== src/softbody/state.h, internal ==== */
 /* ---- internal: files of checked bytes -------------------------------------------------------------------- */
 
-enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
-
-/* One step of the hash: words in order. */
-SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
-{
-    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
-    return hash ^ (hash >> 32);
-}
-
-/* Little-endian numbers of 1 to 8 bytes. */
-SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
-{
-    for (int i = 0; i < bytes; i++)
-        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
-}
-SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
-{
-    uint64_t value = 0;
-    for (int i = 0; i < bytes; i++)
-        value |= (uint64_t)from[i] << (8 * i);
-    return value;
-}
-/* The low 32 bits of a number as a signed integer, and back. */
-SB_INLINE int sbi_int_of(uint64_t word)
-{
-    uint32_t bits = (uint32_t)word;
-    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
-}
-/* The bits of a real, and back. */
-SBI_API uint64_t sbi_real_bits(sb_real value);
-SBI_API sb_real sbi_real_of(uint64_t bits);
-
-/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
- * magic: 8 bytes. */
-SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
-/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
-SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
-                                  const char *what, sb_error *error);
 SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
 /* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
  * and one byte after the end that the head tells. */
@@ -5775,6 +5842,88 @@ SB_API sb_jobs sb_jobs_openmp(void)
     return jobs;
 }
 #endif
+
+/* ==== src/softbody/bytes.c ==== */
+/* bytes: see bytes.h. */
+
+#include <string.h>
+
+/* ---- bits ---- */
+
+SBI_API uint64_t sbi_real_bits(sb_real value)
+{
+#if SB_REAL_IS_FLOAT
+    uint32_t bits;
+#else
+    uint64_t bits;
+#endif
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+SBI_API sb_real sbi_real_of(uint64_t word)
+{
+#if SB_REAL_IS_FLOAT
+    uint32_t bits = (uint32_t)word;
+#else
+    uint64_t bits = word;
+#endif
+    sb_real value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* ---- images ---- */
+
+static uint64_t sbi_image_checksum(const unsigned char *bytes, size_t size)
+{
+    uint64_t hash = size;
+    for (; size >= 8; bytes += 8, size -= 8)
+        hash = sbi_hash_word(hash, sbi_get_bytes(bytes, 8));
+    return sbi_hash_word(hash, sbi_get_bytes(bytes, (int)size));
+}
+
+SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version)
+{
+    memcpy(image, magic, 8);
+    sbi_put_bytes(image + 8, version, 4);
+    sbi_put_bytes(image + 12, sizeof(sb_real), 4);
+    sbi_put_bytes(image + 16, size, 8);
+    sbi_put_bytes(image + size - SBI_IMAGE_TAIL, sbi_image_checksum(image, size - SBI_IMAGE_TAIL), 8);
+}
+
+SBI_API sb_result sbi_image_check_head(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                       const char *what, sb_error *error)
+{
+    uint64_t real;
+    if (size < SBI_IMAGE_HEAD + SBI_IMAGE_TAIL)
+        return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved %s", (unsigned long)size, what);
+    if (memcmp(image, magic, 8) != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "these are not the bytes of a saved %s", what);
+    if (sbi_get_bytes(image + 8, 4) != version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved %s has version %lu, this library reads %lu", what,
+                        (unsigned long)sbi_get_bytes(image + 8, 4), (unsigned long)version);
+    real = sbi_get_bytes(image + 12, 4);
+    if (real != sizeof(sb_real))
+        return sbi_fail(error, real == 4 || real == 8 ? SB_ERROR_UNSUPPORTED : SB_ERROR_FORMAT,
+                        "the saved %s has reals of %lu bytes, this library has %lu", what, (unsigned long)real,
+                        (unsigned long)sizeof(sb_real));
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
+                                  const char *what, sb_error *error)
+{
+    sb_result result = sbi_image_check_head(image, size, magic, version, what, error);
+    if (result != SB_OK)
+        return result;
+    if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
+                        sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
+    if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
+    return SB_OK;
+}
 
 /* ==== src/softbody/element.c ==== */
 /* element: tables of faces and edges, shape functions, quadrature; tables of custom elements. */
@@ -20958,1417 +21107,6 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
     }
 }
 
-/* ==== src/softbody/precond.c ==== */
-/* precond: factors and the coarse space of rigid pieces. */
-
-#include <float.h>
-#include <limits.h>
-#include <math.h>
-#include <string.h>
-
-/* ---- four floats ------------------------------------------------------------------------------------------
- * Blocks are stored as three rows of four floats, the fourth unused (0), so that a row is one vector. The
- * compiler's own vectors where it has them, else plain code with the same roundings. */
-
-#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
-#define SBI_HAS_FLOAT4 1
-typedef float sbi_float4 __attribute__((vector_size(16), may_alias));
-#define SBI_F4(v, k) ((v)[k])
-#else
-#define SBI_HAS_FLOAT4 0
-typedef struct sbi_float4 {
-    float lane[4];
-} sbi_float4;
-#define SBI_F4(v, k) ((v).lane[k])
-#endif
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_make(float a, float b, float c)
-{
-#if SBI_HAS_FLOAT4
-    sbi_float4 v = {a, b, c, 0};
-#else
-    sbi_float4 v = {{a, b, c, 0}};
-#endif
-    return v;
-}
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_load(const float *from) { return *(const sbi_float4 *)(const void *)from; }
-SBI_FORCE_INLINE void sbi_f4_store(float *to, sbi_float4 v) { *(sbi_float4 *)(void *)to = v; }
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_add(sbi_float4 a, sbi_float4 b)
-{
-#if SBI_HAS_FLOAT4
-    return a + b;
-#else
-    for (int k = 0; k < 4; k++)
-        a.lane[k] += b.lane[k];
-    return a;
-#endif
-}
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_sub(sbi_float4 a, sbi_float4 b)
-{
-#if SBI_HAS_FLOAT4
-    return a - b;
-#else
-    for (int k = 0; k < 4; k++)
-        a.lane[k] -= b.lane[k];
-    return a;
-#endif
-}
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_mul(sbi_float4 a, sbi_float4 b)
-{
-#if SBI_HAS_FLOAT4
-    return a * b;
-#else
-    for (int k = 0; k < 4; k++)
-        a.lane[k] *= b.lane[k];
-    return a;
-#endif
-}
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_scale(float s, sbi_float4 a)
-{
-#if SBI_HAS_FLOAT4
-    return a * s;
-#else
-    for (int k = 0; k < 4; k++)
-        a.lane[k] *= s;
-    return a;
-#endif
-}
-
-/* a[0] m.row0 + a[1] m.row1 + a[2] m.row2 = m^T a */
-SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
-{
-    return sbi_f4_add(sbi_f4_add(sbi_f4_scale(SBI_F4(a, 0), sbi_f4_load(m)),
-                                 sbi_f4_scale(SBI_F4(a, 1), sbi_f4_load(m + 4))),
-                      sbi_f4_scale(SBI_F4(a, 2), sbi_f4_load(m + 8)));
-}
-
-SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
-
-/* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
- * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
-SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)
-{
-    return sbi_f4_make((float)(from[0] * scale), (float)(from[1] * scale), (float)(from[2] * scale));
-}
-
-SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
-{
-#if SBI_HAS_LANES && SB_REAL_IS_FLOAT
-    return SBI_LANES_AT(from) * scale;
-#elif SBI_HAS_LANES && (defined(__clang__) || __GNUC__ >= 9)
-    return __builtin_convertvector(SBI_LANES_AT(from) * scale, sbi_float4);
-#else
-    return sbi_f4_round(from, scale);
-#endif
-}
-
-/* ---- the object ---------------------------------------------------------------------------------------- */
-
-enum {
-    SBI_PRECOND_MAX_ARRAYS = 32,
-    SBI_PRECOND_MAX_ATTEMPTS = 18,
-    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
-                                 * factor of any positive definite one exists */
-    SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
-    SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
-    SBI_PRECOND_NODES_PER_PIECE = 85,
-    SBI_PRECOND_MAX_PIECES = 64
-};
-
-/* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
- * centre, in units of its radius, so that both have the size of a displacement. (A Z) is stored by piece:
- * entry e couples piece a (piece_entry[a] <= e < piece_entry[a + 1]) with node entry_node[e], one of its own
- * or next to it. */
-typedef struct sbi_precond_coarse {
-    int piece_count, size; /* size = 6 piece_count */
-    int *piece_start;      /* [piece_count + 1] into piece_nodes */
-    int *piece_nodes;      /* [row_count] nodes by piece */
-    int *piece_of;         /* [row_count] */
-    int *piece_entry;      /* [piece_count + 1] */
-    int *entry_node;       /* [entries] */
-    int *entry_start;      /* [entries + 1] into entry_blocks */
-    int *entry_blocks;     /* [block_count] matrix blocks (node, j) with j in the piece */
-    sb_real *places;       /* [row_count][4] position relative to the piece's centre over its radius */
-    float *arms;           /* [row_count][4] the same, rounded */
-    float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
-    float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
-    double *matrix;        /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
-    double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
-    double *solution;      /* [size] */
-    sb_vec3 *positions;    /* [row_count] as last given */
-} sbi_precond_coarse;
-
-struct sb_preconditioner {
-    sb_allocator allocator;
-    sb_precond_kind kind;
-    int row_count, block_count, lower_count;
-    double matrix_scale; /* power of two that brings the mean diagonal near 1 */
-    /* lower triangle by rows */
-    int *start;     /* [row_count + 1] */
-    int *columns;   /* [lower_count] node j < i */
-    int *source;    /* [lower_count] matrix block (j, i) */
-    float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
-    float *inverse; /* [row_count][12] D^-1 */
-    float *middle;  /* [row_count][4] (I + L)^-1 r */
-    float *result;  /* [row_count][4] z, scaled */
-    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j,
-     * m) */
-    size_t *pair_start; /* [lower_count + 1] */
-    int *pairs;         /* [pairs][2] */
-    float *row;         /* [longest row][12] transposed blocks of the row at work */
-    int attempts, successes, wait;
-    double shift;
-    sbi_precond_coarse coarse;
-    size_t bytes;
-    int array_count;
-    void *arrays[SBI_PRECOND_MAX_ARRAYS];
-};
-
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-static void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size)
-{
-    size_t bytes = 64;
-    void *raw;
-    if (!sbi_size_add(&bytes, count, size))
-        return NULL;
-    raw = sbi_alloc(&p->allocator, bytes, 1);
-    if (!raw)
-        return NULL;
-    p->arrays[p->array_count++] = raw;
-    p->bytes += bytes;
-    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
-}
-
-static int *sbi_precond_take_ints(sb_preconditioner *p, size_t count)
-{
-    return (int *)sbi_precond_take(p, count, sizeof(int));
-}
-
-static float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width)
-{
-    return (float *)sbi_precond_take(p, count, width * sizeof(float));
-}
-
-SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
-{
-    sb_allocator allocator;
-    if (!preconditioner)
-        return;
-    allocator = preconditioner->allocator;
-    for (int k = 0; k < preconditioner->array_count; k++)
-        sbi_free(&allocator, preconditioner->arrays[k]);
-    sbi_free(&allocator, preconditioner);
-}
-
-/* ---- the lower triangle -------------------------------------------------------------------------------- */
-
-static int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a)
-{
-    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
-    p->start = sbi_precond_take_ints(p, rows + 1);
-    p->columns = sbi_precond_take_ints(p, lower);
-    p->source = sbi_precond_take_ints(p, lower);
-    p->lower = sbi_precond_take_floats(p, lower, 12);
-    if (!p->start || !p->columns || !p->source || !p->lower)
-        return 0;
-    p->start[0] = 0;
-    for (int i = 0, e = 0; i < p->row_count; i++) {
-        for (int q = a->row_start[i]; q < a->diagonal[i]; q++, e++) {
-            p->columns[e] = a->columns[q];
-            p->source[e] = a->transpose[q];
-        }
-        p->start[i + 1] = e;
-    }
-    return 1;
-}
-
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. place
- * [row_count] is scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, int *place, size_t *pair_start, int *pairs)
-{
-    size_t total = 0;
-    for (int i = 0; i < p->row_count; i++) {
-        for (int e = p->start[i]; e < p->start[i + 1]; e++) {
-            int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
-            /* columns ascend, so place[] holds the m < j of row i when (i, j) is met */
-            for (int b = p->start[j]; b < p->start[j + 1]; b++) {
-                if (place[p->columns[b]] < 0)
-                    continue;
-                if (pairs) {
-                    pairs[2 * total] = place[p->columns[b]];
-                    pairs[2 * total + 1] = b;
-                }
-                total++;
-            }
-            place[j] = e - p->start[i];
-        }
-        for (int e = p->start[i]; e < p->start[i + 1]; e++)
-            place[p->columns[e]] = -1;
-    }
-    if (pairs)
-        pair_start[p->lower_count] = total;
-    return total;
-}
-
-static int sbi_precond_make_pairs(sb_preconditioner *p)
-{
-    int *place = (int *)sbi_alloc(&p->allocator, (size_t)p->row_count, sizeof(int)), longest = 0;
-    size_t total;
-    if (!place)
-        return 0;
-    for (int i = 0; i < p->row_count; i++) {
-        place[i] = -1;
-        longest = p->start[i + 1] - p->start[i] > longest ? p->start[i + 1] - p->start[i] : longest;
-    }
-    total = sbi_precond_list_pairs(p, place, NULL, NULL);
-    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, (size_t)longest, 12);
-    if (p->pair_start && p->pairs && p->row)
-        sbi_precond_list_pairs(p, place, p->pair_start, p->pairs);
-    sbi_free(&p->allocator, place);
-    return p->pair_start && p->pairs && p->row;
-}
-
-/* ---- factorisations ------------------------------------------------------------------------------------ */
-
-/* Inverse of a symmetric 3x3 matrix (row-major with rows of 4) when its pivots exceed `least`[k]; else 0. */
-static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *inverse)
-{
-    double a00 = (double)SBI_F4(d[0], 0), a01 = (double)SBI_F4(d[0], 1), a02 = (double)SBI_F4(d[0], 2);
-    double a11 = (double)SBI_F4(d[1], 1), a12 = (double)SBI_F4(d[1], 2), a22 = (double)SBI_F4(d[2], 2);
-    double c00 = a11 * a22 - a12 * a12, c01 = a02 * a12 - a01 * a22, c02 = a01 * a12 - a02 * a11;
-    double minor = a00 * a11 - a01 * a01, det = a00 * c00 + a01 * c01 + a02 * c02, f;
-    /* pivots of the elimination: a00, minor / a00, det / minor; comparisons are false for NaN */
-    if (!(a00 > (double)least[0] && minor > (double)least[1] * a00 && det > (double)least[2] * minor))
-        return 0;
-    f = 1 / det;
-    sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
-    sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
-                                          (float)((a01 * a02 - a00 * a12) * f)));
-    sbi_f4_store(inverse + 8,
-                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
-    return 1;
-}
-
-/* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
-SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
-                                           double factor, sbi_float4 *d, float *least)
-{
-    const sb_real *block = a->blocks[a->diagonal[i]];
-    for (int r = 0; r < 3; r++) {
-        float diagonal = (float)((double)block[4 * r] * p->matrix_scale * factor);
-        d[r] = sbi_f4_round_row(block + 3 * r, (sb_real)p->matrix_scale);
-        SBI_F4(d[r], r) = diagonal;
-        least[r] = diagonal > 0 ? 64 * FLT_EPSILON * diagonal : 0;
-    }
-}
-
-/* Node whose diagonal block is not positive definite, or -1. */
-static int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a)
-{
-    for (int i = 0; i < p->row_count; i++) {
-        sbi_float4 d[3];
-        float least[3];
-        sbi_precond_diagonal(p, a, i, 1, d, least);
-        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
-            return i;
-    }
-    return -1;
-}
-
-/* SSOR: M = (D + w L_A) D^-1 (D + w L_A)^T up to a factor, hence L = w L_A D^-1. */
-static void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
-{
-    const sb_real relaxation = (sb_real)1.3; /* flat optimum: 1.0 to 1.6 differ by a few iterations */
-    sb_real scale = (sb_real)p->matrix_scale * relaxation;
-    for (int e = 0; e < p->lower_count; e++) {
-        const sb_real *upper = a->blocks[p->source[e]]; /* (j, i): its columns are the rows of (i, j) */
-        const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
-        sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
-        sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
-        float *out = p->lower + 12 * (size_t)e;
-        for (int r = 0; r < 3; r++)
-            sbi_f4_store(out + 4 * r,
-                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
-    }
-}
-
-/* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
- * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
-SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, float *out_row,
-                                            sbi_float4 *d)
-{
-    const sb_real *upper = a->blocks[p->source[e]];
-    sb_real scale = (sb_real)p->matrix_scale;
-    sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
-    sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
-    const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
-    float *l = p->lower + 12 * (size_t)e;
-    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
-        const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
-                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
-        u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
-        u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
-        u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
-    }
-    sbi_f4_store(out_row, u0);
-    sbi_f4_store(out_row + 4, u1);
-    sbi_f4_store(out_row + 8, u2);
-    for (int r = 0; r < 3; r++) {
-        sbi_float4 row = sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse);
-        sbi_f4_store(l + 4 * r, row);
-        d[r] = sbi_f4_sub(d[r], sbi_f4_rows(row, out_row));
-    }
-}
-
-/* Block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
-static int sbi_precond_factor(sb_preconditioner *p, const sb_matrix *a, double shift)
-{
-    for (int i = 0; i < p->row_count; i++) {
-        sbi_float4 d[3];
-        float least[3];
-        sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
-        for (int e = p->start[i]; e < p->start[i + 1]; e++)
-            sbi_precond_eliminate(p, a, e, p->row + 12 * (size_t)(e - p->start[i]), d);
-        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
-            return i;
-    }
-    return -1;
-}
-
-/* Shifts: 0, 0.001, 0.002 ... */
-static double sbi_precond_lower_shift(double shift) { return shift > 1.5e-3 ? shift / 2 : 0; }
-
-static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
-{
-    int relaxing = p->shift > 0 && p->successes >= p->wait, bad = 0;
-    double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
-    for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
-        bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0 || shift > (double)SBI_PRECOND_MAX_SHIFT)
-            break;
-        shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
-    }
-    if (bad >= 0) {
-        p->shift = 0; /* the next matrix may be a tamer one */
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
-                             shift);
-    }
-    if (p->attempts > 1) {
-        p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
-        p->successes = 0;
-    } else {
-        p->successes = relaxing ? 0 : p->successes + (p->successes < INT_MAX);
-    }
-    p->shift = shift;
-    return SB_OK;
-}
-
-/* ---- pieces -------------------------------------------------------------------------------------------- */
-
-SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
-{
-    return axis == 0 ? positions[node].x : axis == 1 ? positions[node].y : positions[node].z;
-}
-
-/* Order along an axis; ties by index, so that the cut is the same everywhere. */
-static int sbi_precond_before(const sb_vec3 *positions, int axis, int a, int b)
-{
-    sb_real xa = sbi_precond_coordinate(positions, a, axis), xb = sbi_precond_coordinate(positions, b, axis);
-    return xa < xb || (xa == xb && a < b);
-}
-
-static void sbi_precond_sift(const sb_vec3 *positions, int axis, int *nodes, int root, int count)
-{
-    int node = nodes[root];
-    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
-        if (child + 1 < count && sbi_precond_before(positions, axis, nodes[child], nodes[child + 1]))
-            child++;
-        if (!sbi_precond_before(positions, axis, node, nodes[child]))
-            break;
-        nodes[root] = nodes[child];
-        root = child;
-    }
-    nodes[root] = node;
-}
-
-static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *nodes, int count)
-{
-    for (int root = count / 2; root-- > 0;)
-        sbi_precond_sift(positions, axis, nodes, root, count);
-    for (int last = count - 1; last > 0; last--) {
-        int top = nodes[0];
-        nodes[0] = nodes[last];
-        nodes[last] = top;
-        sbi_precond_sift(positions, axis, nodes, 0, last);
-    }
-}
-
-static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
-{
-    sb_real extent[3];
-    for (int axis = 0; axis < 3; axis++) {
-        sb_real low = sbi_precond_coordinate(positions, nodes[0], axis), high = low;
-        for (int k = 1; k < count; k++) {
-            sb_real x = sbi_precond_coordinate(positions, nodes[k], axis);
-            low = x < low ? x : low;
-            high = x > high ? x : high;
-        }
-        extent[axis] = high - low;
-    }
-    return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
-}
-
-/* Cuts nodes[begin, end) into `pieces` parts of equal size by halving across the longest side; returns the
- * number of the next piece. */
-static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces, int piece)
-{
-    int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
-    int *nodes = c->piece_nodes + begin;
-    if (pieces == 1) {
-        c->piece_start[piece] = begin;
-        for (int k = begin; k < end; k++)
-            c->piece_of[c->piece_nodes[k]] = piece;
-        return piece + 1;
-    }
-    sbi_precond_sort_nodes(c->positions, sbi_precond_longest_axis(c->positions, nodes, end - begin), nodes,
-                           end - begin);
-    piece = sbi_precond_cut(c, begin, middle, left, piece);
-    return sbi_precond_cut(c, middle, end, pieces - left, piece);
-}
-
-/* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
- * fills the coarse arrays when they are there. marker [row_count] is scratch. */
-static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, int *marker, int *entry_of)
-{
-    int entries = 0;
-    for (int i = 0; i < a->row_count; i++)
-        marker[i] = -1;
-    for (int piece = 0; piece < c->piece_count; piece++) {
-        int first = entries;
-        c->piece_entry[piece] = entries;
-        for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
-            int j = c->piece_nodes[k];
-            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
-                int i = a->columns[q];
-                if (marker[i] < first) {
-                    marker[i] = entries;
-                    if (c->entry_node)
-                        c->entry_node[entries] = i;
-                    entries++;
-                }
-                entry_of[a->transpose[q]] = marker[i];
-            }
-        }
-    }
-    c->piece_entry[c->piece_count] = entries;
-    return entries;
-}
-
-static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
-{
-    sbi_precond_coarse *c = &p->coarse;
-    size_t rows = (size_t)a->row_count, blocks = (size_t)a->block_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries;
-    if (!scratch)
-        return 0;
-    entry_of = scratch + rows;
-    entries = sbi_precond_list_entries(c, a, scratch, entry_of);
-    c->entry_node = sbi_precond_take_ints(p, (size_t)entries);
-    c->entry_start = sbi_precond_take_ints(p, (size_t)entries + 2);
-    c->entry_blocks = sbi_precond_take_ints(p, blocks);
-    c->coupling = sbi_precond_take_floats(p, (size_t)entries, 24);
-    if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
-        sbi_precond_list_entries(c, a, scratch, entry_of);
-        memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_start[entry_of[q] + 2]++;
-        for (int e = 0; e < entries; e++)
-            c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
-    }
-    sbi_free(&p->allocator, scratch);
-    return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
-}
-
-static int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
-                                   int pieces)
-{
-    sbi_precond_coarse *c = &p->coarse;
-    size_t rows = (size_t)a->row_count, size = 6 * (size_t)pieces;
-    if (size > INT_MAX)
-        return 0;
-    c->piece_start = sbi_precond_take_ints(p, (size_t)pieces + 1);
-    c->piece_entry = sbi_precond_take_ints(p, (size_t)pieces + 1);
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
-    c->arms = sbi_precond_take_floats(p, rows, 4);
-    c->free = sbi_precond_take_floats(p, rows, 4);
-    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->matrix = (double *)sbi_precond_take(p, size, size * sizeof(double));
-    c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
-    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->arms || !c->free ||
-        !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
-        return 0;
-    memcpy(c->positions, positions, rows * sizeof(sb_vec3));
-    for (int i = 0; i < a->row_count; i++)
-        c->piece_nodes[i] = i;
-    c->piece_count = sbi_precond_cut(c, 0, a->row_count, pieces, 0);
-    c->piece_start[pieces] = a->row_count;
-    c->size = (int)size;
-    return sbi_precond_make_entries(p, a);
-}
-
-/* Positions of the nodes relative to their piece's centre, in units of its root mean square radius. */
-static void sbi_precond_place_piece(sbi_precond_coarse *c, int piece)
-{
-    int begin = c->piece_start[piece], end = c->piece_start[piece + 1];
-    double centre[3] = {0, 0, 0}, square = 0, scale;
-    for (int k = begin; k < end; k++)
-        for (int axis = 0; axis < 3; axis++)
-            centre[axis] += (double)sbi_precond_coordinate(c->positions, c->piece_nodes[k], axis);
-    for (int axis = 0; axis < 3; axis++)
-        centre[axis] /= end - begin;
-    for (int k = begin; k < end; k++)
-        for (int axis = 0; axis < 3; axis++) {
-            double arm = (double)sbi_precond_coordinate(c->positions, c->piece_nodes[k], axis) - centre[axis];
-            square += arm * arm;
-        }
-    scale = square > 0 ? 1 / sqrt(square / (end - begin)) : 0;
-    for (int k = begin; k < end; k++) {
-        size_t at = 4 * (size_t)c->piece_nodes[k];
-        for (int axis = 0; axis < 3; axis++) {
-            double x = (double)sbi_precond_coordinate(c->positions, c->piece_nodes[k], axis) - centre[axis];
-            c->places[at + (size_t)axis] = (sb_real)(x * scale);
-            c->arms[at + (size_t)axis] = (float)(x * scale);
-        }
-        c->places[at + 3] = 0;
-        c->arms[at + 3] = 0;
-    }
-}
-
-/* Sums over the blocks of entry e: sum[0] of the blocks, sum[1..3] of the blocks times the x, y, z of their
- * node's arm; rows padded to four. */
-#if SBI_HAS_LANES
-static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
-{
-    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
-              z0 = p0;
-    sbi_lanes z1 = p0, z2 = p0;
-    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
-        const sb_real *block = a->blocks[c->entry_blocks[s]];
-        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
-        p0 += r0, x0 += r0 * arm[0], y0 += r0 * arm[1], z0 += r0 * arm[2];
-        p1 += r1, x1 += r1 * arm[0], y1 += r1 * arm[1], z1 += r1 * arm[2];
-        p2 += r2, x2 += r2 * arm[0], y2 += r2 * arm[1], z2 += r2 * arm[2];
-    }
-    SBI_LANES_PUT(sum[0], p0), SBI_LANES_PUT(sum[0] + 4, p1), SBI_LANES_PUT(sum[0] + 8, p2);
-    SBI_LANES_PUT(sum[1], x0), SBI_LANES_PUT(sum[1] + 4, x1), SBI_LANES_PUT(sum[1] + 8, x2);
-    SBI_LANES_PUT(sum[2], y0), SBI_LANES_PUT(sum[2] + 4, y1), SBI_LANES_PUT(sum[2] + 8, y2);
-    SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
-}
-#else
-static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
-{
-    memset(sum, 0, 4 * sizeof *sum);
-    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
-        const sb_real *block = a->blocks[c->entry_blocks[s]];
-        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        for (int r = 0; r < 3; r++)
-            for (int k = 0; k < 3; k++) {
-                sb_real value = block[3 * r + k];
-                sum[0][4 * r + k] += value;
-                sum[1][4 * r + k] += value * arm[0];
-                sum[2][4 * r + k] += value * arm[1];
-                sum[3][4 * r + k] += value * arm[2];
-            }
-    }
-}
-#endif
-
-/* Rows of (A Z) of one entry: sums over the piece's nodes j of A_ij and A_ij d_j,k give the translations and,
- * by a . (w x d) = w . (d x a), the rotations. */
-static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, int e, double rows[3][6])
-{
-    const sbi_precond_coarse *c = &p->coarse;
-    sb_real sum[4][12];
-    sbi_precond_moments(c, a, e, sum);
-    for (int r = 0; r < 3; r++) {
-        double factor = p->matrix_scale * (double)c->free[4 * (size_t)c->entry_node[e] + (size_t)r];
-        for (int k = 0; k < 3; k++)
-            rows[r][k] = (double)sum[0][4 * r + k] * factor;
-        rows[r][3] = (double)(sum[2][4 * r + 2] - sum[3][4 * r + 1]) * factor;
-        rows[r][4] = (double)(sum[3][4 * r] - sum[1][4 * r + 2]) * factor;
-        rows[r][5] = (double)(sum[1][4 * r + 1] - sum[2][4 * r]) * factor;
-    }
-}
-
-/* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
-static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
-{
-    double *out = c->matrix + 6 * (size_t)c->piece_of[node] * (size_t)c->size + 6 * (size_t)piece;
-    const float *arm = c->arms + 4 * (size_t)node;
-    double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
-    size_t next = (size_t)c->size;
-    for (int k = 0; k < 6; k++) {
-        out[k] += rows[0][k];
-        out[next + (size_t)k] += rows[1][k];
-        out[2 * next + (size_t)k] += rows[2][k];
-        out[3 * next + (size_t)k] += y * rows[2][k] - z * rows[1][k];
-        out[4 * next + (size_t)k] += z * rows[0][k] - x * rows[2][k];
-        out[5 * next + (size_t)k] += x * rows[1][k] - y * rows[0][k];
-    }
-}
-
-/* The six rows of a piece: each is scaled by its pivot and taken from the following ones. */
-static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first)
-{
-    int size = c->size;
-    for (int k = first; k < first + 6; k++) {
-        double *row = c->matrix + (size_t)k * (size_t)size, pivot = row[k];
-        c->inverse[k] = pivot > 0 && pivot > c->solution[k] ? 1 / sqrt(pivot) : 0;
-        for (int j = k; j < size; j++)
-            row[j] *= c->inverse[k];
-        for (int i = k + 1; i < first + 6; i++) {
-            double *other = c->matrix + (size_t)i * (size_t)size, factor = row[i];
-            for (int j = i; j < size; j++)
-                other[j] -= factor * row[j];
-        }
-    }
-}
-
-/* to[i..] -= sum over six rows of row[i] row[i..]; six at a time, since it is memory that limits the
- * factorisation. */
-static void sbi_precond_eliminate_rows(const double *rows, int size, int i, double *SB_RESTRICT to)
-{
-    const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
-                 *r5 = r4 + size;
-    double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
-    if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
-        return; /* pieces that do not touch */
-    for (int j = i; j < size; j++)
-        to[j] -= ((f0 * r0[j] + f1 * r1[j]) + (f2 * r2[j] + f3 * r3[j])) + (f4 * r4[j] + f5 * r5[j]);
-}
-
-/* Cholesky factor R of the coarse matrix, R^T R, in its upper triangle. Motions that a piece does not have
- * (all its nodes fixed, or on a line) leave a zero pivot and are left out. */
-static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
-{
-    const double tiny = 256 * (double)SB_EPSILON;
-    int size = c->size;
-    for (int k = 0; k < size; k++)
-        c->solution[k] = tiny * c->matrix[(size_t)k * (size_t)size + (size_t)k];
-    for (int first = 0; first < size; first += 6) {
-        double *rows = c->matrix + (size_t)first * (size_t)size;
-        sbi_precond_factor_rows(c, first);
-        for (int i = first + 6; i < size; i++)
-            sbi_precond_eliminate_rows(rows, size, i, c->matrix + (size_t)i * (size_t)size);
-    }
-}
-
-static void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a)
-{
-    sbi_precond_coarse *c = &p->coarse;
-    for (int piece = 0; piece < c->piece_count; piece++)
-        sbi_precond_place_piece(c, piece);
-    for (int i = 0; i < a->row_count; i++)
-        for (int k = 0; k < 4; k++)
-            c->free[4 * (size_t)i + (size_t)k] = (a->fixed[i] >> k & 1) || k == 3 ? 0.0f : 1.0f;
-    memset(c->matrix, 0, (size_t)c->size * (size_t)c->size * sizeof(double));
-    for (int piece = 0; piece < c->piece_count; piece++)
-        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++) {
-            double rows[3][6];
-            float *out = c->coupling + 24 * (size_t)e;
-            sbi_precond_couple(p, a, e, rows);
-            for (int r = 0; r < 3; r++) {
-                sbi_f4_store(out + 4 * r,
-                             sbi_f4_make((float)rows[r][0], (float)rows[r][1], (float)rows[r][2]));
-                sbi_f4_store(out + 12 + 4 * r,
-                             sbi_f4_make((float)rows[r][3], (float)rows[r][4], (float)rows[r][5]));
-            }
-            if (c->piece_of[c->entry_node[e]] <= piece)
-                sbi_precond_add_coarse(c, c->entry_node[e], piece, rows);
-        }
-    sbi_precond_factor_coarse(c);
-}
-
-/* solution = (R^T R)^-1 solution. */
-static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
-{
-    double *v = c->solution;
-    int size = c->size;
-    for (int k = 0; k < size; k++) {
-        const double *row = c->matrix + (size_t)k * (size_t)size;
-        double value = v[k] *= c->inverse[k];
-        for (int j = k + 1; j < size; j++)
-            v[j] -= value * row[j];
-    }
-    for (int k = size; k-- > 0;) {
-        const double *row = c->matrix + (size_t)k * (size_t)size;
-        double sums[4] = {0, 0, 0, 0}, value = v[k];
-        int j = k + 1;
-        for (; j + 4 <= size; j += 4)
-            for (int lane = 0; lane < 4; lane++)
-                sums[lane] += row[j + lane] * v[j + lane];
-        for (; j < size; j++)
-            sums[0] += row[j] * v[j];
-        value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
-        v[k] = value * c->inverse[k];
-    }
-}
-
-/* ---- application --------------------------------------------------------------------------------------- */
-
-/* middle = (I + L)^-1 r, result = D^-1 middle. */
-static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
-{
-    const float *l = p->lower;
-    for (size_t i = 0; i < (size_t)p->row_count; i++) {
-        sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
-        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
-            sbi_float4 v = sbi_f4_load(p->middle + 4 * (size_t)p->columns[e]);
-            s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
-            s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
-            s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
-        }
-        y = sbi_f4_sub(sbi_f4_round(r + 3 * i, scale),
-                       sbi_f4_make(sbi_f4_sum(s0), sbi_f4_sum(s1), sbi_f4_sum(s2)));
-        sbi_f4_store(p->middle + 4 * i, y);
-        sbi_f4_store(p->result + 4 * i, sbi_f4_rows(y, p->inverse + 12 * i));
-    }
-}
-
-/* result = (I + L)^-T result, by columns of L^T: each row is final when it is met. */
-static void sbi_precond_backward(sb_preconditioner *p)
-{
-    for (int i = p->row_count; i-- > 0;) {
-        sbi_float4 z = sbi_f4_load(p->result + 4 * (size_t)i);
-        const float *l = p->lower + 12 * (size_t)p->start[i];
-        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
-            float *to = p->result + 4 * (size_t)p->columns[e];
-            sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
-        }
-    }
-}
-
-static void sbi_precond_scale_blocks(sb_preconditioner *p, const sb_real *r, sb_real scale)
-{
-    for (size_t i = 0; i < (size_t)p->row_count; i++)
-        sbi_f4_store(p->result + 4 * i, sbi_f4_rows(sbi_f4_round(r + 3 * i, scale), p->inverse + 12 * i));
-}
-
-/* Z^T r of one piece, minus (A Z)^T result if asked: a force, and a torque from the sums of arm components
- * times force (no cross products in the loop). */
-static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale,
-                                       int with_result, int piece, double *out)
-{
-    const sbi_precond_coarse *c = &p->coarse;
-    sbi_float4 force = sbi_f4_make(0, 0, 0), by_x = force, by_y = force, by_z = force, torque;
-    for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
-        size_t i = (size_t)c->piece_nodes[k];
-        const float *arm = c->arms + 4 * i;
-        sbi_float4 f = sbi_f4_mul(sbi_f4_round(r + 3 * i, scale), sbi_f4_load(c->free + 4 * i));
-        force = sbi_f4_add(force, f);
-        by_x = sbi_f4_add(by_x, sbi_f4_scale(arm[0], f));
-        by_y = sbi_f4_add(by_y, sbi_f4_scale(arm[1], f));
-        by_z = sbi_f4_add(by_z, sbi_f4_scale(arm[2], f));
-    }
-    torque = sbi_f4_make(SBI_F4(by_y, 2) - SBI_F4(by_z, 1), SBI_F4(by_z, 0) - SBI_F4(by_x, 2),
-                         SBI_F4(by_x, 1) - SBI_F4(by_y, 0));
-    for (int e = c->piece_entry[piece]; with_result && e < c->piece_entry[piece + 1]; e++) {
-        sbi_float4 z = sbi_f4_load(p->result + 4 * (size_t)c->entry_node[e]);
-        force = sbi_f4_sub(force, sbi_f4_rows(z, c->coupling + 24 * (size_t)e));
-        torque = sbi_f4_sub(torque, sbi_f4_rows(z, c->coupling + 24 * (size_t)e + 12));
-    }
-    for (int k = 0; k < 3; k++) {
-        out[k] = (double)SBI_F4(force, k);
-        out[3 + k] = (double)SBI_F4(torque, k);
-    }
-}
-
-/* solution = Z^T r - (A Z)^T result, or Z^T r */
-static void sbi_precond_restrict(sb_preconditioner *p, const sb_real *r, sb_real scale, int with_result)
-{
-    for (int piece = 0; piece < p->coarse.piece_count; piece++)
-        sbi_precond_restrict_piece(p, r, scale, with_result, piece, p->coarse.solution + 6 * piece);
-}
-
-/* result += Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
-static void sbi_precond_prolong(sb_preconditioner *p)
-{
-    sbi_precond_coarse *c = &p->coarse;
-    for (int piece = 0; piece < c->piece_count; piece++) {
-        const double *s = c->solution + 6 * piece;
-        float wx = (float)s[3], wy = (float)s[4], wz = (float)s[5];
-        sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
-        sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx),
-                   by_z = sbi_f4_make(wy, -wx, 0);
-        for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
-            size_t i = (size_t)c->piece_nodes[k];
-            const float *arm = c->arms + 4 * i;
-            sbi_float4 move = sbi_f4_add(shift, sbi_f4_scale(arm[0], by_x));
-            move = sbi_f4_add(move, sbi_f4_scale(arm[1], by_y));
-            move = sbi_f4_mul(sbi_f4_add(move, sbi_f4_scale(arm[2], by_z)), sbi_f4_load(c->free + 4 * i));
-            sbi_f4_store(p->result + 4 * i, sbi_f4_add(sbi_f4_load(p->result + 4 * i), move));
-        }
-    }
-}
-
-/* The power of two that brings `size` near 1. */
-static double sbi_precond_power(double size)
-{
-    int exponent = 0;
-    frexp(size, &exponent);
-    return ldexp(1, exponent > 1000 ? -1000 : exponent < -1000 ? 1000 : -exponent);
-}
-
-static void sbi_precond_write(const sb_preconditioner *p, sb_real *z, double scale)
-{
-    sb_real back = (sb_real)(p->matrix_scale / scale);
-    for (size_t i = 0; i < (size_t)p->row_count; i++)
-        for (size_t k = 0; k < 3; k++)
-            z[3 * i + k] = (sb_real)p->result[4 * i + k] * back;
-}
-
-SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
-{
-    double scale = sbi_precond_power(size);
-    if (p->kind == SB_PRECOND_NONE) {
-        memcpy(z, r, 3 * (size_t)p->row_count * sizeof(sb_real));
-        return;
-    }
-    if (p->kind == SB_PRECOND_BLOCK_JACOBI) {
-        sbi_precond_scale_blocks(p, r, (sb_real)scale);
-    } else {
-        sbi_precond_forward(p, r, (sb_real)scale);
-        sbi_precond_backward(p);
-    }
-    if (p->coarse.piece_count) {
-        sbi_precond_restrict(p, r, (sb_real)scale, 1);
-        sbi_precond_solve_coarse(&p->coarse);
-        sbi_precond_prolong(p);
-    }
-    sbi_precond_write(p, z, scale);
-}
-
-SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
-{
-    double scale = sbi_precond_power(size);
-    if (!p->coarse.piece_count)
-        return 0;
-    sbi_precond_restrict(p, r, (sb_real)scale, 0);
-    sbi_precond_solve_coarse(&p->coarse);
-    memset(p->result, 0, (size_t)p->row_count * 4 * sizeof(float));
-    sbi_precond_prolong(p);
-    sbi_precond_write(p, z, scale);
-    return 1;
-}
-
-SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z)
-{
-    sb_real largest = 0;
-    for (size_t k = 0; k < 3 * (size_t)preconditioner->row_count; k++) {
-        sb_real size = r[k] < 0 ? -r[k] : r[k];
-        largest = size > largest ? size : largest;
-    }
-    sbi_precond_apply(preconditioner, r, z, (double)largest);
-}
-
-/* ---- life ---------------------------------------------------------------------------------------------- */
-
-SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
-{
-    sb_preconditioner_def def;
-    def.kind = SB_PRECOND_AUTO;
-    def.positions = NULL;
-    def.piece_count = SB_PRECOND_PIECES_AUTO;
-    return def;
-}
-
-static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
-{
-    int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
-    if (!def->positions || def->kind == SB_PRECOND_NONE)
-        return 0;
-    if (def->piece_count != SB_PRECOND_PIECES_AUTO)
-        return def->piece_count;
-    return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
-}
-
-static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                   sb_error *error)
-{
-    if (!def || !pattern || pattern->row_count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
-    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_AUTO)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "unknown preconditioner kind %d", (int)def->kind);
-    if (def->piece_count < SB_PRECOND_PIECES_AUTO || def->piece_count > pattern->row_count)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "piece_count %d is outside 0 to %d", def->piece_count,
-                        pattern->row_count);
-    for (int i = 0; def->positions && i < pattern->row_count; i++)
-        if (!sb_v3_is_finite(def->positions[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
-    return SB_OK;
-}
-
-static int sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
-{
-    size_t rows = (size_t)a->row_count;
-    int pieces = sbi_precond_pieces(def, a->row_count);
-    if (p->kind == SB_PRECOND_NONE)
-        return 1;
-    p->inverse = sbi_precond_take_floats(p, rows, 12);
-    p->middle = sbi_precond_take_floats(p, rows, 4);
-    p->result = sbi_precond_take_floats(p, rows, 4);
-    if (!p->inverse || !p->middle || !p->result)
-        return 0;
-    if (p->kind != SB_PRECOND_BLOCK_JACOBI && !sbi_precond_make_lower(p, a))
-        return 0;
-    if (p->kind == SB_PRECOND_IC0 && !sbi_precond_make_pairs(p))
-        return 0;
-    return pieces == 0 || sbi_precond_make_coarse(p, a, def->positions, pieces);
-}
-
-SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
-{
-    sb_preconditioner *p;
-    sb_result result = sbi_precond_check(def, pattern, error);
-    if (result != SB_OK)
-        return result;
-    if (!out)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_preconditioner_create needs a place for its result");
-    p = (sb_preconditioner *)sbi_alloc_zeroed(allocator, 1, sizeof *p);
-    if (!p)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner");
-    if (allocator)
-        p->allocator = *allocator;
-    p->bytes = sizeof *p;
-    p->kind = def->kind == SB_PRECOND_AUTO ? SB_PRECOND_IC0 : def->kind;
-    p->row_count = pattern->row_count;
-    p->block_count = pattern->block_count;
-    p->lower_count = (pattern->block_count - pattern->row_count) / 2;
-    p->wait = SBI_PRECOND_RELAX_FIRST;
-    p->matrix_scale = 1;
-    if (!sbi_precond_make(p, def, pattern)) {
-        sb_preconditioner_free(p);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner of %d rows",
-                        pattern->row_count);
-    }
-    *out = p;
-    return SB_OK;
-}
-
-SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, sb_error *error)
-{
-    double scale;
-    int bad = -1;
-    if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
-    scale = (double)sb_matrix_diagonal_scale(matrix, NULL);
-    if (!(scale - scale == 0))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the matrix has a diagonal entry that is not finite");
-    for (int i = 0; positions && p->coarse.piece_count && i < p->row_count; i++)
-        if (!sb_v3_is_finite(positions[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
-    p->matrix_scale = sbi_precond_power(scale);
-    p->attempts = 0;
-    if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
-        bad = sbi_precond_invert_diagonals(p, matrix);
-    if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
-                             "node %d: diagonal block is not positive definite", bad);
-    if (p->kind == SB_PRECOND_SSOR)
-        sbi_precond_fill_ssor(p, matrix);
-    if (p->kind == SB_PRECOND_IC0) {
-        sb_result result = sbi_precond_update_ic0(p, matrix, error);
-        if (result != SB_OK)
-            return result;
-    }
-    if (p->coarse.piece_count) {
-        if (positions)
-            memcpy(p->coarse.positions, positions, (size_t)p->row_count * sizeof(sb_vec3));
-        sbi_precond_update_coarse(p, matrix);
-    }
-    return SB_OK;
-}
-
-SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
-
-SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
-{
-    sbi_precond_memory memory;
-    memory.shift = preconditioner->shift;
-    memory.successes = preconditioner->successes;
-    memory.wait = preconditioner->wait;
-    return memory;
-}
-
-SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
-{
-    preconditioner->shift = memory.shift;
-    preconditioner->successes = memory.successes;
-    preconditioner->wait = memory.wait;
-}
-
-SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
-{
-    return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&
-           memory.wait >= SBI_PRECOND_RELAX_FIRST && memory.wait <= SBI_PRECOND_RELAX_LAST;
-}
-
-SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
-{
-    sb_preconditioner_info info;
-    info.kind = preconditioner->kind;
-    info.piece_count = preconditioner->coarse.piece_count;
-    info.attempts = preconditioner->attempts;
-    info.shift = preconditioner->shift;
-    info.bytes = preconditioner->bytes;
-    return info;
-}
-
-#undef SBI_F4
-#undef SBI_HAS_FLOAT4
-
-/* ==== src/softbody/pcg.c ==== */
-/* pcg: conjugate gradients with fused vector loops. */
-
-#include <math.h>
-#include <string.h>
-
-/* ---- workspace ----------------------------------------------------------------------------------------- */
-
-SB_API sb_pcg_options sb_default_pcg_options(void)
-{
-    sb_pcg_options options;
-    options.tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
-    options.max_iterations = 1000;
-    options.jobs = NULL;
-    return options;
-}
-
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
-                                         sb_pcg_workspace *workspace, sb_error *error)
-{
-    sb_pcg_workspace made;
-    size_t entries, bytes = 0;
-    if (!workspace || row_count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a workspace needs row_count >= 1, not %d", row_count);
-    memset(&made, 0, sizeof made);
-    if (allocator)
-        made.allocator = *allocator;
-    entries = 3 * (size_t)row_count;
-    if (sbi_size_add(&bytes, (size_t)sbi_row_chunks(row_count), 2 * sizeof(double)) &&
-        sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
-        made.memory = sbi_alloc(allocator, bytes, 1);
-    if (!made.memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
-    made.row_count = row_count;
-    made.partial = (double *)made.memory;
-    made.start = (sb_real *)(void *)(made.partial + 2 * sbi_row_chunks(row_count));
-    made.residual = made.start + entries;
-    made.search = made.residual + entries;
-    made.direction = made.search + entries;
-    made.product = made.direction + entries;
-    *workspace = made;
-    return SB_OK;
-}
-
-SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace)
-{
-    if (!workspace)
-        return;
-    sbi_free(&workspace->allocator, workspace->memory);
-    memset(workspace, 0, sizeof *workspace);
-}
-
-/* ---- vector loops -------------------------------------------------------------------------------------- */
-
-/* What the chunk tasks see. Names follow the usual ones: r residual, z = M^-1 r, p direction, q = A p. */
-typedef struct sbi_pcg_state {
-    const sb_matrix *matrix;
-    const sb_real *rhs;
-    sb_real *x, *r, *z, *p, *q;
-    sb_real factor;  /* of the update at work */
-    double *partial; /* [chunks][2] */
-    const sb_jobs *jobs;
-} sbi_pcg_state;
-
-static size_t sbi_pcg_end(const sbi_pcg_state *s, int chunk)
-{
-    int rows = s->matrix->row_count, first = chunk * SBI_ROW_CHUNK;
-    return 3 * (size_t)(rows - first < SBI_ROW_CHUNK ? rows : first + SBI_ROW_CHUNK);
-}
-
-/* a.b over a range: eight sums that do not wait for each other. */
-static double sbi_pcg_dot(const sb_real *a, const sb_real *b, size_t count)
-{
-    double s0 = 0, s1 = 0, s2 = 0, s3 = 0, s4 = 0, s5 = 0, s6 = 0, s7 = 0;
-    size_t k = 0;
-    for (; k + 8 <= count; k += 8) {
-        s0 += (double)a[k] * (double)b[k];
-        s1 += (double)a[k + 1] * (double)b[k + 1];
-        s2 += (double)a[k + 2] * (double)b[k + 2];
-        s3 += (double)a[k + 3] * (double)b[k + 3];
-        s4 += (double)a[k + 4] * (double)b[k + 4];
-        s5 += (double)a[k + 5] * (double)b[k + 5];
-        s6 += (double)a[k + 6] * (double)b[k + 6];
-        s7 += (double)a[k + 7] * (double)b[k + 7];
-    }
-    for (; k < count; k++)
-        s0 += (double)a[k] * (double)b[k];
-    return ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7));
-}
-
-static void sbi_pcg_square_task(void *user, int chunk)
-{
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    s->partial[2 * chunk] = sbi_pcg_dot(s->rhs + begin, s->rhs + begin, count);
-    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->x + begin, s->x + begin, count);
-}
-
-/* r = rhs - A x, r.r */
-static void sbi_pcg_residual_task(void *user, int chunk)
-{
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_matrix_multiply_rows(s->matrix, s->x, s->r, (int)(begin / 3), (int)(end / 3));
-    for (size_t k = begin; k < end; k++)
-        s->r[k] = s->rhs[k] - s->r[k];
-    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
-}
-
-/* q = A p, p.q */
-static void sbi_pcg_product_task(void *user, int chunk)
-{
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_matrix_multiply_rows(s->matrix, s->p, s->q, (int)(begin / 3), (int)(end / 3));
-    s->partial[2 * chunk] = sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
-}
-
-/* x += factor p, r -= factor q, r.r */
-static void sbi_pcg_advance_task(void *user, int chunk)
-{
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    sb_real *SB_RESTRICT x = s->x + begin, *SB_RESTRICT r = s->r + begin;
-    const sb_real *p = s->p + begin, *q = s->q + begin;
-    sb_real factor = s->factor;
-    for (size_t k = 0; k < count; k++) {
-        x[k] += factor * p[k];
-        r[k] -= factor * q[k];
-    }
-    s->partial[2 * chunk] = sbi_pcg_dot(r, r, count);
-}
-
-/* r.z and q.z */
-static void sbi_pcg_dots_task(void *user, int chunk)
-{
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->z + begin, count);
-    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->q + begin, s->z + begin, count);
-}
-
-/* p = z + factor p */
-static void sbi_pcg_direction_task(void *user, int chunk)
-{
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    sb_real *SB_RESTRICT p = s->p + begin;
-    const sb_real *SB_RESTRICT z = s->z + begin;
-    sb_real factor = s->factor;
-    for (size_t k = 0; k < count; k++)
-        p[k] = z[k] + factor * p[k];
-}
-
-/* Runs a task over all chunks; the sum of the chunks' first (or second) partial sums, in order. */
-static double sbi_pcg_run(sbi_pcg_state *s, sb_task task, double *second)
-{
-    int chunks = sbi_row_chunks(s->matrix->row_count);
-    double sum = 0, other = 0;
-    sbi_run(s->jobs, task, s, chunks);
-    for (int k = 0; k < chunks; k++)
-        sum += s->partial[2 * k];
-    for (int k = 0; second && k < chunks; k++)
-        other += s->partial[2 * k + 1];
-    if (second)
-        *second = other;
-    return sum;
-}
-
-/* ---- the iteration ------------------------------------------------------------------------------------- */
-
-static int sbi_pcg_is_finite(double value) { return value - value == 0; }
-
-/* Subtracts the coarse space's part from the residual, as its deflation requires; returns the new r.r. Uses p
- * and q. */
-static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double square)
-{
-    if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
-        return square;
-    sbi_pcg_run(s, sbi_pcg_product_task, NULL);
-    s->factor = 1;
-    return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
-}
-
-/* Iterates until r.r <= target, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
- * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
- * quite symmetric. */
-static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
-                                 int max_iterations, double *square, sb_pcg_info *info)
-{
-    double alpha = 0, last_rz = 0;
-    for (int first = 1; *square > target; first = 0) {
-        double rz, qz, pq;
-        if (info->iterations >= max_iterations) {
-            info->capped = 1;
-            return SB_ERROR_NOT_CONVERGED;
-        }
-        if (preconditioner)
-            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(*square));
-        else
-            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (first)
-            memset(s->p, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (first)
-            memset(s->q, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
-        if (!sbi_pcg_is_finite(rz))
-            return SB_ERROR_DIVERGED;
-        if (rz <= 0)
-            return SB_ERROR_INDEFINITE;
-        s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
-        sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
-        pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
-        if (!sbi_pcg_is_finite(pq))
-            return SB_ERROR_DIVERGED;
-        if (pq <= 0) {
-            info->negative_curvature = 1;
-            return SB_ERROR_INDEFINITE;
-        }
-        alpha = rz / pq;
-        last_rz = rz;
-        s->factor = (sb_real)alpha;
-        *square = sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
-        if (!sbi_pcg_is_finite(*square))
-            return SB_ERROR_DIVERGED;
-        info->iterations++;
-    }
-    return SB_OK;
-}
-
-/* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
- * x. */
-static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
-                                const sb_pcg_options *options, double rhs_square, double *square,
-                                sb_pcg_info *info)
-{
-    double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
-    double least =
-        (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
-    int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    for (;;) {
-        sb_result result;
-        if (*square <= target)
-            return SB_OK;
-        *square = sbi_pcg_deflate(s, preconditioner, *square);
-        if (!sbi_pcg_is_finite(*square))
-            return SB_ERROR_DIVERGED;
-        result = sbi_pcg_iterate(s, preconditioner, target > least ? target : least, options->max_iterations,
-                                 square, info);
-        info->residual_is_true = 0;
-        if (result != SB_OK || !verify)
-            return result;
-        *square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
-        info->residual_is_true = 1;
-        if (!sbi_pcg_is_finite(*square))
-            return SB_ERROR_DIVERGED;
-        if (*square <= target)
-            return SB_OK;
-        if (*square > 0.25 * before) /* not even halved: the last digit of x is reached */
-            return SB_ERROR_NOT_CONVERGED;
-        before = *square;
-    }
-}
-
-static int sbi_pcg_valid(const sb_matrix *matrix, const sb_preconditioner *preconditioner, const sb_real *rhs,
-                         const sb_real *x, const sb_pcg_options *options, const sb_pcg_workspace *workspace)
-{
-    if (!matrix || !rhs || !x || !workspace || workspace->row_count != matrix->row_count)
-        return 0;
-    if (preconditioner && sbi_precond_rows(preconditioner) != matrix->row_count)
-        return 0;
-    return options->tolerance >= 0 && sbi_pcg_is_finite(options->tolerance) && options->max_iterations >= 0;
-}
-
-SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                              sb_pcg_info *info)
-{
-    sb_pcg_options defaults = sb_default_pcg_options();
-    sb_pcg_info report;
-    sbi_pcg_state state;
-    sb_result result;
-    double rhs_square, x_square = 0, square = 0;
-    size_t bytes;
-    options = options ? options : &defaults;
-    if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
-        return SB_ERROR_ARGUMENT;
-    memset(&report, 0, sizeof report);
-    bytes = 3 * (size_t)matrix->row_count * sizeof(sb_real);
-    state.matrix = matrix;
-    state.rhs = rhs;
-    state.x = x;
-    state.r = workspace->residual;
-    state.z = workspace->search;
-    state.p = workspace->direction;
-    state.q = workspace->product;
-    state.partial = workspace->partial;
-    state.jobs = options->jobs;
-    state.factor = 0;
-    memcpy(workspace->start, x, bytes);
-    rhs_square = sbi_pcg_run(&state, sbi_pcg_square_task, &x_square);
-    if (rhs_square > 0 && x_square == 0) { /* no product needed */
-        memcpy(state.r, rhs, bytes);
-        square = rhs_square;
-    } else if (rhs_square > 0) {
-        square = sbi_pcg_run(&state, sbi_pcg_residual_task, NULL);
-    } else if (rhs_square == 0) {
-        memset(x, 0, bytes);
-    }
-    report.residual_is_true = 1;
-    if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(square))
-        result = SB_ERROR_DIVERGED;
-    else
-        result = sbi_pcg_refine(&state, preconditioner, options, rhs_square, &square, &report);
-    if (result == SB_ERROR_DIVERGED) {
-        memcpy(x, workspace->start, bytes);
-        report.residual_is_true = 0;
-    }
-    report.residual = rhs_square > 0 ? sqrt(square / rhs_square) : 0;
-    if (info)
-        *info = report;
-    return result;
-}
-
 /* ==== src/softbody/direct_order.c ==== */
 /* direct_order: an elimination order with little fill, by nested dissection. Floor 2, internal.
  *
@@ -23643,6 +22381,14 @@ SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb
     return result;
 }
 
+SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count)
+{
+    *count = direct->factor_count;
+    return direct->factor;
+}
+
+SBI_API void sbi_direct_take_values(sb_direct *direct) { direct->ready = 1; }
+
 /* ---- solving ---- */
 
 /* Copies the rows of a piece between the solution and the dense scratch. */
@@ -23701,6 +22447,2558 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
         first += group;
     }
     return SB_OK;
+}
+
+/* ==== src/softbody/float4.h ==== */
+/* float4: four floats as one vector. Floor 0, internal.
+ *
+ * Blocks are stored as three rows of four floats, the fourth unused (0), so that a row is one vector. The compiler's
+ * own vectors where it has them, else plain code with the same roundings. */
+#ifndef SB_FLOAT4_H
+#define SB_FLOAT4_H
+
+
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#define SBI_HAS_FLOAT4 1
+typedef float sbi_float4 __attribute__((vector_size(16), may_alias));
+#define SBI_F4(v, k) ((v)[k])
+#else
+#define SBI_HAS_FLOAT4 0
+typedef struct sbi_float4 {
+    float lane[4];
+} sbi_float4;
+#define SBI_F4(v, k) ((v).lane[k])
+#endif
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_make(float a, float b, float c)
+{
+#if SBI_HAS_FLOAT4
+    sbi_float4 v = {a, b, c, 0};
+#else
+    sbi_float4 v = {{a, b, c, 0}};
+#endif
+    return v;
+}
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_load(const float *from) { return *(const sbi_float4 *)(const void *)from; }
+SBI_FORCE_INLINE void sbi_f4_store(float *to, sbi_float4 v) { *(sbi_float4 *)(void *)to = v; }
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_add(sbi_float4 a, sbi_float4 b)
+{
+#if SBI_HAS_FLOAT4
+    return a + b;
+#else
+    for (int k = 0; k < 4; k++)
+        a.lane[k] += b.lane[k];
+    return a;
+#endif
+}
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_sub(sbi_float4 a, sbi_float4 b)
+{
+#if SBI_HAS_FLOAT4
+    return a - b;
+#else
+    for (int k = 0; k < 4; k++)
+        a.lane[k] -= b.lane[k];
+    return a;
+#endif
+}
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_mul(sbi_float4 a, sbi_float4 b)
+{
+#if SBI_HAS_FLOAT4
+    return a * b;
+#else
+    for (int k = 0; k < 4; k++)
+        a.lane[k] *= b.lane[k];
+    return a;
+#endif
+}
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_scale(float s, sbi_float4 a)
+{
+#if SBI_HAS_FLOAT4
+    return a * s;
+#else
+    for (int k = 0; k < 4; k++)
+        a.lane[k] *= s;
+    return a;
+#endif
+}
+
+/* a[0] m.row0 + a[1] m.row1 + a[2] m.row2 = m^T a */
+SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
+{
+    return sbi_f4_add(sbi_f4_add(sbi_f4_scale(SBI_F4(a, 0), sbi_f4_load(m)),
+                                 sbi_f4_scale(SBI_F4(a, 1), sbi_f4_load(m + 4))),
+                      sbi_f4_scale(SBI_F4(a, 2), sbi_f4_load(m + 8)));
+}
+
+SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
+
+/* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
+ * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
+SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)
+{
+    return sbi_f4_make((float)(from[0] * scale), (float)(from[1] * scale), (float)(from[2] * scale));
+}
+
+SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
+{
+#if SBI_HAS_LANES && SB_REAL_IS_FLOAT
+    return SBI_LANES_AT(from) * scale;
+#elif SBI_HAS_LANES && (defined(__clang__) || __GNUC__ >= 9)
+    return __builtin_convertvector(SBI_LANES_AT(from) * scale, sbi_float4);
+#else
+    return sbi_f4_round(from, scale);
+#endif
+}
+
+#endif /* SB_FLOAT4_H */
+
+/* ==== src/softbody/precond_fsai.h ==== */
+/* precond_fsai: a factorised sparse approximate inverse. Floor 2, internal.
+ *
+ * A^-1 is taken as G^T G with G lower triangular on the pattern of the lower part of |A|^power. Row i of G is the last
+ * block row of L^-1 where L L^T = A_JJ, J the columns of the row: that minimises |I - G L_A|_F over the pattern, L_A
+ * being the whole factor of A (Kolotilina and Yeremin 1993). Rows do not depend on each other, so they are made, and
+ * the two products applied, by any number of threads with the same bits. */
+#ifndef SB_PRECOND_FSAI_H
+#define SB_PRECOND_FSAI_H
+
+
+enum { SBI_FSAI_TASKS = 32 }; /* a scratch matrix each; more than the cores at hand, so that none waits long */
+
+/* Blocks are three rows of four floats, the fourth 0. G is stored twice, by rows and by columns, so that both products
+ * have one writer per row. */
+typedef struct sbi_fsai {
+    int row_count, power;
+    int entry_count;
+    int *start;     /* [row_count + 1] of the rows of G */
+    int *columns;   /* [entry_count] ascending, the diagonal last */
+    float *rows;    /* [entry_count][12] transposed blocks G_ij^T */
+    int *back;      /* [entry_count] place of each block among those by columns */
+    int *end;       /* [row_count + 1] of the columns of G */
+    int *members;   /* [entry_count] row of each block of a column, ascending */
+    float *turned;  /* [entry_count][12] blocks G_ij by columns */
+    int *task_row;  /* [SBI_FSAI_TASKS + 1] first row of each task of an update */
+    size_t *task_scratch; /* [SBI_FSAI_TASKS] where the task's scratch starts */
+    float *scratch;
+    int *bad;       /* [SBI_FSAI_TASKS] first row that failed, or -1 */
+    double *shifts; /* [SBI_FSAI_TASKS] largest of the task's rows */
+    void *memory;   /* the one block behind all arrays */
+    size_t bytes;
+} sbi_fsai;
+
+/* SB_OK, or SB_ERROR_MEMORY (also when the pattern has more than INT_MAX blocks) with *fsai untouched. */
+SBI_API sb_result sbi_fsai_create(const sb_matrix *pattern, int power, const sb_allocator *allocator, sbi_fsai *fsai);
+SBI_API void sbi_fsai_free(const sb_allocator *allocator, sbi_fsai *fsai);
+
+/* G of scale A. A row whose A_JJ has no Cholesky factor in single precision gets one of A_JJ with its diagonal times 1 +
+ * shift, the smallest of 0.001, 0.002 ... that does. Returns -1, or the first row that no shift up to `most` helps;
+ * *shift is the largest that was needed. */
+SBI_API int sbi_fsai_update(sbi_fsai *fsai, const sb_matrix *a, double scale, double most, const sb_jobs *jobs,
+                            double *shift);
+
+/* The blocks by columns from those by rows. */
+SBI_API void sbi_fsai_mirror(sbi_fsai *fsai);
+
+/* out = G in, and out = G^T in, of the rows first <= i < last; vectors are [row_count][4]. */
+SBI_API void sbi_fsai_multiply(const sbi_fsai *fsai, const float *in, float *out, int first, int last);
+SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in, float *out, int first, int last);
+
+#endif /* SB_PRECOND_FSAI_H */
+
+/* ==== src/softbody/precond_fsai.c ==== */
+/* precond_fsai: see precond_fsai.h. */
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+
+/* ---- the pattern --------------------------------------------------------------------------------------- */
+
+/* Shell's sort with Ciura's gaps: rows are short, and partly in order. */
+static void sbi_fsai_sort(int *values, int count)
+{
+    static const int gaps[] = {1750, 701, 301, 132, 57, 23, 10, 4, 1};
+    for (int g = 0; g < (int)(sizeof gaps / sizeof *gaps); g++)
+        for (int k = gaps[g]; k < count; k++) {
+            int value = values[k], at = k;
+            for (; at >= gaps[g] && values[at - gaps[g]] > value; at -= gaps[g])
+                values[at] = values[at - gaps[g]];
+            values[at] = value;
+        }
+}
+
+/* Columns j <= i of row i of |A|^power in order, i last; returns their number. mark [row_count] holds i for no node;
+ * seen [row_count] is scratch. */
+static int sbi_fsai_row(const sb_matrix *a, int power, int i, int *mark, int *seen)
+{
+    int count = 1, first = 0, kept = 0;
+    seen[0] = i;
+    mark[i] = i;
+    for (int level = 0; level < power; level++) { /* all neighbours of those that the last level found */
+        int last = count;
+        for (; first < last; first++)
+            for (int q = a->row_start[seen[first]]; q < a->row_start[seen[first] + 1]; q++) {
+                int j = a->columns[q];
+                if (mark[j] == i)
+                    continue;
+                mark[j] = i;
+                seen[count++] = j;
+            }
+    }
+    for (int k = 0; k < count; k++)
+        if (seen[k] <= i)
+            seen[kept++] = seen[k];
+    sbi_fsai_sort(seen, kept);
+    return kept;
+}
+
+/* start[row_count + 1] of the rows; returns the number of blocks, or 0 when that is more than INT_MAX. */
+static size_t sbi_fsai_count(const sb_matrix *a, int power, int *start, int *mark, int *seen)
+{
+    size_t total = 0;
+    for (int i = 0; i < a->row_count; i++)
+        mark[i] = -1;
+    for (int i = 0; i < a->row_count; i++) {
+        start[i] = (int)total;
+        total += (size_t)sbi_fsai_row(a, power, i, mark, seen);
+        if (total > INT_MAX)
+            return 0;
+    }
+    start[a->row_count] = (int)total;
+    return total;
+}
+
+static void sbi_fsai_fill(sbi_fsai *f, const sb_matrix *a, int *mark, int *seen)
+{
+    for (int i = 0; i < a->row_count; i++)
+        mark[i] = -1;
+    memset(f->end, 0, ((size_t)f->row_count + 1) * sizeof(int));
+    for (int i = 0; i < f->row_count; i++) {
+        int count = sbi_fsai_row(a, f->power, i, mark, seen);
+        memcpy(f->columns + f->start[i], seen, (size_t)count * sizeof(int));
+        for (int k = 0; k < count; k++)
+            f->end[seen[k] + 1]++;
+    }
+    for (int j = 0; j < f->row_count; j++) {
+        f->end[j + 1] += f->end[j];
+        mark[j] = f->end[j];
+    }
+    for (int i = 0; i < f->row_count; i++)
+        for (int e = f->start[i]; e < f->start[i + 1]; e++) {
+            f->back[e] = mark[f->columns[e]]++;
+            f->members[f->back[e]] = i;
+        }
+}
+
+/* ---- tasks and their scratch --------------------------------------------------------------------------- */
+
+/* Floats of a row of the scratch matrix of `nodes` nodes: whole cache lines. */
+static size_t sbi_fsai_stride(size_t nodes) { return (3 * nodes + 15) / 16 * 16; }
+
+/* The matrix, the scales of its rows, and the three rows of L^-1 as columns. */
+static size_t sbi_fsai_scratch(size_t nodes) { return sbi_fsai_stride(nodes) * (3 * nodes + 1 + 4); }
+
+static size_t sbi_fsai_row_nodes(const int *start, int i) { return (size_t)(start[i + 1] - start[i]); }
+
+/* Work of a row, up to a factor: of the factorisation and of looking up its blocks. */
+static double sbi_fsai_work(const int *start, int i)
+{
+    double nodes = (double)sbi_fsai_row_nodes(start, i);
+    return nodes * nodes * (nodes + 30);
+}
+
+/* Cuts the rows into tasks of about equal work; returns the floats of scratch of all, or 0 for more than a size_t
+ * holds. */
+static size_t sbi_fsai_cut(const int *start, int rows, int *task_row, size_t *task_scratch)
+{
+    double total = 0, done = 0;
+    size_t scratch = 0;
+    int i = 0;
+    for (int k = 0; k < rows; k++)
+        total += sbi_fsai_work(start, k);
+    for (int task = 0; task < SBI_FSAI_TASKS; task++) {
+        size_t longest = 1;
+        task_row[task] = i;
+        task_scratch[task] = scratch;
+        for (; i < rows && (done * SBI_FSAI_TASKS < total * (task + 1) || task == SBI_FSAI_TASKS - 1); i++) {
+            size_t nodes = sbi_fsai_row_nodes(start, i);
+            longest = nodes > longest ? nodes : longest;
+            done += sbi_fsai_work(start, i);
+        }
+        if (longest > (size_t)1 << 14 || !sbi_size_add(&scratch, sbi_fsai_scratch(longest), 1))
+            return 0;
+    }
+    task_row[SBI_FSAI_TASKS] = rows;
+    return scratch;
+}
+
+/* ---- life ---------------------------------------------------------------------------------------------- */
+
+static void sbi_fsai_layout(sbi_fsai *f, size_t scratch, sbi_arena *arena)
+{
+    size_t rows = (size_t)f->row_count, entries = (size_t)f->entry_count;
+    f->start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    f->end = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    f->columns = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    f->back = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    f->members = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    f->rows = (float *)sbi_arena_take(arena, entries, 12 * sizeof(float));
+    f->turned = (float *)sbi_arena_take(arena, entries, 12 * sizeof(float));
+    f->task_row = (int *)sbi_arena_take(arena, SBI_FSAI_TASKS + 1, sizeof(int));
+    f->task_scratch = (size_t *)sbi_arena_take(arena, SBI_FSAI_TASKS, sizeof(size_t));
+    f->bad = (int *)sbi_arena_take(arena, SBI_FSAI_TASKS, sizeof(int));
+    f->shifts = (double *)sbi_arena_take(arena, SBI_FSAI_TASKS, sizeof(double));
+    f->scratch = (float *)sbi_arena_take(arena, scratch, sizeof(float));
+}
+
+/* Takes the memory of *f, whose sizes are known. */
+static int sbi_fsai_take(sbi_fsai *f, size_t scratch, const sb_allocator *allocator)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_fsai_layout(f, scratch, &arena);
+    if (arena.overflow || arena.used > (size_t)-1 - 64)
+        return 0;
+    f->bytes = arena.used + 64;
+    f->memory = sbi_alloc(allocator, f->bytes, 1);
+    if (!f->memory)
+        return 0;
+    arena.base = (unsigned char *)f->memory + (64 - (uintptr_t)f->memory % 64) % 64;
+    arena.used = 0;
+    sbi_fsai_layout(f, scratch, &arena);
+    return 1;
+}
+
+SBI_API sb_result sbi_fsai_create(const sb_matrix *pattern, int power, const sb_allocator *allocator, sbi_fsai *fsai)
+{
+    size_t rows = (size_t)pattern->row_count, entries, scratch = 0;
+    int *work = (int *)sbi_alloc(allocator, 3 * rows + 1, sizeof(int)), *mark = work, *seen = work + rows;
+    int *start = work + 2 * rows, task_row[SBI_FSAI_TASKS + 1], made = 0;
+    size_t task_scratch[SBI_FSAI_TASKS];
+    sbi_fsai f;
+    if (!work)
+        return SB_ERROR_MEMORY;
+    memset(&f, 0, sizeof f);
+    f.row_count = pattern->row_count;
+    f.power = power;
+    entries = sbi_fsai_count(pattern, power, start, mark, seen);
+    if (entries > 0)
+        scratch = sbi_fsai_cut(start, f.row_count, task_row, task_scratch);
+    if (scratch > 0) {
+        f.entry_count = (int)entries;
+        made = sbi_fsai_take(&f, scratch, allocator);
+    }
+    if (made) {
+        memcpy(f.start, start, (rows + 1) * sizeof(int));
+        memcpy(f.task_row, task_row, sizeof task_row);
+        memcpy(f.task_scratch, task_scratch, sizeof task_scratch);
+        sbi_fsai_fill(&f, pattern, mark, seen);
+        *fsai = f;
+    }
+    sbi_free(allocator, work);
+    return made ? SB_OK : SB_ERROR_MEMORY;
+}
+
+SBI_API void sbi_fsai_free(const sb_allocator *allocator, sbi_fsai *fsai)
+{
+    sbi_free(allocator, fsai->memory);
+    memset(fsai, 0, sizeof *fsai);
+}
+
+/* ---- one row ------------------------------------------------------------------------------------------- */
+
+enum { SBI_FSAI_LANES = 8 };
+#if SBI_HAS_FLOAT4
+typedef float sbi_float8 __attribute__((vector_size(32), may_alias));
+#endif
+
+/* The dense upper triangle of A_JJ, scaled to a unit diagonal: [size][stride] floats, scales [size]. What is left of
+ * each row's diagonal is never read for a result. */
+typedef struct sbi_fsai_dense {
+    int size;
+    size_t stride;
+    float *matrix, *scales;
+    float *inverse; /* [size][4] the last three rows of L^-1, by columns */
+} sbi_fsai_dense;
+
+static sbi_fsai_dense sbi_fsai_dense_at(float *scratch, size_t nodes)
+{
+    sbi_fsai_dense d;
+    d.size = (int)(3 * nodes);
+    d.stride = sbi_fsai_stride(nodes);
+    d.matrix = scratch;
+    d.scales = scratch + d.stride * 3 * nodes;
+    d.inverse = d.scales + d.stride;
+    return d;
+}
+
+/* 1, or 0 when a diagonal entry is not positive. */
+static int sbi_fsai_scales(const sb_matrix *a, const int *nodes, double scale, sbi_fsai_dense *d)
+{
+    for (int k = 0; k < d->size; k++) {
+        float entry = (float)((double)a->blocks[a->diagonal[nodes[k / 3]]][4 * (k % 3)] * scale);
+        if (!(entry > 0 && entry <= FLT_MAX))
+            return 0;
+        d->scales[k] = 1 / sqrtf(entry);
+    }
+    return 1;
+}
+
+static void sbi_fsai_place(const sb_real *block, double scale, const sbi_fsai_dense *d, int row, int column)
+{
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            d->matrix[(size_t)(3 * row + r) * d->stride + (size_t)(3 * column + c)] =
+                (float)((double)block[3 * r + c] * scale) * d->scales[3 * row + r] * d->scales[3 * column + c];
+}
+
+/* The blocks of A that join the nodes, which ascend, above the diagonal; the rest is 0. */
+static void sbi_fsai_gather(const sb_matrix *a, const int *nodes, double scale, double shift, const sbi_fsai_dense *d)
+{
+    int count = d->size / 3;
+    memset(d->matrix, 0, (size_t)d->size * d->stride * sizeof(float));
+    for (int row = 0; row < count; row++) {
+        int column = row, q = a->diagonal[nodes[row]], end = a->row_start[nodes[row] + 1];
+        while (q < end && column < count) {
+            if (a->columns[q] == nodes[column])
+                sbi_fsai_place(a->blocks[q++], scale, d, row, column++);
+            else if (a->columns[q] < nodes[column])
+                q++;
+            else
+                column++;
+        }
+    }
+    for (int k = 0; k < d->size; k++)
+        d->matrix[(size_t)k * d->stride + (size_t)k] = (float)(1 + shift);
+}
+
+/* to[from..size) -= f[0] rows[0] + ... of `count` rows, in whole vectors. */
+SBI_FORCE_INLINE void sbi_fsai_eliminate(float *to, const float *rows, size_t stride, const float *f, int count,
+                                         int from, int size)
+{
+    for (int j = from - from % SBI_FSAI_LANES; j < size; j += SBI_FSAI_LANES) {
+#if SBI_HAS_FLOAT4
+        sbi_float8 sum = *(const sbi_float8 *)(const void *)(to + j);
+        for (int k = 0; k < count; k++)
+            sum -= f[k] * *(const sbi_float8 *)(const void *)(rows + (size_t)k * stride + j);
+        *(sbi_float8 *)(void *)(to + j) = sum;
+#else
+        for (int k = 0; k < count; k++)
+            for (int lane = 0; lane < SBI_FSAI_LANES; lane++)
+                to[j + lane] -= f[k] * rows[(size_t)k * stride + (size_t)(j + lane)];
+#endif
+    }
+}
+
+/* Rows first .. first + count - 1 of the factor R (R^T R = A_JJ), and their part of the rows below. 0 when a pivot is
+ * lost. */
+SBI_FORCE_INLINE int sbi_fsai_factor_rows(const sbi_fsai_dense *d, int first, int count)
+{
+    const float least = 64 * FLT_EPSILON; /* of a unit diagonal */
+    float *rows = d->matrix + (size_t)first * d->stride;
+    for (int k = 0; k < count; k++) {
+        float *row = rows + (size_t)k * d->stride, pivot = row[first + k], factor;
+        if (!(pivot > least && pivot <= FLT_MAX))
+            return 0;
+        factor = 1 / sqrtf(pivot);
+        for (int j = first + k; j < d->size; j++)
+            row[j] *= factor;
+        for (int i = k + 1; i < count; i++)
+            sbi_fsai_eliminate(rows + (size_t)i * d->stride, row, d->stride, row + first + i, 1, first + i, d->size);
+    }
+    for (int i = first + count; i < d->size; i++) {
+        float f[6];
+        for (int k = 0; k < count; k++)
+            f[k] = rows[(size_t)k * d->stride + (size_t)i];
+        sbi_fsai_eliminate(d->matrix + (size_t)i * d->stride, rows, d->stride, f, count, i, d->size);
+    }
+    return 1;
+}
+
+static int sbi_fsai_factor(const sbi_fsai_dense *d)
+{
+    int first = d->size % 6;
+    if (first && !sbi_fsai_factor_rows(d, 0, 3))
+        return 0;
+    for (; first < d->size; first += 6)
+        if (!sbi_fsai_factor_rows(d, first, 6))
+            return 0;
+    return 1;
+}
+
+/* Columns of the last three rows of L^-1: R y = e for the three last unit vectors at once, from below. */
+static void sbi_fsai_substitute(const sbi_fsai_dense *d)
+{
+    for (int k = d->size - 1; k >= 0; k--) {
+        const float *row = d->matrix + (size_t)k * d->stride;
+        sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, s3 = s0, unit = s0;
+        int l = k + 1;
+        if (k >= d->size - 3)
+            SBI_F4(unit, k - (d->size - 3)) = 1;
+        for (; l + 4 <= d->size; l += 4) {
+            const float *y = d->inverse + 4 * (size_t)l;
+            s0 = sbi_f4_add(s0, sbi_f4_scale(row[l], sbi_f4_load(y)));
+            s1 = sbi_f4_add(s1, sbi_f4_scale(row[l + 1], sbi_f4_load(y + 4)));
+            s2 = sbi_f4_add(s2, sbi_f4_scale(row[l + 2], sbi_f4_load(y + 8)));
+            s3 = sbi_f4_add(s3, sbi_f4_scale(row[l + 3], sbi_f4_load(y + 12)));
+        }
+        for (; l < d->size; l++)
+            s0 = sbi_f4_add(s0, sbi_f4_scale(row[l], sbi_f4_load(d->inverse + 4 * (size_t)l)));
+        s0 = sbi_f4_sub(unit, sbi_f4_add(sbi_f4_add(s0, s1), sbi_f4_add(s2, s3)));
+        sbi_f4_store(d->inverse + 4 * (size_t)k, sbi_f4_scale(1 / row[k], s0));
+    }
+}
+
+/* Row i of G, from the inverse of the scaled factor, to both its places. */
+static void sbi_fsai_store(sbi_fsai *f, int i, const sbi_fsai_dense *d)
+{
+    for (int e = f->start[i], k = 0; e < f->start[i + 1]; e++, k += 3) {
+        float *row = f->rows + 12 * (size_t)e, *turned = f->turned + 12 * (size_t)f->back[e];
+        sbi_float4 c0 = sbi_f4_scale(d->scales[k], sbi_f4_load(d->inverse + 4 * (size_t)k));
+        sbi_float4 c1 = sbi_f4_scale(d->scales[k + 1], sbi_f4_load(d->inverse + 4 * (size_t)k + 4));
+        sbi_float4 c2 = sbi_f4_scale(d->scales[k + 2], sbi_f4_load(d->inverse + 4 * (size_t)k + 8));
+        sbi_f4_store(row, c0);
+        sbi_f4_store(row + 4, c1);
+        sbi_f4_store(row + 8, c2);
+        for (int r = 0; r < 3; r++)
+            sbi_f4_store(turned + 4 * r, sbi_f4_make(SBI_F4(c0, r), SBI_F4(c1, r), SBI_F4(c2, r)));
+    }
+}
+
+/* ---- update -------------------------------------------------------------------------------------------- */
+
+typedef struct sbi_fsai_job {
+    sbi_fsai *fsai;
+    const sb_matrix *a;
+    double scale, most;
+} sbi_fsai_job;
+
+/* 1, or 0 when no shift up to job->most helps. */
+static int sbi_fsai_make_row(const sbi_fsai_job *job, int i, float *scratch, double *largest)
+{
+    sbi_fsai *f = job->fsai;
+    const int *nodes = f->columns + f->start[i];
+    sbi_fsai_dense d = sbi_fsai_dense_at(scratch, sbi_fsai_row_nodes(f->start, i));
+    double shift = 0;
+    if (!sbi_fsai_scales(job->a, nodes, job->scale, &d))
+        return 0;
+    for (;; shift = shift > 0 ? 2 * shift : 1e-3) {
+        if (shift > job->most)
+            return 0;
+        sbi_fsai_gather(job->a, nodes, job->scale, shift, &d);
+        if (sbi_fsai_factor(&d))
+            break;
+    }
+    sbi_fsai_substitute(&d);
+    sbi_fsai_store(f, i, &d);
+    *largest = shift > *largest ? shift : *largest;
+    return 1;
+}
+
+static void sbi_fsai_task(void *user, int task)
+{
+    const sbi_fsai_job *job = (const sbi_fsai_job *)user;
+    sbi_fsai *f = job->fsai;
+    f->bad[task] = -1;
+    f->shifts[task] = 0;
+    for (int i = f->task_row[task]; i < f->task_row[task + 1] && f->bad[task] < 0; i++)
+        if (!sbi_fsai_make_row(job, i, f->scratch + f->task_scratch[task], f->shifts + task))
+            f->bad[task] = i;
+}
+
+SBI_API int sbi_fsai_update(sbi_fsai *fsai, const sb_matrix *a, double scale, double most, const sb_jobs *jobs,
+                            double *shift)
+{
+    sbi_fsai_job job;
+    job.fsai = fsai;
+    job.a = a;
+    job.scale = scale;
+    job.most = most;
+    sbi_run(jobs, sbi_fsai_task, &job, SBI_FSAI_TASKS);
+    *shift = 0;
+    for (int task = 0; task < SBI_FSAI_TASKS; task++) {
+        *shift = fsai->shifts[task] > *shift ? fsai->shifts[task] : *shift;
+        if (fsai->bad[task] >= 0)
+            return fsai->bad[task];
+    }
+    return -1;
+}
+
+SBI_API void sbi_fsai_mirror(sbi_fsai *fsai)
+{
+    for (int e = 0; e < fsai->entry_count; e++) {
+        const float *row = fsai->rows + 12 * (size_t)e;
+        float *turned = fsai->turned + 12 * (size_t)fsai->back[e];
+        for (int r = 0; r < 3; r++)
+            sbi_f4_store(turned + 4 * r, sbi_f4_make(row[r], row[4 + r], row[8 + r]));
+    }
+}
+
+/* ---- products ------------------------------------------------------------------------------------------ */
+
+/* out_i = sum of blocks^T times in, over the blocks of the rows; sums of even and odd places do not wait for each
+ * other. */
+SBI_FORCE_INLINE void sbi_fsai_product(const int *start, const int *columns, const float *blocks, const float *in,
+                                       float *out, int first, int last)
+{
+    for (int i = first; i < last; i++) {
+        sbi_float4 even = sbi_f4_make(0, 0, 0), odd = even;
+        int e = start[i], end = start[i + 1];
+        for (; e + 2 <= end; e += 2) {
+            const float *block = blocks + 12 * (size_t)e;
+            even = sbi_f4_add(even, sbi_f4_rows(sbi_f4_load(in + 4 * (size_t)columns[e]), block));
+            odd = sbi_f4_add(odd, sbi_f4_rows(sbi_f4_load(in + 4 * (size_t)columns[e + 1]), block + 12));
+        }
+        if (e < end)
+            even = sbi_f4_add(even, sbi_f4_rows(sbi_f4_load(in + 4 * (size_t)columns[e]), blocks + 12 * (size_t)e));
+        sbi_f4_store(out + 4 * (size_t)i, sbi_f4_add(even, odd));
+    }
+}
+
+SBI_API void sbi_fsai_multiply(const sbi_fsai *fsai, const float *in, float *out, int first, int last)
+{
+    sbi_fsai_product(fsai->start, fsai->columns, fsai->rows, in, out, first, last);
+}
+
+SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in, float *out, int first, int last)
+{
+    sbi_fsai_product(fsai->end, fsai->members, fsai->turned, in, out, first, last);
+}
+
+/* ==== src/softbody/precond_state.h ==== */
+/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_coarse.c moves the
+ * pieces, precond_save.c keeps it. */
+#ifndef SB_PRECOND_STATE_H
+#define SB_PRECOND_STATE_H
+
+
+enum {
+    SBI_PRECOND_MAX_ARRAYS = 32,
+    SBI_PRECOND_MAX_ATTEMPTS = 18,
+    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
+                                 * factor of any positive definite one exists */
+    SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
+    SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
+    SBI_PRECOND_NODES_PER_PIECE = 85,
+    SBI_PRECOND_MAX_PIECES = 64
+};
+
+/* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
+ * centre, in units of its radius, so that both have the size of a displacement. (A Z) is stored by piece:
+ * entry e couples piece a (piece_entry[a] <= e < piece_entry[a + 1]) with node entry_node[e], one of its own
+ * or next to it. */
+typedef struct sbi_precond_coarse {
+    int piece_count, size; /* size = 6 piece_count */
+    int ready;             /* 1: it has values */
+    int *piece_start;      /* [piece_count + 1] into piece_nodes */
+    int *piece_nodes;      /* [row_count] nodes by piece */
+    int *piece_of;         /* [row_count] */
+    int *piece_entry;      /* [piece_count + 1] */
+    int *entry_node;       /* [entries] */
+    int *entry_start;      /* [entries + 1] into entry_blocks */
+    int *entry_blocks;     /* [block_count] matrix blocks (node, j) with j in the piece */
+    sb_real *places;       /* [row_count][4] position relative to the piece's centre over its radius */
+    float *arms;           /* [row_count][4] the same, rounded */
+    float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
+    float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
+    double *matrix;        /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
+    double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
+    double *solution;      /* [size] */
+    sb_vec3 *positions;    /* [row_count] as last given */
+} sbi_precond_coarse;
+
+struct sb_preconditioner {
+    sb_allocator allocator;
+    sb_jobs jobs;
+    sb_precond_kind kind;
+    int row_count, block_count, lower_count;
+    uint64_t pattern_hash;
+    int ready;           /* 1: updated or loaded */
+    double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
+    /* lower triangle by rows */
+    int *start;     /* [row_count + 1] */
+    int *columns;   /* [lower_count] node j < i */
+    int *source;    /* [lower_count] matrix block (j, i) */
+    float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
+    float *inverse; /* [row_count][12] D^-1 */
+    float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
+    float *result;  /* [row_count][4] z, scaled */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j,
+     * m) */
+    size_t *pair_start; /* [lower_count + 1] */
+    int *pairs;         /* [pairs][2] */
+    float *row;         /* [longest row][12] transposed blocks of the row at work */
+    int attempts, successes, wait;
+    double shift;
+    sbi_fsai fsai;
+    sb_direct *direct;  /* Cholesky */
+    sb_real *exact;     /* [row_count][3] what it solves, and the solution */
+    /* warping: M^-1 = R S R^T on the free components, with the inverse diagonal on those prescribed now */
+    int turned;           /* 1: there are rotations */
+    float *turns;         /* [row_count][12] R */
+    float *held;          /* [row_count][4] scaled inverse diagonal of prescribed components, 0 for free ones */
+    unsigned char *fixed; /* [row_count] masks of prescribed components */
+    sbi_precond_coarse coarse;
+    size_t bytes;
+    int array_count;
+    void *arrays[SBI_PRECOND_MAX_ARRAYS];
+};
+
+/* What tasks see. */
+typedef struct sbi_precond_job {
+    sb_preconditioner *p;
+    const sb_matrix *a;
+    const sb_real *r;
+    sb_real *z;
+    double scale;    /* of r: a power of two */
+    int with_result; /* restriction: of r - A result, not r */
+} sbi_precond_job;
+
+/* An array of the object on a cache line boundary; NULL when there is no memory. */
+SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size);
+SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count);
+SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width);
+
+/* The power of two that brings `size` near 1: to 0.5 at least, below 1. */
+SBI_API double sbi_precond_power(double size);
+
+/* ---- precond_coarse ---- */
+
+/* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
+SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
+/* result += Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone */
+SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result);
+
+#endif /* SB_PRECOND_STATE_H */
+
+/* ==== src/softbody/precond.c ==== */
+/* precond: factors, their application and the object. */
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size)
+{
+    size_t bytes = 64;
+    void *raw;
+    if (!sbi_size_add(&bytes, count, size))
+        return NULL;
+    raw = sbi_alloc(&p->allocator, bytes, 1);
+    if (!raw)
+        return NULL;
+    p->arrays[p->array_count++] = raw;
+    p->bytes += bytes;
+    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
+}
+
+SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count)
+{
+    return (int *)sbi_precond_take(p, count, sizeof(int));
+}
+
+SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width)
+{
+    return (float *)sbi_precond_take(p, count, width * sizeof(float));
+}
+
+SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
+{
+    sb_allocator allocator;
+    if (!preconditioner)
+        return;
+    allocator = preconditioner->allocator;
+    sb_direct_free(preconditioner->direct);
+    sbi_fsai_free(&allocator, &preconditioner->fsai);
+    for (int k = 0; k < preconditioner->array_count; k++)
+        sbi_free(&allocator, preconditioner->arrays[k]);
+    sbi_free(&allocator, preconditioner);
+}
+
+/* ---- the lower triangle -------------------------------------------------------------------------------- */
+
+static int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a)
+{
+    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
+    p->start = sbi_precond_take_ints(p, rows + 1);
+    p->columns = sbi_precond_take_ints(p, lower);
+    p->source = sbi_precond_take_ints(p, lower);
+    p->lower = sbi_precond_take_floats(p, lower, 12);
+    if (!p->start || !p->columns || !p->source || !p->lower)
+        return 0;
+    p->start[0] = 0;
+    for (int i = 0, e = 0; i < p->row_count; i++) {
+        for (int q = a->row_start[i]; q < a->diagonal[i]; q++, e++) {
+            p->columns[e] = a->columns[q];
+            p->source[e] = a->transpose[q];
+        }
+        p->start[i + 1] = e;
+    }
+    return 1;
+}
+
+/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. place
+ * [row_count] is scratch of -1. */
+static size_t sbi_precond_list_pairs(const sb_preconditioner *p, int *place, size_t *pair_start, int *pairs)
+{
+    size_t total = 0;
+    for (int i = 0; i < p->row_count; i++) {
+        for (int e = p->start[i]; e < p->start[i + 1]; e++) {
+            int j = p->columns[e];
+            if (pairs)
+                pair_start[e] = total;
+            /* columns ascend, so place[] holds the m < j of row i when (i, j) is met */
+            for (int b = p->start[j]; b < p->start[j + 1]; b++) {
+                if (place[p->columns[b]] < 0)
+                    continue;
+                if (pairs) {
+                    pairs[2 * total] = place[p->columns[b]];
+                    pairs[2 * total + 1] = b;
+                }
+                total++;
+            }
+            place[j] = e - p->start[i];
+        }
+        for (int e = p->start[i]; e < p->start[i + 1]; e++)
+            place[p->columns[e]] = -1;
+    }
+    if (pairs)
+        pair_start[p->lower_count] = total;
+    return total;
+}
+
+static int sbi_precond_make_pairs(sb_preconditioner *p)
+{
+    int *place = (int *)sbi_alloc(&p->allocator, (size_t)p->row_count, sizeof(int)), longest = 0;
+    size_t total;
+    if (!place)
+        return 0;
+    for (int i = 0; i < p->row_count; i++) {
+        place[i] = -1;
+        longest = p->start[i + 1] - p->start[i] > longest ? p->start[i + 1] - p->start[i] : longest;
+    }
+    total = sbi_precond_list_pairs(p, place, NULL, NULL);
+    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
+    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
+    p->row = sbi_precond_take_floats(p, (size_t)longest, 12);
+    if (p->pair_start && p->pairs && p->row)
+        sbi_precond_list_pairs(p, place, p->pair_start, p->pairs);
+    sbi_free(&p->allocator, place);
+    return p->pair_start && p->pairs && p->row;
+}
+
+/* ---- factorisations ------------------------------------------------------------------------------------ */
+
+/* Inverse of a symmetric 3x3 matrix (row-major with rows of 4) when its pivots exceed `least`[k]; else 0. */
+static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *inverse)
+{
+    double a00 = (double)SBI_F4(d[0], 0), a01 = (double)SBI_F4(d[0], 1), a02 = (double)SBI_F4(d[0], 2);
+    double a11 = (double)SBI_F4(d[1], 1), a12 = (double)SBI_F4(d[1], 2), a22 = (double)SBI_F4(d[2], 2);
+    double c00 = a11 * a22 - a12 * a12, c01 = a02 * a12 - a01 * a22, c02 = a01 * a12 - a02 * a11;
+    double minor = a00 * a11 - a01 * a01, det = a00 * c00 + a01 * c01 + a02 * c02, f;
+    /* pivots of the elimination: a00, minor / a00, det / minor; comparisons are false for NaN */
+    if (!(a00 > (double)least[0] && minor > (double)least[1] * a00 && det > (double)least[2] * minor))
+        return 0;
+    f = 1 / det;
+    sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
+    sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
+                                          (float)((a01 * a02 - a00 * a12) * f)));
+    sbi_f4_store(inverse + 8,
+                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
+    return 1;
+}
+
+/* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
+SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
+                                           double factor, sbi_float4 *d, float *least)
+{
+    const sb_real *block = a->blocks[a->diagonal[i]];
+    for (int r = 0; r < 3; r++) {
+        float diagonal = (float)((double)block[4 * r] * p->matrix_scale * factor);
+        d[r] = sbi_f4_round_row(block + 3 * r, (sb_real)p->matrix_scale);
+        SBI_F4(d[r], r) = diagonal;
+        least[r] = diagonal > 0 ? 64 * FLT_EPSILON * diagonal : 0;
+    }
+}
+
+/* Node whose diagonal block is not positive definite, or -1. */
+static int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a)
+{
+    for (int i = 0; i < p->row_count; i++) {
+        sbi_float4 d[3];
+        float least[3];
+        sbi_precond_diagonal(p, a, i, 1, d, least);
+        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
+            return i;
+    }
+    return -1;
+}
+
+/* SSOR: M = (D + w L_A) D^-1 (D + w L_A)^T up to a factor, hence L = w L_A D^-1. */
+static void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
+{
+    const sb_real relaxation = (sb_real)1.3; /* flat optimum: 1.0 to 1.6 differ by a few iterations */
+    sb_real scale = (sb_real)p->matrix_scale * relaxation;
+    for (int e = 0; e < p->lower_count; e++) {
+        const sb_real *upper = a->blocks[p->source[e]]; /* (j, i): its columns are the rows of (i, j) */
+        const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
+        sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
+        sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
+        float *out = p->lower + 12 * (size_t)e;
+        for (int r = 0; r < 3; r++)
+            sbi_f4_store(out + 4 * r,
+                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
+    }
+}
+
+/* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
+ * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
+SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, float *out_row,
+                                            sbi_float4 *d)
+{
+    const sb_real *upper = a->blocks[p->source[e]];
+    sb_real scale = (sb_real)p->matrix_scale;
+    sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
+    sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
+    const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
+    float *l = p->lower + 12 * (size_t)e;
+    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
+        const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
+                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
+        u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
+        u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
+        u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
+    }
+    sbi_f4_store(out_row, u0);
+    sbi_f4_store(out_row + 4, u1);
+    sbi_f4_store(out_row + 8, u2);
+    for (int r = 0; r < 3; r++) {
+        sbi_float4 row = sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse);
+        sbi_f4_store(l + 4 * r, row);
+        d[r] = sbi_f4_sub(d[r], sbi_f4_rows(row, out_row));
+    }
+}
+
+/* Block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
+static int sbi_precond_factor(sb_preconditioner *p, const sb_matrix *a, double shift)
+{
+    for (int i = 0; i < p->row_count; i++) {
+        sbi_float4 d[3];
+        float least[3];
+        sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
+        for (int e = p->start[i]; e < p->start[i + 1]; e++)
+            sbi_precond_eliminate(p, a, e, p->row + 12 * (size_t)(e - p->start[i]), d);
+        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
+            return i;
+    }
+    return -1;
+}
+
+/* Shifts: 0, 0.001, 0.002 ... */
+static double sbi_precond_lower_shift(double shift) { return shift > 1.5e-3 ? shift / 2 : 0; }
+
+static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
+{
+    int relaxing = p->shift > 0 && p->successes >= p->wait, bad = 0;
+    double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
+    for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
+        bad = sbi_precond_factor(p, a, shift);
+        if (bad < 0 || shift > (double)SBI_PRECOND_MAX_SHIFT)
+            break;
+        shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
+    }
+    if (bad >= 0) {
+        p->shift = 0; /* the next matrix may be a tamer one */
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
+                             shift);
+    }
+    if (p->attempts > 1) {
+        p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
+        p->successes = 0;
+    } else {
+        p->successes = relaxing ? 0 : p->successes + (p->successes < INT_MAX);
+    }
+    p->shift = shift;
+    return SB_OK;
+}
+
+/* ---- application --------------------------------------------------------------------------------------- */
+
+/* r_i for the smoother: rounded, and where there are rotations turned back, without what is prescribed. */
+SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
+{
+    sbi_float4 v = sbi_f4_round(r + 3 * i, scale);
+    if (!p->turned)
+        return v;
+    for (int k = 0; p->fixed[i] && k < 3; k++)
+        if (p->fixed[i] >> k & 1)
+            SBI_F4(v, k) = 0;
+    return sbi_f4_rows(v, p->turns + 12 * i);
+}
+
+/* And back: R result_i, with what is prescribed by itself. */
+SBI_FORCE_INLINE void sbi_precond_leave(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
+{
+    const float *turn = p->turns + 12 * i;
+    sbi_float4 v = sbi_f4_load(p->result + 4 * i);
+    v = sbi_f4_make(sbi_f4_sum(sbi_f4_mul(sbi_f4_load(turn), v)), sbi_f4_sum(sbi_f4_mul(sbi_f4_load(turn + 4), v)),
+                    sbi_f4_sum(sbi_f4_mul(sbi_f4_load(turn + 8), v)));
+    for (int k = 0; p->fixed[i] && k < 3; k++)
+        if (p->fixed[i] >> k & 1)
+            SBI_F4(v, k) = (float)(r[3 * i + (size_t)k] * scale) * p->held[4 * i + (size_t)k];
+    sbi_f4_store(p->result + 4 * i, v);
+}
+
+/* Rows of a chunk: first <= i < the value. */
+static int sbi_precond_end(const sb_preconditioner *p, int chunk)
+{
+    int first = chunk * SBI_ROW_CHUNK;
+    return p->row_count - first < SBI_ROW_CHUNK ? p->row_count : first + SBI_ROW_CHUNK;
+}
+
+static void sbi_precond_run(const sbi_precond_job *job, sb_task task)
+{
+    sbi_precond_job mine = *job;
+    sbi_run(&job->p->jobs, task, &mine, sbi_row_chunks(job->p->row_count));
+}
+
+static void sbi_precond_enter_task(void *user, int chunk)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    sb_preconditioner *p = job->p;
+    size_t last = (size_t)sbi_precond_end(p, chunk);
+    for (size_t i = (size_t)chunk * SBI_ROW_CHUNK; i < last; i++)
+        sbi_f4_store(p->result + 4 * i, sbi_precond_enter(p, job->r, i, (sb_real)job->scale));
+}
+
+static void sbi_precond_leave_task(void *user, int chunk)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    size_t last = (size_t)sbi_precond_end(job->p, chunk);
+    for (size_t i = (size_t)chunk * SBI_ROW_CHUNK; i < last; i++)
+        sbi_precond_leave(job->p, job->r, i, (sb_real)job->scale);
+}
+
+static void sbi_precond_blocks_task(void *user, int chunk)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    sb_preconditioner *p = job->p;
+    size_t last = (size_t)sbi_precond_end(p, chunk);
+    for (size_t i = (size_t)chunk * SBI_ROW_CHUNK; i < last; i++)
+        sbi_f4_store(p->result + 4 * i,
+                     sbi_f4_rows(sbi_precond_enter(p, job->r, i, (sb_real)job->scale), p->inverse + 12 * i));
+}
+
+/* middle = G result */
+static void sbi_precond_rows_task(void *user, int chunk)
+{
+    sb_preconditioner *p = ((const sbi_precond_job *)user)->p;
+    sbi_fsai_multiply(&p->fsai, p->result, p->middle, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
+}
+
+/* result = G^T middle */
+static void sbi_precond_columns_task(void *user, int chunk)
+{
+    sb_preconditioner *p = ((const sbi_precond_job *)user)->p;
+    sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
+}
+
+/* middle = (I + L)^-1 r, result = D^-1 middle. */
+static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
+{
+    const float *l = p->lower;
+    for (size_t i = 0; i < (size_t)p->row_count; i++) {
+        sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
+        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
+            sbi_float4 v = sbi_f4_load(p->middle + 4 * (size_t)p->columns[e]);
+            s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
+            s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
+            s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
+        }
+        y = sbi_f4_sub(sbi_precond_enter(p, r, i, scale),
+                       sbi_f4_make(sbi_f4_sum(s0), sbi_f4_sum(s1), sbi_f4_sum(s2)));
+        sbi_f4_store(p->middle + 4 * i, y);
+        sbi_f4_store(p->result + 4 * i, sbi_f4_rows(y, p->inverse + 12 * i));
+    }
+}
+
+/* result = (I + L)^-T result, by columns of L^T: each row is final when it is met. */
+static void sbi_precond_backward(sb_preconditioner *p)
+{
+    for (int i = p->row_count; i-- > 0;) {
+        sbi_float4 z = sbi_f4_load(p->result + 4 * (size_t)i);
+        const float *l = p->lower + 12 * (size_t)p->start[i];
+        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
+            float *to = p->result + 4 * (size_t)p->columns[e];
+            sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
+        }
+    }
+}
+
+SBI_API double sbi_precond_power(double size)
+{
+    int exponent = 0;
+    frexp(size, &exponent);
+    return ldexp(1, exponent > 1000 ? -1000 : exponent < -1000 ? 1000 : -exponent);
+}
+
+/* A row of what the direct solver solves, as sbi_precond_enter but in full precision. */
+static void sbi_precond_enter_exact(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
+{
+    const float *turn = p->turns + 12 * i;
+    sb_real v[3], *out = p->exact + 3 * i;
+    for (int k = 0; k < 3; k++)
+        v[k] = p->turned && (p->fixed[i] >> k & 1) ? 0 : r[3 * i + (size_t)k] * scale;
+    for (int k = 0; k < 3; k++)
+        out[k] = !p->turned ? v[k]
+                            : (sb_real)turn[k] * v[0] + (sb_real)turn[4 + k] * v[1] + (sb_real)turn[8 + k] * v[2];
+}
+
+static void sbi_precond_leave_exact(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
+{
+    const float *turn = p->turns + 12 * i;
+    sb_real *z = p->exact + 3 * i, v0 = z[0], v1 = z[1], v2 = z[2];
+    for (int k = 0; k < 3; k++)
+        if (p->fixed[i] >> k & 1)
+            z[k] = r[3 * i + (size_t)k] * scale * (sb_real)p->held[4 * i + (size_t)k] * (sb_real)p->matrix_scale;
+        else
+            z[k] = (sb_real)turn[4 * k] * v0 + (sb_real)turn[4 * k + 1] * v1 + (sb_real)turn[4 * k + 2] * v2;
+}
+
+/* exact = S (scale r), and the same rounded in result. */
+static void sbi_precond_solve_exact(sb_preconditioner *p, const sb_real *r, sb_real scale)
+{
+    sb_real back = (sb_real)(1 / p->matrix_scale);
+    for (size_t i = 0; i < (size_t)p->row_count; i++)
+        sbi_precond_enter_exact(p, r, i, scale);
+    sb_direct_solve(p->direct, p->exact, p->exact, 1);
+    for (size_t i = 0; p->turned && i < (size_t)p->row_count; i++)
+        sbi_precond_leave_exact(p, r, i, scale);
+    for (size_t i = 0; p->coarse.ready && i < (size_t)p->row_count; i++)
+        sbi_f4_store(p->result + 4 * i, sbi_f4_round(p->exact + 3 * i, back));
+}
+
+/* z = what was solved exactly */
+static void sbi_precond_write_exact(const sb_preconditioner *p, sb_real *z, double scale)
+{
+    sb_real back = (sb_real)(1 / scale);
+    for (size_t k = 0; k < 3 * (size_t)p->row_count; k++)
+        z[k] = p->exact[k] * back;
+}
+
+static void sbi_precond_write_task(void *user, int chunk)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    const sb_preconditioner *p = job->p;
+    sb_real back = (sb_real)(p->matrix_scale / job->scale);
+    size_t last = (size_t)sbi_precond_end(p, chunk);
+    for (size_t i = (size_t)chunk * SBI_ROW_CHUNK; i < last; i++)
+        for (size_t k = 0; k < 3; k++)
+            job->z[3 * i + k] = (sb_real)p->result[4 * i + k] * back;
+}
+
+/* result = S r of the kinds that work in single precision. */
+static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
+{
+    if (p->kind == SB_PRECOND_BLOCK_JACOBI) {
+        sbi_precond_run(job, sbi_precond_blocks_task);
+    } else if (p->kind == SB_PRECOND_FSAI) {
+        sbi_precond_run(job, sbi_precond_enter_task);
+        sbi_precond_run(job, sbi_precond_rows_task);
+        sbi_precond_run(job, sbi_precond_columns_task);
+    } else {
+        sbi_precond_forward(p, job->r, (sb_real)job->scale);
+        sbi_precond_backward(p);
+    }
+    if (p->turned)
+        sbi_precond_run(job, sbi_precond_leave_task);
+}
+
+static sbi_precond_job sbi_precond_make_job(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
+{
+    sbi_precond_job job;
+    job.p = p;
+    job.a = NULL;
+    job.r = r;
+    job.z = z;
+    job.scale = sbi_precond_power(size);
+    job.with_result = 0;
+    return job;
+}
+
+SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
+    if (p->kind == SB_PRECOND_NONE) {
+        memcpy(z, r, 3 * (size_t)p->row_count * sizeof(sb_real));
+        return;
+    }
+    if (p->kind == SB_PRECOND_CHOLESKY)
+        sbi_precond_solve_exact(p, r, (sb_real)job.scale);
+    else
+        sbi_precond_smooth(p, &job);
+    if (p->coarse.ready)
+        sbi_precond_correct(p, r, job.scale, 1);
+    if (p->kind == SB_PRECOND_CHOLESKY && !p->coarse.ready)
+        sbi_precond_write_exact(p, z, job.scale);
+    else
+        sbi_precond_run(&job, sbi_precond_write_task);
+}
+
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
+    if (!p->coarse.ready)
+        return 0;
+    memset(p->result, 0, (size_t)p->row_count * 4 * sizeof(float));
+    sbi_precond_correct(p, r, job.scale, 0);
+    sbi_precond_run(&job, sbi_precond_write_task);
+    return 1;
+}
+
+SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z)
+{
+    sb_real largest = 0;
+    for (size_t k = 0; k < 3 * (size_t)preconditioner->row_count; k++) {
+        sb_real size = r[k] < 0 ? -r[k] : r[k];
+        largest = size > largest ? size : largest;
+    }
+    sbi_precond_apply(preconditioner, r, z, (double)largest);
+}
+
+/* ---- life ---------------------------------------------------------------------------------------------- */
+
+SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
+{
+    sb_preconditioner_def def;
+    memset(&def, 0, sizeof def);
+    def.kind = SB_PRECOND_AUTO;
+    def.piece_count = SB_PRECOND_PIECES_AUTO;
+    def.power = 1;
+    return def;
+}
+
+static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
+{
+    int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
+    if (!def->positions || def->kind == SB_PRECOND_NONE)
+        return 0;
+    if (def->piece_count != SB_PRECOND_PIECES_AUTO)
+        return def->piece_count;
+    if (def->kind == SB_PRECOND_CHOLESKY) /* it leaves nothing to smooth */
+        return 0;
+    return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
+}
+
+static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                   sb_error *error)
+{
+    if (!def || !pattern || pattern->row_count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
+    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_CHOLESKY)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "unknown preconditioner kind %d", (int)def->kind);
+    if (def->power < 1 || def->power > SB_PRECOND_MAX_POWER)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "power %d is outside 1 to %d", def->power, SB_PRECOND_MAX_POWER);
+    if (def->piece_count < SB_PRECOND_PIECES_AUTO || def->piece_count > pattern->row_count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "piece_count %d is outside 0 to %d", def->piece_count,
+                        pattern->row_count);
+    for (int i = 0; def->positions && i < pattern->row_count; i++)
+        if (!sb_v3_is_finite(def->positions[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
+    return SB_OK;
+}
+
+static sb_result sbi_precond_make_direct(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+{
+    sb_direct_def settings = sb_default_direct_def();
+    sb_result result;
+    settings.positions = def->positions;
+    p->exact = (sb_real *)sbi_precond_take(p, (size_t)a->row_count, 3 * sizeof(sb_real));
+    if (!p->exact)
+        return SB_ERROR_MEMORY;
+    result = sb_direct_create(&settings, a, &p->allocator, &p->direct, NULL);
+    if (result == SB_OK)
+        p->bytes += sb_direct_get_info(p->direct).bytes;
+    return result;
+}
+
+/* What only one kind needs. */
+static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+{
+    sb_result result = SB_OK;
+    if (p->kind == SB_PRECOND_FSAI) {
+        result = sbi_fsai_create(a, def->power, &p->allocator, &p->fsai);
+        p->bytes += p->fsai.bytes;
+    } else if (p->kind == SB_PRECOND_CHOLESKY) {
+        result = sbi_precond_make_direct(p, def, a);
+    } else {
+        p->inverse = sbi_precond_take_floats(p, (size_t)a->row_count, 12);
+        if (!p->inverse)
+            result = SB_ERROR_MEMORY;
+    }
+    if (result == SB_OK && (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0) && !sbi_precond_make_lower(p, a))
+        result = SB_ERROR_MEMORY;
+    if (result == SB_OK && p->kind == SB_PRECOND_IC0 && !sbi_precond_make_pairs(p))
+        result = SB_ERROR_MEMORY;
+    return result;
+}
+
+static sb_result sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+{
+    size_t rows = (size_t)a->row_count;
+    int pieces = sbi_precond_pieces(def, a->row_count);
+    sb_result result;
+    if (p->kind == SB_PRECOND_NONE)
+        return SB_OK;
+    p->middle = sbi_precond_take_floats(p, rows, 4);
+    p->result = sbi_precond_take_floats(p, rows, 4);
+    p->turns = sbi_precond_take_floats(p, rows, 12);
+    p->held = sbi_precond_take_floats(p, rows, 4);
+    p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
+    if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
+        return SB_ERROR_MEMORY;
+    result = sbi_precond_make_kind(p, def, a);
+    if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
+        result = SB_ERROR_MEMORY;
+    return result;
+}
+
+static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
+{
+    uint64_t hash = (uint64_t)(unsigned)a->row_count;
+    for (int i = 0; i < a->row_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->row_start[i + 1]);
+    for (int q = 0; q < a->block_count; q++)
+        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
+    return hash;
+}
+
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error)
+{
+    sb_preconditioner *p;
+    sb_result result = sbi_precond_check(def, pattern, error);
+    if (result != SB_OK)
+        return result;
+    if (!out)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_preconditioner_create needs a place for its result");
+    p = (sb_preconditioner *)sbi_alloc_zeroed(allocator, 1, sizeof *p);
+    if (!p)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner");
+    if (allocator)
+        p->allocator = *allocator;
+    p->jobs = def->jobs;
+    p->bytes = sizeof *p;
+    p->kind = def->kind == SB_PRECOND_AUTO ? SB_PRECOND_IC0 : def->kind;
+    p->row_count = pattern->row_count;
+    p->block_count = pattern->block_count;
+    p->lower_count = (pattern->block_count - pattern->row_count) / 2;
+    p->pattern_hash = sbi_precond_hash_pattern(pattern);
+    p->wait = SBI_PRECOND_RELAX_FIRST;
+    p->matrix_scale = 1;
+    result = sbi_precond_make(p, def, pattern);
+    if (result != SB_OK) {
+        sb_preconditioner_free(p);
+        return sbi_fail(error, result, "no memory for a preconditioner of %d rows", pattern->row_count);
+    }
+    *out = p;
+    return SB_OK;
+}
+
+/* ---- update -------------------------------------------------------------------------------------------- */
+
+static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
+                                          const sb_vec3 *positions, sb_error *error)
+{
+    double scale;
+    if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
+    scale = (double)sb_matrix_diagonal_scale(matrix, NULL);
+    if (!(scale - scale == 0))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the matrix has a diagonal entry that is not finite");
+    for (int i = 0; positions && p->coarse.piece_count && i < p->row_count; i++)
+        if (!sb_v3_is_finite(positions[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
+    return SB_OK;
+}
+
+static sb_result sbi_precond_update_fsai(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
+{
+    int bad = sbi_fsai_update(&p->fsai, a, p->matrix_scale, (double)SBI_PRECOND_MAX_SHIFT, &p->jobs, &p->shift);
+    if (bad >= 0)
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no factor of its row's matrix up to a shift "
+                             "of %g", bad, (double)SBI_PRECOND_MAX_SHIFT);
+    return SB_OK;
+}
+
+/* The smoother of the matrix. */
+static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
+{
+    int bad = -1;
+    if (p->kind == SB_PRECOND_IC0)
+        return sbi_precond_update_ic0(p, a, error);
+    if (p->kind == SB_PRECOND_FSAI)
+        return sbi_precond_update_fsai(p, a, error);
+    if (p->kind == SB_PRECOND_CHOLESKY)
+        return sb_direct_update(p->direct, a, error);
+    if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
+        bad = sbi_precond_invert_diagonals(p, a);
+    if (bad >= 0)
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: diagonal block is not positive definite", bad);
+    if (p->kind == SB_PRECOND_SSOR)
+        sbi_precond_fill_ssor(p, a);
+    return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
+                                          const sb_vec3 *positions, sb_error *error)
+{
+    sb_result result = sbi_precond_check_matrix(p, matrix, positions, error);
+    if (result != SB_OK)
+        return result;
+    p->matrix_scale = sbi_precond_power((double)sb_matrix_diagonal_scale(matrix, NULL));
+    p->attempts = 0;
+    p->ready = 0;
+    p->turned = 0;
+    result = sbi_precond_update_kind(p, matrix, error);
+    if (result != SB_OK)
+        return result;
+    if (p->coarse.piece_count)
+        sbi_precond_update_coarse(p, matrix, positions);
+    p->ready = 1;
+    return SB_OK;
+}
+
+/* ---- warping ------------------------------------------------------------------------------------------- */
+
+/* 1 when q is near enough to a unit quaternion to be meant as one. */
+static int sbi_precond_is_rotation(sb_quat q)
+{
+    sb_real square = sb_quat_dot(q, q);
+    return square > (sb_real)0.98 && square < (sb_real)1.02;
+}
+
+static sb_result sbi_precond_check_rotations(const sb_preconditioner *p, const sb_quat *rotations, sb_error *error)
+{
+    for (int i = 0; rotations && i < p->row_count; i++)
+        if (!sbi_precond_is_rotation(rotations[i]))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "node %d: rotation is not a unit quaternion", i);
+    return SB_OK;
+}
+
+static void sbi_precond_turn(sb_preconditioner *p, const sb_matrix *a, const sb_quat *rotations)
+{
+    for (size_t i = 0; i < (size_t)p->row_count; i++) {
+        sb_mat3 r = sb_quat_to_mat3(sb_quat_normalise(rotations[i]));
+        const sb_real *diagonal = a->blocks[a->diagonal[i]];
+        for (size_t k = 0; k < 3; k++) {
+            double entry = (double)diagonal[4 * k] * p->matrix_scale;
+            sbi_f4_store(p->turns + 12 * i + 4 * k,
+                         sbi_f4_make((float)r.m[k][0], (float)r.m[k][1], (float)r.m[k][2]));
+            p->held[4 * i + k] = (a->fixed[i] >> k & 1) && entry > 0 ? (float)(1 / entry) : 0;
+        }
+        p->held[4 * i + 3] = 0;
+        p->fixed[i] = a->fixed[i];
+    }
+}
+
+SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *matrix, const sb_quat *rotations,
+                                        const sb_vec3 *positions, sb_error *error)
+{
+    sb_result result = sbi_precond_check_matrix(p, matrix, positions, error);
+    if (result == SB_OK && !p->ready)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is nothing to turn: the preconditioner was never updated");
+    if (result == SB_OK)
+        result = sbi_precond_check_rotations(p, rotations, error);
+    if (result != SB_OK || p->kind == SB_PRECOND_NONE)
+        return result;
+    p->turned = rotations != NULL;
+    if (rotations)
+        sbi_precond_turn(p, matrix, rotations);
+    if (p->coarse.piece_count)
+        sbi_precond_update_coarse(p, matrix, positions);
+    return SB_OK;
+}
+
+SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
+
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
+{
+    sbi_precond_memory memory;
+    memory.shift = preconditioner->shift;
+    memory.successes = preconditioner->successes;
+    memory.wait = preconditioner->wait;
+    return memory;
+}
+
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
+{
+    preconditioner->shift = memory.shift;
+    preconditioner->successes = memory.successes;
+    preconditioner->wait = memory.wait;
+}
+
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
+{
+    return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&
+           memory.wait >= SBI_PRECOND_RELAX_FIRST && memory.wait <= SBI_PRECOND_RELAX_LAST;
+}
+
+SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
+{
+    sb_preconditioner_info info;
+    info.kind = preconditioner->kind;
+    info.piece_count = preconditioner->coarse.piece_count;
+    info.attempts = preconditioner->attempts;
+    info.shift = preconditioner->shift;
+    info.bytes = preconditioner->bytes;
+    return info;
+}
+
+/* ==== src/softbody/precond_coarse.c ==== */
+/* precond_coarse: the coarse space of rigid pieces. Floor 2. */
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+
+/* ---- pieces -------------------------------------------------------------------------------------------- */
+
+SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
+{
+    return axis == 0 ? positions[node].x : axis == 1 ? positions[node].y : positions[node].z;
+}
+
+/* Order along an axis; ties by index, so that the cut is the same everywhere. */
+static int sbi_precond_before(const sb_vec3 *positions, int axis, int a, int b)
+{
+    sb_real xa = sbi_precond_coordinate(positions, a, axis), xb = sbi_precond_coordinate(positions, b, axis);
+    return xa < xb || (xa == xb && a < b);
+}
+
+static void sbi_precond_sift(const sb_vec3 *positions, int axis, int *nodes, int root, int count)
+{
+    int node = nodes[root];
+    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
+        if (child + 1 < count && sbi_precond_before(positions, axis, nodes[child], nodes[child + 1]))
+            child++;
+        if (!sbi_precond_before(positions, axis, node, nodes[child]))
+            break;
+        nodes[root] = nodes[child];
+        root = child;
+    }
+    nodes[root] = node;
+}
+
+static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *nodes, int count)
+{
+    for (int root = count / 2; root-- > 0;)
+        sbi_precond_sift(positions, axis, nodes, root, count);
+    for (int last = count - 1; last > 0; last--) {
+        int top = nodes[0];
+        nodes[0] = nodes[last];
+        nodes[last] = top;
+        sbi_precond_sift(positions, axis, nodes, 0, last);
+    }
+}
+
+static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
+{
+    sb_real extent[3];
+    for (int axis = 0; axis < 3; axis++) {
+        sb_real low = sbi_precond_coordinate(positions, nodes[0], axis), high = low;
+        for (int k = 1; k < count; k++) {
+            sb_real x = sbi_precond_coordinate(positions, nodes[k], axis);
+            low = x < low ? x : low;
+            high = x > high ? x : high;
+        }
+        extent[axis] = high - low;
+    }
+    return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
+}
+
+/* Cuts nodes[begin, end) into `pieces` parts of equal size by halving across the longest side; returns the
+ * number of the next piece. */
+static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces, int piece)
+{
+    int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
+    int *nodes = c->piece_nodes + begin;
+    if (pieces == 1) {
+        c->piece_start[piece] = begin;
+        for (int k = begin; k < end; k++)
+            c->piece_of[c->piece_nodes[k]] = piece;
+        return piece + 1;
+    }
+    sbi_precond_sort_nodes(c->positions, sbi_precond_longest_axis(c->positions, nodes, end - begin), nodes,
+                           end - begin);
+    piece = sbi_precond_cut(c, begin, middle, left, piece);
+    return sbi_precond_cut(c, middle, end, pieces - left, piece);
+}
+
+/* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
+ * fills the coarse arrays when they are there. marker [row_count] is scratch. */
+static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, int *marker, int *entry_of)
+{
+    int entries = 0;
+    for (int i = 0; i < a->row_count; i++)
+        marker[i] = -1;
+    for (int piece = 0; piece < c->piece_count; piece++) {
+        int first = entries;
+        c->piece_entry[piece] = entries;
+        for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
+            int j = c->piece_nodes[k];
+            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
+                int i = a->columns[q];
+                if (marker[i] < first) {
+                    marker[i] = entries;
+                    if (c->entry_node)
+                        c->entry_node[entries] = i;
+                    entries++;
+                }
+                entry_of[a->transpose[q]] = marker[i];
+            }
+        }
+    }
+    c->piece_entry[c->piece_count] = entries;
+    return entries;
+}
+
+static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)a->row_count, blocks = (size_t)a->block_count;
+    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries;
+    if (!scratch)
+        return 0;
+    entry_of = scratch + rows;
+    entries = sbi_precond_list_entries(c, a, scratch, entry_of);
+    c->entry_node = sbi_precond_take_ints(p, (size_t)entries);
+    c->entry_start = sbi_precond_take_ints(p, (size_t)entries + 2);
+    c->entry_blocks = sbi_precond_take_ints(p, blocks);
+    c->coupling = sbi_precond_take_floats(p, (size_t)entries, 24);
+    if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
+        sbi_precond_list_entries(c, a, scratch, entry_of);
+        memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
+        for (int q = 0; q < a->block_count; q++)
+            c->entry_start[entry_of[q] + 2]++;
+        for (int e = 0; e < entries; e++)
+            c->entry_start[e + 2] += c->entry_start[e + 1];
+        for (int q = 0; q < a->block_count; q++)
+            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+    }
+    sbi_free(&p->allocator, scratch);
+    return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
+}
+
+SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)a->row_count, size = 6 * (size_t)pieces;
+    if (size > INT_MAX)
+        return 0;
+    c->piece_start = sbi_precond_take_ints(p, (size_t)pieces + 1);
+    c->piece_entry = sbi_precond_take_ints(p, (size_t)pieces + 1);
+    c->piece_nodes = sbi_precond_take_ints(p, rows);
+    c->piece_of = sbi_precond_take_ints(p, rows);
+    c->arms = sbi_precond_take_floats(p, rows, 4);
+    c->free = sbi_precond_take_floats(p, rows, 4);
+    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
+    c->matrix = (double *)sbi_precond_take(p, size, size * sizeof(double));
+    c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
+    c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
+    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
+    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->arms || !c->free ||
+        !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
+        return 0;
+    memcpy(c->positions, positions, rows * sizeof(sb_vec3));
+    for (int i = 0; i < a->row_count; i++)
+        c->piece_nodes[i] = i;
+    c->piece_count = sbi_precond_cut(c, 0, a->row_count, pieces, 0);
+    c->piece_start[pieces] = a->row_count;
+    c->size = (int)size;
+    return sbi_precond_make_entries(p, a);
+}
+
+/* Positions of the nodes relative to their piece's centre, in units of its root mean square radius. */
+static void sbi_precond_place_piece(sbi_precond_coarse *c, int piece)
+{
+    int begin = c->piece_start[piece], end = c->piece_start[piece + 1];
+    double centre[3] = {0, 0, 0}, square = 0, scale;
+    for (int k = begin; k < end; k++)
+        for (int axis = 0; axis < 3; axis++)
+            centre[axis] += (double)sbi_precond_coordinate(c->positions, c->piece_nodes[k], axis);
+    for (int axis = 0; axis < 3; axis++)
+        centre[axis] /= end - begin;
+    for (int k = begin; k < end; k++)
+        for (int axis = 0; axis < 3; axis++) {
+            double arm = (double)sbi_precond_coordinate(c->positions, c->piece_nodes[k], axis) - centre[axis];
+            square += arm * arm;
+        }
+    scale = square > 0 ? 1 / sqrt(square / (end - begin)) : 0;
+    for (int k = begin; k < end; k++) {
+        size_t at = 4 * (size_t)c->piece_nodes[k];
+        for (int axis = 0; axis < 3; axis++) {
+            double x = (double)sbi_precond_coordinate(c->positions, c->piece_nodes[k], axis) - centre[axis];
+            c->places[at + (size_t)axis] = (sb_real)(x * scale);
+            c->arms[at + (size_t)axis] = (float)(x * scale);
+        }
+        c->places[at + 3] = 0;
+        c->arms[at + 3] = 0;
+    }
+}
+
+/* Sums over the blocks of entry e: sum[0] of the blocks, sum[1..3] of the blocks times the x, y, z of their
+ * node's arm; rows padded to four. */
+#if SBI_HAS_LANES
+static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
+{
+    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
+              z0 = p0;
+    sbi_lanes z1 = p0, z2 = p0;
+    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
+        const sb_real *block = a->blocks[c->entry_blocks[s]];
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
+        p0 += r0, x0 += r0 * arm[0], y0 += r0 * arm[1], z0 += r0 * arm[2];
+        p1 += r1, x1 += r1 * arm[0], y1 += r1 * arm[1], z1 += r1 * arm[2];
+        p2 += r2, x2 += r2 * arm[0], y2 += r2 * arm[1], z2 += r2 * arm[2];
+    }
+    SBI_LANES_PUT(sum[0], p0), SBI_LANES_PUT(sum[0] + 4, p1), SBI_LANES_PUT(sum[0] + 8, p2);
+    SBI_LANES_PUT(sum[1], x0), SBI_LANES_PUT(sum[1] + 4, x1), SBI_LANES_PUT(sum[1] + 8, x2);
+    SBI_LANES_PUT(sum[2], y0), SBI_LANES_PUT(sum[2] + 4, y1), SBI_LANES_PUT(sum[2] + 8, y2);
+    SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
+}
+#else
+static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
+{
+    memset(sum, 0, 4 * sizeof *sum);
+    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
+        const sb_real *block = a->blocks[c->entry_blocks[s]];
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        for (int r = 0; r < 3; r++)
+            for (int k = 0; k < 3; k++) {
+                sb_real value = block[3 * r + k];
+                sum[0][4 * r + k] += value;
+                sum[1][4 * r + k] += value * arm[0];
+                sum[2][4 * r + k] += value * arm[1];
+                sum[3][4 * r + k] += value * arm[2];
+            }
+    }
+}
+#endif
+
+/* Rows of (A Z) of one entry: sums over the piece's nodes j of A_ij and A_ij d_j,k give the translations and,
+ * by a . (w x d) = w . (d x a), the rotations. */
+static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, int e, double rows[3][6])
+{
+    const sbi_precond_coarse *c = &p->coarse;
+    sb_real sum[4][12];
+    sbi_precond_moments(c, a, e, sum);
+    for (int r = 0; r < 3; r++) {
+        double factor = p->matrix_scale * (double)c->free[4 * (size_t)c->entry_node[e] + (size_t)r];
+        for (int k = 0; k < 3; k++)
+            rows[r][k] = (double)sum[0][4 * r + k] * factor;
+        rows[r][3] = (double)(sum[2][4 * r + 2] - sum[3][4 * r + 1]) * factor;
+        rows[r][4] = (double)(sum[3][4 * r] - sum[1][4 * r + 2]) * factor;
+        rows[r][5] = (double)(sum[1][4 * r + 1] - sum[2][4 * r]) * factor;
+    }
+}
+
+/* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
+static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
+{
+    double *out = c->matrix + 6 * (size_t)c->piece_of[node] * (size_t)c->size + 6 * (size_t)piece;
+    const float *arm = c->arms + 4 * (size_t)node;
+    double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
+    size_t next = (size_t)c->size;
+    for (int k = 0; k < 6; k++) {
+        out[k] += rows[0][k];
+        out[next + (size_t)k] += rows[1][k];
+        out[2 * next + (size_t)k] += rows[2][k];
+        out[3 * next + (size_t)k] += y * rows[2][k] - z * rows[1][k];
+        out[4 * next + (size_t)k] += z * rows[0][k] - x * rows[2][k];
+        out[5 * next + (size_t)k] += x * rows[1][k] - y * rows[0][k];
+    }
+}
+
+/* The six rows of a piece: each is scaled by its pivot and taken from the following ones. */
+static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first)
+{
+    int size = c->size;
+    for (int k = first; k < first + 6; k++) {
+        double *row = c->matrix + (size_t)k * (size_t)size, pivot = row[k];
+        c->inverse[k] = pivot > 0 && pivot > c->solution[k] ? 1 / sqrt(pivot) : 0;
+        for (int j = k; j < size; j++)
+            row[j] *= c->inverse[k];
+        for (int i = k + 1; i < first + 6; i++) {
+            double *other = c->matrix + (size_t)i * (size_t)size, factor = row[i];
+            for (int j = i; j < size; j++)
+                other[j] -= factor * row[j];
+        }
+    }
+}
+
+/* to[i..] -= sum over six rows of row[i] row[i..]; six at a time, since it is memory that limits the
+ * factorisation. */
+static void sbi_precond_eliminate_rows(const double *rows, int size, int i, double *SB_RESTRICT to)
+{
+    const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
+                 *r5 = r4 + size;
+    double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
+    if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
+        return; /* pieces that do not touch */
+    for (int j = i; j < size; j++)
+        to[j] -= ((f0 * r0[j] + f1 * r1[j]) + (f2 * r2[j] + f3 * r3[j])) + (f4 * r4[j] + f5 * r5[j]);
+}
+
+/* Cholesky factor R of the coarse matrix, R^T R, in its upper triangle. Motions that a piece does not have
+ * (all its nodes fixed, or on a line) leave a zero pivot and are left out. */
+static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
+{
+    const double tiny = 256 * (double)SB_EPSILON;
+    int size = c->size;
+    for (int k = 0; k < size; k++)
+        c->solution[k] = tiny * c->matrix[(size_t)k * (size_t)size + (size_t)k];
+    for (int first = 0; first < size; first += 6) {
+        double *rows = c->matrix + (size_t)first * (size_t)size;
+        sbi_precond_factor_rows(c, first);
+        for (int i = first + 6; i < size; i++)
+            sbi_precond_eliminate_rows(rows, size, i, c->matrix + (size_t)i * (size_t)size);
+    }
+}
+
+/* Where a piece's nodes are, and which of their components are free. */
+static void sbi_precond_place_task(void *user, int piece)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    sbi_precond_coarse *c = &job->p->coarse;
+    sbi_precond_place_piece(c, piece);
+    for (int s = c->piece_start[piece]; s < c->piece_start[piece + 1]; s++) {
+        size_t i = (size_t)c->piece_nodes[s];
+        for (size_t k = 0; k < 4; k++)
+            c->free[4 * i + k] = (job->a->fixed[i] >> k & 1) || k == 3 ? 0.0f : 1.0f;
+    }
+}
+
+/* Columns of one piece: of A Z, and of Z^T A Z from its diagonal up. */
+static void sbi_precond_couple_task(void *user, int piece)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    sbi_precond_coarse *c = &job->p->coarse;
+    for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++) {
+        double rows[3][6];
+        float *out = c->coupling + 24 * (size_t)e;
+        sbi_precond_couple(job->p, job->a, e, rows);
+        for (int r = 0; r < 3; r++) {
+            sbi_f4_store(out + 4 * r, sbi_f4_make((float)rows[r][0], (float)rows[r][1], (float)rows[r][2]));
+            sbi_f4_store(out + 12 + 4 * r, sbi_f4_make((float)rows[r][3], (float)rows[r][4], (float)rows[r][5]));
+        }
+        if (c->piece_of[c->entry_node[e]] <= piece)
+            sbi_precond_add_coarse(c, c->entry_node[e], piece, rows);
+    }
+}
+
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    sbi_precond_job job;
+    memset(&job, 0, sizeof job);
+    job.p = p;
+    job.a = a;
+    if (positions)
+        memcpy(c->positions, positions, (size_t)p->row_count * sizeof(sb_vec3));
+    memset(c->matrix, 0, (size_t)c->size * (size_t)c->size * sizeof(double));
+    sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
+    sbi_run(&p->jobs, sbi_precond_couple_task, &job, c->piece_count);
+    sbi_precond_factor_coarse(c);
+    c->ready = 1;
+}
+
+/* solution = (R^T R)^-1 solution. */
+static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
+{
+    double *v = c->solution;
+    int size = c->size;
+    for (int k = 0; k < size; k++) {
+        const double *row = c->matrix + (size_t)k * (size_t)size;
+        double value = v[k] *= c->inverse[k];
+        for (int j = k + 1; j < size; j++)
+            v[j] -= value * row[j];
+    }
+    for (int k = size; k-- > 0;) {
+        const double *row = c->matrix + (size_t)k * (size_t)size;
+        double sums[4] = {0, 0, 0, 0}, value = v[k];
+        int j = k + 1;
+        for (; j + 4 <= size; j += 4)
+            for (int lane = 0; lane < 4; lane++)
+                sums[lane] += row[j + lane] * v[j + lane];
+        for (; j < size; j++)
+            sums[0] += row[j] * v[j];
+        value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        v[k] = value * c->inverse[k];
+    }
+}
+
+/* Z^T r of one piece, minus (A Z)^T result if asked: a force, and a torque from the sums of arm components
+ * times force (no cross products in the loop). */
+static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale,
+                                       int with_result, int piece, double *out)
+{
+    const sbi_precond_coarse *c = &p->coarse;
+    sbi_float4 force = sbi_f4_make(0, 0, 0), by_x = force, by_y = force, by_z = force, torque;
+    for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
+        size_t i = (size_t)c->piece_nodes[k];
+        const float *arm = c->arms + 4 * i;
+        sbi_float4 f = sbi_f4_mul(sbi_f4_round(r + 3 * i, scale), sbi_f4_load(c->free + 4 * i));
+        force = sbi_f4_add(force, f);
+        by_x = sbi_f4_add(by_x, sbi_f4_scale(arm[0], f));
+        by_y = sbi_f4_add(by_y, sbi_f4_scale(arm[1], f));
+        by_z = sbi_f4_add(by_z, sbi_f4_scale(arm[2], f));
+    }
+    torque = sbi_f4_make(SBI_F4(by_y, 2) - SBI_F4(by_z, 1), SBI_F4(by_z, 0) - SBI_F4(by_x, 2),
+                         SBI_F4(by_x, 1) - SBI_F4(by_y, 0));
+    for (int e = c->piece_entry[piece]; with_result && e < c->piece_entry[piece + 1]; e++) {
+        sbi_float4 z = sbi_f4_load(p->result + 4 * (size_t)c->entry_node[e]);
+        force = sbi_f4_sub(force, sbi_f4_rows(z, c->coupling + 24 * (size_t)e));
+        torque = sbi_f4_sub(torque, sbi_f4_rows(z, c->coupling + 24 * (size_t)e + 12));
+    }
+    for (int k = 0; k < 3; k++) {
+        out[k] = (double)SBI_F4(force, k);
+        out[3 + k] = (double)SBI_F4(torque, k);
+    }
+}
+
+/* solution = Z^T r - (A Z)^T result, or Z^T r, of one piece */
+static void sbi_precond_restrict_task(void *user, int piece)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    sbi_precond_restrict_piece(job->p, job->r, (sb_real)job->scale, job->with_result, piece,
+                               job->p->coarse.solution + 6 * piece);
+}
+
+/* result += Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
+static void sbi_precond_prolong_task(void *user, int piece)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    const sbi_precond_coarse *c = &job->p->coarse;
+    const double *s = c->solution + 6 * piece;
+    float wx = (float)s[3], wy = (float)s[4], wz = (float)s[5];
+    sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
+    sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx), by_z = sbi_f4_make(wy, -wx, 0);
+    for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
+        size_t i = (size_t)c->piece_nodes[k];
+        const float *arm = c->arms + 4 * i;
+        float *result = job->p->result + 4 * i;
+        sbi_float4 move = sbi_f4_add(shift, sbi_f4_scale(arm[0], by_x));
+        move = sbi_f4_add(move, sbi_f4_scale(arm[1], by_y));
+        move = sbi_f4_mul(sbi_f4_add(move, sbi_f4_scale(arm[2], by_z)), sbi_f4_load(c->free + 4 * i));
+        sbi_f4_store(result, sbi_f4_add(sbi_f4_load(result), move));
+    }
+}
+
+SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result)
+{
+    sbi_precond_job job;
+    memset(&job, 0, sizeof job);
+    job.p = p;
+    job.r = r;
+    job.scale = scale;
+    job.with_result = with_result;
+    sbi_run(&p->jobs, sbi_precond_restrict_task, &job, p->coarse.piece_count);
+    sbi_precond_solve_coarse(&p->coarse);
+    sbi_run(&p->jobs, sbi_precond_prolong_task, &job, p->coarse.piece_count);
+}
+
+#undef SBI_F4
+#undef SBI_HAS_FLOAT4
+
+/* ==== src/softbody/precond_save.c ==== */
+/* precond_save: preconditioners as bytes. Floor 2.
+ *
+ * One walk serves measuring, writing, checking and reading: every value is named once, in its order. */
+#include <float.h>
+#include <string.h>
+
+
+#define SBI_PRECOND_MAGIC "SBPRECND"
+enum { SBI_PRECOND_VERSION = 1 };
+
+typedef enum sbi_precond_pass {
+    SBI_PRECOND_MEASURE,
+    SBI_PRECOND_WRITE,
+    SBI_PRECOND_CHECK, /* of an image: is it this preconditioner's, and in order? */
+    SBI_PRECOND_READ   /* cannot fail any more */
+} sbi_precond_pass;
+
+typedef struct sbi_precond_walk {
+    sbi_precond_pass pass;
+    unsigned char *out;      /* WRITE */
+    const unsigned char *in; /* CHECK, READ */
+    size_t used, size;       /* bytes: passed so far, of the content */
+    int overflow;            /* MEASURE: used does not fit size_t */
+    sb_result result;        /* CHECK: the first failure; what comes after it is 0 */
+    sb_error *error;
+} sbi_precond_walk;
+
+static int sbi_precond_is_image(const sbi_precond_walk *w)
+{
+    return w->pass == SBI_PRECOND_CHECK || w->pass == SBI_PRECOND_READ;
+}
+
+/* The object's number goes in, the one that counts comes back. */
+static uint64_t sbi_precond_word(sbi_precond_walk *w, uint64_t value, int bytes)
+{
+    size_t at = w->used;
+    if (w->result != SB_OK)
+        return 0;
+    if (sbi_precond_is_image(w)) {
+        if (w->size - at < (size_t)bytes) {
+            w->result = sbi_fail(w->error, SB_ERROR_FORMAT, "the saved preconditioner ends too early");
+            return 0;
+        }
+        value = sbi_get_bytes(w->in + at, bytes);
+    } else if (w->pass == SBI_PRECOND_WRITE) {
+        sbi_put_bytes(w->out + at, value, bytes);
+    }
+    w->overflow |= !sbi_size_add(&w->used, (size_t)bytes, 1);
+    return value;
+}
+
+/* What the image and the object must agree on. */
+static void sbi_precond_same(sbi_precond_walk *w, uint64_t value, const char *name)
+{
+    uint64_t got = sbi_precond_word(w, value, 8);
+    if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK && got != value)
+        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu there, "
+                             "%lu here", name, (unsigned long)got, (unsigned long)value);
+}
+
+static double sbi_precond_double(sbi_precond_walk *w, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = sbi_precond_word(w, bits, 8);
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static float sbi_precond_float(sbi_precond_walk *w, float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = (uint32_t)sbi_precond_word(w, bits, 4);
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* One 3x3 block, rows of four without the fourths. */
+static void sbi_precond_block(sbi_precond_walk *w, float *block, float got[9])
+{
+    for (int k = 0; k < 9; k++) {
+        float *place = block + 4 * (k / 3) + k % 3;
+        got[k] = sbi_precond_float(w, w->pass == SBI_PRECOND_WRITE ? *place : 0);
+        if (w->pass == SBI_PRECOND_READ)
+            *place = got[k];
+    }
+    for (int k = 3; w->pass == SBI_PRECOND_READ && k < 12; k += 4)
+        block[k] = 0;
+}
+
+static int sbi_precond_block_is_finite(const float *block)
+{
+    for (int k = 0; k < 9; k++)
+        if (!(block[k] >= -FLT_MAX && block[k] <= FLT_MAX))
+            return 0;
+    return 1;
+}
+
+/* Symmetric and positive definite, as far as single precision tells. */
+static int sbi_precond_block_is_definite(const float *b)
+{
+    double minor = (double)b[0] * (double)b[4] - (double)b[1] * (double)b[3];
+    double det = minor * (double)b[8] -
+                 (double)b[5] * ((double)b[0] * (double)b[7] - (double)b[1] * (double)b[6]) +
+                 (double)b[2] * ((double)b[3] * (double)b[7] - (double)b[4] * (double)b[6]);
+    return b[1] == b[3] && b[2] == b[6] && b[5] == b[7] && b[0] > 0 && minor > 0 && det > 0;
+}
+
+/* Lower triangular with a positive diagonal, given transposed. */
+static int sbi_precond_block_is_pivot(const float *b)
+{
+    return b[0] > 0 && b[4] > 0 && b[8] > 0 && b[3] == 0 && b[6] == 0 && b[7] == 0;
+}
+
+enum { SBI_PRECOND_ANY, SBI_PRECOND_DEFINITE, SBI_PRECOND_PIVOT };
+
+/* Blocks first <= e < last, of one node's row; `demand`: what the last of them must be. */
+static void sbi_precond_blocks(sbi_precond_walk *w, float *blocks, int first, int last, int node, int demand)
+{
+    for (int e = first; e < last && w->result == SB_OK; e++) {
+        float got[9];
+        sbi_precond_block(w, blocks + 12 * (size_t)e, got);
+        if (w->pass != SBI_PRECOND_CHECK || w->result != SB_OK)
+            continue;
+        if (!sbi_precond_block_is_finite(got))
+            w->result = sbi_fail_node(w->error, SB_ERROR_NOT_FINITE, node,
+                                      "the saved preconditioner is not finite at node %d", node);
+        else if (e == last - 1 && ((demand == SBI_PRECOND_DEFINITE && !sbi_precond_block_is_definite(got)) ||
+                                   (demand == SBI_PRECOND_PIVOT && !sbi_precond_block_is_pivot(got))))
+            w->result = sbi_fail_node(w->error, SB_ERROR_FORMAT, node,
+                                      "the saved preconditioner is not positive definite at node %d", node);
+    }
+}
+
+/* The complete factor, without its rows' structure. */
+static void sbi_precond_factor_values(sbi_precond_walk *w, sb_direct *direct)
+{
+    size_t count;
+    sb_real *values = sbi_direct_values(direct, &count);
+    sbi_precond_same(w, (uint64_t)count, "the number of the factor's entries");
+    for (size_t k = 0; k < count && w->result == SB_OK; k++) {
+        uint64_t word = w->pass == SBI_PRECOND_WRITE ? sbi_real_bits(values[k]) : 0;
+        sb_real got = sbi_real_of(sbi_precond_word(w, word, (int)sizeof(sb_real)));
+        if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK && !sb_is_finite(got))
+            w->result = sbi_fail(w->error, SB_ERROR_NOT_FINITE, "entry %lu of the saved factor is not finite",
+                                 (unsigned long)k);
+        if (w->pass == SBI_PRECOND_READ)
+            values[k] = got;
+    }
+}
+
+/* What the last update learnt, and the power of two that it brought the matrix near 1 with. */
+static void sbi_precond_numbers(sbi_precond_walk *w, sb_preconditioner *p)
+{
+    double scale = sbi_precond_double(w, p->matrix_scale);
+    sbi_precond_memory memory = sbi_precond_get_memory(p);
+    memory.shift = sbi_precond_double(w, memory.shift);
+    memory.successes = sbi_int_of(sbi_precond_word(w, (uint64_t)(uint32_t)memory.successes, 4));
+    memory.wait = sbi_int_of(sbi_precond_word(w, (uint64_t)(uint32_t)memory.wait, 4));
+    if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK &&
+        (!sbi_precond_is_memory(memory) || !(scale > 0) || scale != sbi_precond_power(0.5 / scale)))
+        w->result = sbi_fail(w->error, SB_ERROR_FORMAT, "the saved preconditioner has a shift %g or a scale %g that no "
+                             "update gives", memory.shift, scale);
+    if (w->pass == SBI_PRECOND_READ) {
+        p->matrix_scale = scale;
+        sbi_precond_set_memory(p, memory);
+    }
+}
+
+/* All of it. */
+static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
+{
+    int rows = p->row_count;
+    sbi_precond_same(w, (uint64_t)p->kind, "the kind");
+    sbi_precond_same(w, (uint64_t)p->fsai.power, "the power of the pattern");
+    sbi_precond_same(w, (uint64_t)rows, "the number of rows");
+    sbi_precond_same(w, (uint64_t)p->block_count, "the number of blocks");
+    sbi_precond_same(w, p->pattern_hash, "the pattern's checksum");
+    sbi_precond_numbers(w, p);
+    for (int i = 0; p->inverse && i < rows; i++)
+        sbi_precond_blocks(w, p->inverse, i, i + 1, i, SBI_PRECOND_DEFINITE);
+    for (int i = 0; p->lower && i < rows; i++)
+        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], i, SBI_PRECOND_ANY);
+    for (int i = 0; p->fsai.rows && i < rows; i++)
+        sbi_precond_blocks(w, p->fsai.rows, p->fsai.start[i], p->fsai.start[i + 1], i, SBI_PRECOND_PIVOT);
+    if (p->direct)
+        sbi_precond_factor_values(w, p->direct);
+}
+
+SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner)
+{
+    sbi_precond_walk walk;
+    memset(&walk, 0, sizeof walk);
+    walk.pass = SBI_PRECOND_MEASURE;
+    sbi_precond_pass_over((sb_preconditioner *)(uintptr_t)preconditioner, &walk);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, 1);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size)
+{
+    size_t needed;
+    sbi_precond_walk walk;
+    if (!preconditioner || !buffer || !preconditioner->ready)
+        return SB_ERROR_ARGUMENT;
+    needed = sb_preconditioner_saved_size(preconditioner);
+    if (needed == 0 || size < needed)
+        return SB_ERROR_ARGUMENT;
+    memset(&walk, 0, sizeof walk);
+    walk.pass = SBI_PRECOND_WRITE;
+    walk.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
+    sbi_precond_pass_over((sb_preconditioner *)(uintptr_t)preconditioner, &walk);
+    sbi_image_seal((unsigned char *)buffer, needed, SBI_PRECOND_MAGIC, SBI_PRECOND_VERSION);
+    return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
+                                        sb_error *error)
+{
+    sbi_precond_walk walk;
+    sb_result result;
+    if (!preconditioner || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_preconditioner_load needs a preconditioner and bytes");
+    result = sbi_image_check((const unsigned char *)buffer, size, SBI_PRECOND_MAGIC, SBI_PRECOND_VERSION,
+                             "preconditioner", error);
+    if (result != SB_OK)
+        return result;
+    memset(&walk, 0, sizeof walk);
+    walk.pass = SBI_PRECOND_CHECK;
+    walk.in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
+    walk.size = size - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    walk.error = error;
+    sbi_precond_pass_over(preconditioner, &walk);
+    if (walk.result == SB_OK && walk.used != walk.size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved preconditioner goes on after its end");
+    if (walk.result != SB_OK)
+        return walk.result;
+    walk.pass = SBI_PRECOND_READ;
+    walk.used = 0;
+    sbi_precond_pass_over(preconditioner, &walk);
+    if (preconditioner->fsai.rows)
+        sbi_fsai_mirror(&preconditioner->fsai);
+    if (preconditioner->direct)
+        sbi_direct_take_values(preconditioner->direct);
+    preconditioner->ready = 1;
+    preconditioner->turned = 0;
+    preconditioner->coarse.ready = 0;
+    preconditioner->attempts = 0;
+    return SB_OK;
+}
+
+/* ==== src/softbody/pcg.c ==== */
+/* pcg: conjugate gradients with fused vector loops. */
+
+#include <math.h>
+#include <string.h>
+
+/* ---- workspace ----------------------------------------------------------------------------------------- */
+
+SB_API sb_pcg_options sb_default_pcg_options(void)
+{
+    sb_pcg_options options;
+    options.tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
+    options.max_iterations = 1000;
+    options.jobs = NULL;
+    return options;
+}
+
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
+                                         sb_pcg_workspace *workspace, sb_error *error)
+{
+    sb_pcg_workspace made;
+    size_t entries, bytes = 0;
+    if (!workspace || row_count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a workspace needs row_count >= 1, not %d", row_count);
+    memset(&made, 0, sizeof made);
+    if (allocator)
+        made.allocator = *allocator;
+    entries = 3 * (size_t)row_count;
+    if (sbi_size_add(&bytes, (size_t)sbi_row_chunks(row_count), 2 * sizeof(double)) &&
+        sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
+        made.memory = sbi_alloc(allocator, bytes, 1);
+    if (!made.memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
+    made.row_count = row_count;
+    made.partial = (double *)made.memory;
+    made.start = (sb_real *)(void *)(made.partial + 2 * sbi_row_chunks(row_count));
+    made.residual = made.start + entries;
+    made.search = made.residual + entries;
+    made.direction = made.search + entries;
+    made.product = made.direction + entries;
+    *workspace = made;
+    return SB_OK;
+}
+
+SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace)
+{
+    if (!workspace)
+        return;
+    sbi_free(&workspace->allocator, workspace->memory);
+    memset(workspace, 0, sizeof *workspace);
+}
+
+/* ---- vector loops -------------------------------------------------------------------------------------- */
+
+/* What the chunk tasks see. Names follow the usual ones: r residual, z = M^-1 r, p direction, q = A p. */
+typedef struct sbi_pcg_state {
+    const sb_matrix *matrix;
+    const sb_real *rhs;
+    sb_real *x, *r, *z, *p, *q;
+    sb_real factor;  /* of the update at work */
+    double *partial; /* [chunks][2] */
+    const sb_jobs *jobs;
+} sbi_pcg_state;
+
+static size_t sbi_pcg_end(const sbi_pcg_state *s, int chunk)
+{
+    int rows = s->matrix->row_count, first = chunk * SBI_ROW_CHUNK;
+    return 3 * (size_t)(rows - first < SBI_ROW_CHUNK ? rows : first + SBI_ROW_CHUNK);
+}
+
+/* a.b over a range: eight sums that do not wait for each other. */
+static double sbi_pcg_dot(const sb_real *a, const sb_real *b, size_t count)
+{
+    double s0 = 0, s1 = 0, s2 = 0, s3 = 0, s4 = 0, s5 = 0, s6 = 0, s7 = 0;
+    size_t k = 0;
+    for (; k + 8 <= count; k += 8) {
+        s0 += (double)a[k] * (double)b[k];
+        s1 += (double)a[k + 1] * (double)b[k + 1];
+        s2 += (double)a[k + 2] * (double)b[k + 2];
+        s3 += (double)a[k + 3] * (double)b[k + 3];
+        s4 += (double)a[k + 4] * (double)b[k + 4];
+        s5 += (double)a[k + 5] * (double)b[k + 5];
+        s6 += (double)a[k + 6] * (double)b[k + 6];
+        s7 += (double)a[k + 7] * (double)b[k + 7];
+    }
+    for (; k < count; k++)
+        s0 += (double)a[k] * (double)b[k];
+    return ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7));
+}
+
+static void sbi_pcg_square_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
+    s->partial[2 * chunk] = sbi_pcg_dot(s->rhs + begin, s->rhs + begin, count);
+    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->x + begin, s->x + begin, count);
+}
+
+/* r = rhs - A x, r.r */
+static void sbi_pcg_residual_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
+    sbi_matrix_multiply_rows(s->matrix, s->x, s->r, (int)(begin / 3), (int)(end / 3));
+    for (size_t k = begin; k < end; k++)
+        s->r[k] = s->rhs[k] - s->r[k];
+    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
+}
+
+/* q = A p, p.q */
+static void sbi_pcg_product_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
+    sbi_matrix_multiply_rows(s->matrix, s->p, s->q, (int)(begin / 3), (int)(end / 3));
+    s->partial[2 * chunk] = sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
+}
+
+/* x += factor p, r -= factor q, r.r */
+static void sbi_pcg_advance_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
+    sb_real *SB_RESTRICT x = s->x + begin, *SB_RESTRICT r = s->r + begin;
+    const sb_real *p = s->p + begin, *q = s->q + begin;
+    sb_real factor = s->factor;
+    for (size_t k = 0; k < count; k++) {
+        x[k] += factor * p[k];
+        r[k] -= factor * q[k];
+    }
+    s->partial[2 * chunk] = sbi_pcg_dot(r, r, count);
+}
+
+/* r.z and q.z */
+static void sbi_pcg_dots_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
+    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->z + begin, count);
+    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->q + begin, s->z + begin, count);
+}
+
+/* p = z + factor p */
+static void sbi_pcg_direction_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
+    sb_real *SB_RESTRICT p = s->p + begin;
+    const sb_real *SB_RESTRICT z = s->z + begin;
+    sb_real factor = s->factor;
+    for (size_t k = 0; k < count; k++)
+        p[k] = z[k] + factor * p[k];
+}
+
+/* Runs a task over all chunks; the sum of the chunks' first (or second) partial sums, in order. */
+static double sbi_pcg_run(sbi_pcg_state *s, sb_task task, double *second)
+{
+    int chunks = sbi_row_chunks(s->matrix->row_count);
+    double sum = 0, other = 0;
+    sbi_run(s->jobs, task, s, chunks);
+    for (int k = 0; k < chunks; k++)
+        sum += s->partial[2 * k];
+    for (int k = 0; second && k < chunks; k++)
+        other += s->partial[2 * k + 1];
+    if (second)
+        *second = other;
+    return sum;
+}
+
+/* ---- the iteration ------------------------------------------------------------------------------------- */
+
+static int sbi_pcg_is_finite(double value) { return value - value == 0; }
+
+/* Subtracts the coarse space's part from the residual, as its deflation requires; returns the new r.r. Uses p
+ * and q. */
+static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double square)
+{
+    if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
+        return square;
+    sbi_pcg_run(s, sbi_pcg_product_task, NULL);
+    s->factor = 1;
+    return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
+}
+
+/* Iterates until r.r <= target, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
+ * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
+ * quite symmetric. */
+static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
+                                 int max_iterations, double *square, sb_pcg_info *info)
+{
+    double alpha = 0, last_rz = 0;
+    for (int first = 1; *square > target; first = 0) {
+        double rz, qz, pq;
+        if (info->iterations >= max_iterations) {
+            info->capped = 1;
+            return SB_ERROR_NOT_CONVERGED;
+        }
+        if (preconditioner)
+            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(*square));
+        else
+            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        if (first)
+            memset(s->p, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        if (first)
+            memset(s->q, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
+        if (!sbi_pcg_is_finite(rz))
+            return SB_ERROR_DIVERGED;
+        if (rz <= 0)
+            return SB_ERROR_INDEFINITE;
+        s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
+        sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
+        pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
+        if (!sbi_pcg_is_finite(pq))
+            return SB_ERROR_DIVERGED;
+        if (pq <= 0) {
+            info->negative_curvature = 1;
+            return SB_ERROR_INDEFINITE;
+        }
+        alpha = rz / pq;
+        last_rz = rz;
+        s->factor = (sb_real)alpha;
+        *square = sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
+        if (!sbi_pcg_is_finite(*square))
+            return SB_ERROR_DIVERGED;
+        info->iterations++;
+    }
+    return SB_OK;
+}
+
+/* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
+ * x. */
+static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
+                                const sb_pcg_options *options, double rhs_square, double *square,
+                                sb_pcg_info *info)
+{
+    double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
+    double least =
+        (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
+    int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
+    for (;;) {
+        sb_result result;
+        if (*square <= target)
+            return SB_OK;
+        *square = sbi_pcg_deflate(s, preconditioner, *square);
+        if (!sbi_pcg_is_finite(*square))
+            return SB_ERROR_DIVERGED;
+        result = sbi_pcg_iterate(s, preconditioner, target > least ? target : least, options->max_iterations,
+                                 square, info);
+        info->residual_is_true = 0;
+        if (result != SB_OK || !verify)
+            return result;
+        *square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+        info->residual_is_true = 1;
+        if (!sbi_pcg_is_finite(*square))
+            return SB_ERROR_DIVERGED;
+        if (*square <= target)
+            return SB_OK;
+        if (*square > 0.25 * before) /* not even halved: the last digit of x is reached */
+            return SB_ERROR_NOT_CONVERGED;
+        before = *square;
+    }
+}
+
+static int sbi_pcg_valid(const sb_matrix *matrix, const sb_preconditioner *preconditioner, const sb_real *rhs,
+                         const sb_real *x, const sb_pcg_options *options, const sb_pcg_workspace *workspace)
+{
+    if (!matrix || !rhs || !x || !workspace || workspace->row_count != matrix->row_count)
+        return 0;
+    if (preconditioner && sbi_precond_rows(preconditioner) != matrix->row_count)
+        return 0;
+    return options->tolerance >= 0 && sbi_pcg_is_finite(options->tolerance) && options->max_iterations >= 0;
+}
+
+SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                              sb_pcg_info *info)
+{
+    sb_pcg_options defaults = sb_default_pcg_options();
+    sb_pcg_info report;
+    sbi_pcg_state state;
+    sb_result result;
+    double rhs_square, x_square = 0, square = 0;
+    size_t bytes;
+    options = options ? options : &defaults;
+    if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
+        return SB_ERROR_ARGUMENT;
+    memset(&report, 0, sizeof report);
+    bytes = 3 * (size_t)matrix->row_count * sizeof(sb_real);
+    state.matrix = matrix;
+    state.rhs = rhs;
+    state.x = x;
+    state.r = workspace->residual;
+    state.z = workspace->search;
+    state.p = workspace->direction;
+    state.q = workspace->product;
+    state.partial = workspace->partial;
+    state.jobs = options->jobs;
+    state.factor = 0;
+    memcpy(workspace->start, x, bytes);
+    rhs_square = sbi_pcg_run(&state, sbi_pcg_square_task, &x_square);
+    if (rhs_square > 0 && x_square == 0) { /* no product needed */
+        memcpy(state.r, rhs, bytes);
+        square = rhs_square;
+    } else if (rhs_square > 0) {
+        square = sbi_pcg_run(&state, sbi_pcg_residual_task, NULL);
+    } else if (rhs_square == 0) {
+        memset(x, 0, bytes);
+    }
+    report.residual_is_true = 1;
+    if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(square))
+        result = SB_ERROR_DIVERGED;
+    else
+        result = sbi_pcg_refine(&state, preconditioner, options, rhs_square, &square, &report);
+    if (result == SB_ERROR_DIVERGED) {
+        memcpy(x, workspace->start, bytes);
+        report.residual_is_true = 0;
+    }
+    report.residual = rhs_square > 0 ? sqrt(square / rhs_square) : 0;
+    if (info)
+        *info = report;
+    return result;
 }
 
 /* ==== src/softbody/domain.c ==== */
@@ -26902,6 +28200,7 @@ typedef struct sbi_elimination_setup {
     const sb_matrix *matrix;      /* the full matrix; its pattern is read */
     const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
     sb_precond_kind precond;
+    const sb_jobs *jobs;         /* copied */
     const sb_allocator *allocator;
 } sbi_elimination_setup;
 
@@ -27377,6 +28676,7 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     memset(&maker, 0, sizeof maker);
     maker.setup = setup;
     settings.kind = setup->precond;
+    settings.jobs = *setup->jobs;
     settings.positions = setup->positions;
     result = sbi_elimination_make_rows(e, &maker, error);
     sbi_free(&e->allocator, maker.rows);
@@ -28456,6 +29756,7 @@ static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *
     sb_preconditioner_def settings = sb_default_preconditioner_def();
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
     return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
 }
 
@@ -28705,6 +30006,7 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     setup.matrix = matrix;
     setup.positions = body->reference;
     setup.precond = sb_preconditioner_get_info(body->precond).kind;
+    setup.jobs = &body->jobs;
     setup.allocator = &body->allocator;
     return setup;
 }
@@ -28716,6 +30018,7 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     sb_result result;
     settings.kind = sb_preconditioner_get_info(body->precond).kind;
     settings.positions = body->reference;
+    settings.jobs = body->jobs;
     result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
@@ -29297,6 +30600,84 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
             volume += sbi_body_element_volume(body, lists->items[k]);
         values[i] = volume > 0 ? values[i] / volume : 0;
     }
+}
+
+/* ---- how nodes turned ---- */
+
+/* Rows of the sum of w F over the points around each node, which has the rotation of their mean. */
+static void sbi_body_sum_gradients(const sb_body *body, sb_vec3 *rows[3])
+{
+    const sb_domain *domain = &body->domain;
+    int width = domain->nodes_per_cell;
+    for (int r = 0; r < 3; r++)
+        memset(rows[r], 0, (size_t)domain->node_count * sizeof(sb_vec3));
+    for (int e = 0; e < domain->cell_count; e++) {
+        const int *nodes = domain->cells + (size_t)e * (size_t)width;
+        sb_vec3 f[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+        for (int p = 0; p < sbi_body_points(body); p++) {
+            size_t point = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
+            const sb_real *g = domain->gradients + 3 * (size_t)width * point;
+            for (int a = 0; a < width; a++, g += 3) {
+                sb_vec3 x = sb_v3_scale(domain->weights[point], body->position[nodes[a]]), slope = sb_v3(g[0], g[1], g[2]);
+                f[0] = sb_v3_madd(f[0], x.x, slope);
+                f[1] = sb_v3_madd(f[1], x.y, slope);
+                f[2] = sb_v3_madd(f[2], x.z, slope);
+            }
+        }
+        for (int a = 0; a < width; a++)
+            for (int r = 0; r < 3; r++)
+                rows[r][nodes[a]] = sb_v3_add(rows[r][nodes[a]], f[r]);
+    }
+}
+
+typedef struct sbi_body_turning {
+    sb_vec3 *rows[3];
+    sb_quat *rotations;
+    int count;
+} sbi_body_turning;
+
+/* Rotations of SB_POLAR_LANES nodes; unused lanes repeat the last node, and a node without material does not turn. */
+static void sbi_body_turn_batch(const sbi_body_turning *t, int first)
+{
+    sb_real f[9][SB_POLAR_LANES], q[4][SB_POLAR_LANES], r[9][SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        int i = sbi_min_int(first + l, t->count - 1);
+        sb_real sum = 0;
+        for (int k = 0; k < 3; k++) {
+            f[3 * k][l] = t->rows[k][i].x;
+            f[3 * k + 1][l] = t->rows[k][i].y;
+            f[3 * k + 2][l] = t->rows[k][i].z;
+        }
+        for (int k = 0; k < 9; k++)
+            sum = sb_max(sum, sb_abs(f[k][l]));
+        for (int k = 0; k < 9; k++) /* in units of its largest entry, however small the elements */
+            f[k][l] = sum > 0 ? f[k][l] / sum : (sb_real)(k % 4 == 0);
+        for (int k = 0; k < 4; k++)
+            q[k][l] = (sb_real)(k == 0);
+    }
+    sb_polar_batch(f, q, r);
+    for (int l = 0; l < SB_POLAR_LANES && first + l < t->count; l++)
+        t->rotations[first + l] = sb_quat_make(q[0][l], q[1][l], q[2][l], q[3][l]);
+}
+
+static void sbi_body_turn_task(void *user, int chunk)
+{
+    const sbi_body_turning *t = (const sbi_body_turning *)user;
+    int last = sbi_min_int(t->count, (chunk + 1) * SBI_ROW_CHUNK);
+    for (int first = chunk * SBI_ROW_CHUNK; first < last; first += SB_POLAR_LANES)
+        sbi_body_turn_batch(t, first);
+}
+
+SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
+{
+    sbi_body_turning turning;
+    turning.rows[0] = body->work;
+    turning.rows[1] = body->work2;
+    turning.rows[2] = body->rhs;
+    turning.rotations = rotations;
+    turning.count = body->domain.node_count;
+    sbi_body_sum_gradients(body, turning.rows);
+    sbi_run(&body->jobs, sbi_body_turn_task, &turning, sbi_row_chunks(turning.count));
 }
 
 /* ---- what holds the parts ---- */
@@ -36588,82 +37969,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 #include <string.h>
 
 
-/* ---- bits ---- */
-
-SBI_API uint64_t sbi_real_bits(sb_real value)
-{
-#if SB_REAL_IS_FLOAT
-    uint32_t bits;
-#else
-    uint64_t bits;
-#endif
-    memcpy(&bits, &value, sizeof bits);
-    return bits;
-}
-
-SBI_API sb_real sbi_real_of(uint64_t word)
-{
-#if SB_REAL_IS_FLOAT
-    uint32_t bits = (uint32_t)word;
-#else
-    uint64_t bits = word;
-#endif
-    sb_real value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-/* ---- images ---- */
-
-static uint64_t sbi_image_checksum(const unsigned char *bytes, size_t size)
-{
-    uint64_t hash = size;
-    for (; size >= 8; bytes += 8, size -= 8)
-        hash = sbi_hash_word(hash, sbi_get_bytes(bytes, 8));
-    return sbi_hash_word(hash, sbi_get_bytes(bytes, (int)size));
-}
-
-SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version)
-{
-    memcpy(image, magic, 8);
-    sbi_put_bytes(image + 8, version, 4);
-    sbi_put_bytes(image + 12, sizeof(sb_real), 4);
-    sbi_put_bytes(image + 16, size, 8);
-    sbi_put_bytes(image + size - SBI_IMAGE_TAIL, sbi_image_checksum(image, size - SBI_IMAGE_TAIL), 8);
-}
-
-static sb_result sbi_image_check_head(const unsigned char *image, size_t size, const char *magic, uint32_t version,
-                                      const char *what, sb_error *error)
-{
-    uint64_t real;
-    if (size < SBI_IMAGE_HEAD + SBI_IMAGE_TAIL)
-        return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved %s", (unsigned long)size, what);
-    if (memcmp(image, magic, 8) != 0)
-        return sbi_fail(error, SB_ERROR_FORMAT, "these are not the bytes of a saved %s", what);
-    if (sbi_get_bytes(image + 8, 4) != version)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved %s has version %lu, this library reads %lu", what,
-                        (unsigned long)sbi_get_bytes(image + 8, 4), (unsigned long)version);
-    real = sbi_get_bytes(image + 12, 4);
-    if (real != sizeof(sb_real))
-        return sbi_fail(error, real == 4 || real == 8 ? SB_ERROR_UNSUPPORTED : SB_ERROR_FORMAT,
-                        "the saved %s has reals of %lu bytes, this library has %lu", what, (unsigned long)real,
-                        (unsigned long)sizeof(sb_real));
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
-                                  const char *what, sb_error *error)
-{
-    sb_result result = sbi_image_check_head(image, size, magic, version, what, error);
-    if (result != SB_OK)
-        return result;
-    if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
-                        sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
-    if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
-    return SB_OK;
-}
+/* ---- files of images ---- */
 
 static sb_result sbi_image_fail_file(sb_error *error, const char *path, const char *why)
 {

@@ -564,6 +564,7 @@ static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *
     sb_preconditioner_def settings = sb_default_preconditioner_def();
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
     return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
 }
 
@@ -813,6 +814,7 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     setup.matrix = matrix;
     setup.positions = body->reference;
     setup.precond = sb_preconditioner_get_info(body->precond).kind;
+    setup.jobs = &body->jobs;
     setup.allocator = &body->allocator;
     return setup;
 }
@@ -824,6 +826,7 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     sb_result result;
     settings.kind = sb_preconditioner_get_info(body->precond).kind;
     settings.positions = body->reference;
+    settings.jobs = body->jobs;
     result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
@@ -1405,6 +1408,84 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
             volume += sbi_body_element_volume(body, lists->items[k]);
         values[i] = volume > 0 ? values[i] / volume : 0;
     }
+}
+
+/* ---- how nodes turned ---- */
+
+/* Rows of the sum of w F over the points around each node, which has the rotation of their mean. */
+static void sbi_body_sum_gradients(const sb_body *body, sb_vec3 *rows[3])
+{
+    const sb_domain *domain = &body->domain;
+    int width = domain->nodes_per_cell;
+    for (int r = 0; r < 3; r++)
+        memset(rows[r], 0, (size_t)domain->node_count * sizeof(sb_vec3));
+    for (int e = 0; e < domain->cell_count; e++) {
+        const int *nodes = domain->cells + (size_t)e * (size_t)width;
+        sb_vec3 f[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+        for (int p = 0; p < sbi_body_points(body); p++) {
+            size_t point = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
+            const sb_real *g = domain->gradients + 3 * (size_t)width * point;
+            for (int a = 0; a < width; a++, g += 3) {
+                sb_vec3 x = sb_v3_scale(domain->weights[point], body->position[nodes[a]]), slope = sb_v3(g[0], g[1], g[2]);
+                f[0] = sb_v3_madd(f[0], x.x, slope);
+                f[1] = sb_v3_madd(f[1], x.y, slope);
+                f[2] = sb_v3_madd(f[2], x.z, slope);
+            }
+        }
+        for (int a = 0; a < width; a++)
+            for (int r = 0; r < 3; r++)
+                rows[r][nodes[a]] = sb_v3_add(rows[r][nodes[a]], f[r]);
+    }
+}
+
+typedef struct sbi_body_turning {
+    sb_vec3 *rows[3];
+    sb_quat *rotations;
+    int count;
+} sbi_body_turning;
+
+/* Rotations of SB_POLAR_LANES nodes; unused lanes repeat the last node, and a node without material does not turn. */
+static void sbi_body_turn_batch(const sbi_body_turning *t, int first)
+{
+    sb_real f[9][SB_POLAR_LANES], q[4][SB_POLAR_LANES], r[9][SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        int i = sbi_min_int(first + l, t->count - 1);
+        sb_real sum = 0;
+        for (int k = 0; k < 3; k++) {
+            f[3 * k][l] = t->rows[k][i].x;
+            f[3 * k + 1][l] = t->rows[k][i].y;
+            f[3 * k + 2][l] = t->rows[k][i].z;
+        }
+        for (int k = 0; k < 9; k++)
+            sum = sb_max(sum, sb_abs(f[k][l]));
+        for (int k = 0; k < 9; k++) /* in units of its largest entry, however small the elements */
+            f[k][l] = sum > 0 ? f[k][l] / sum : (sb_real)(k % 4 == 0);
+        for (int k = 0; k < 4; k++)
+            q[k][l] = (sb_real)(k == 0);
+    }
+    sb_polar_batch(f, q, r);
+    for (int l = 0; l < SB_POLAR_LANES && first + l < t->count; l++)
+        t->rotations[first + l] = sb_quat_make(q[0][l], q[1][l], q[2][l], q[3][l]);
+}
+
+static void sbi_body_turn_task(void *user, int chunk)
+{
+    const sbi_body_turning *t = (const sbi_body_turning *)user;
+    int last = sbi_min_int(t->count, (chunk + 1) * SBI_ROW_CHUNK);
+    for (int first = chunk * SBI_ROW_CHUNK; first < last; first += SB_POLAR_LANES)
+        sbi_body_turn_batch(t, first);
+}
+
+SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
+{
+    sbi_body_turning turning;
+    turning.rows[0] = body->work;
+    turning.rows[1] = body->work2;
+    turning.rows[2] = body->rhs;
+    turning.rotations = rotations;
+    turning.count = body->domain.node_count;
+    sbi_body_sum_gradients(body, turning.rows);
+    sbi_run(&body->jobs, sbi_body_turn_task, &turning, sbi_row_chunks(turning.count));
 }
 
 /* ---- what holds the parts ---- */

@@ -161,6 +161,10 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values);
 /* The same as nodal averages weighted by volume, for colouring; values[node_count]. */
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
+/* How the material around each node has turned from the reference shape, as unit quaternions: the rotation of the mean
+ * deformation gradient, weighted by volume; identity where there is no material. rotations[node_count], as
+ * sb_preconditioner_warp takes them. Uses the body's scratch: between steps only. */
+SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
 
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */

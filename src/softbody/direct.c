@@ -544,6 +544,14 @@ SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb
     return result;
 }
 
+SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count)
+{
+    *count = direct->factor_count;
+    return direct->factor;
+}
+
+SBI_API void sbi_direct_take_values(sb_direct *direct) { direct->ready = 1; }
+
 /* ---- solving ---- */
 
 /* Copies the rows of a piece between the solution and the dense scratch. */

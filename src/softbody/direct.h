@@ -63,6 +63,10 @@ SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
 /* order[k] is the node eliminated k-th, by nested dissection. Scratch from the allocator, released again. */
 SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *positions, const sb_allocator *allocator,
                                    int *order, sb_error *error);
+/* The entries of L as they are kept, and their number, which follows from the pattern and the order. */
+SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
+/* Whoever filled them says so. */
+SBI_API void sbi_direct_take_values(sb_direct *direct);
 #endif
 
 #endif /* SB_DIRECT_H */

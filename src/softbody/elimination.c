@@ -419,6 +419,7 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     memset(&maker, 0, sizeof maker);
     maker.setup = setup;
     settings.kind = setup->precond;
+    settings.jobs = *setup->jobs;
     settings.positions = setup->positions;
     result = sbi_elimination_make_rows(e, &maker, error);
     sbi_free(&e->allocator, maker.rows);

@@ -52,6 +52,7 @@ typedef struct sbi_elimination_setup {
     const sb_matrix *matrix;      /* the full matrix; its pattern is read */
     const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
     sb_precond_kind precond;
+    const sb_jobs *jobs;         /* copied */
     const sb_allocator *allocator;
 } sbi_elimination_setup;
 

@@ -3,6 +3,7 @@
 #define SB_STATE_H
 
 #include "body.h"
+#include "bytes.h"
 
 /* A saved state holds all that steps and setters change: motion, supports, loads of every kind, constraints, materials,
  * fibres and what Prony terms remember, settings, reactions and the solvers' warm starts. What follows a load is what
@@ -43,44 +44,6 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body);
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* ---- internal: files of checked bytes -------------------------------------------------------------------- */
 
-enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
-
-/* One step of the hash: words in order. */
-SB_INLINE uint64_t sbi_hash_word(uint64_t hash, uint64_t word)
-{
-    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
-    return hash ^ (hash >> 32);
-}
-
-/* Little-endian numbers of 1 to 8 bytes. */
-SB_INLINE void sbi_put_bytes(unsigned char *to, uint64_t value, int bytes)
-{
-    for (int i = 0; i < bytes; i++)
-        to[i] = (unsigned char)(value >> (8 * i) & 0xFF);
-}
-SB_INLINE uint64_t sbi_get_bytes(const unsigned char *from, int bytes)
-{
-    uint64_t value = 0;
-    for (int i = 0; i < bytes; i++)
-        value |= (uint64_t)from[i] << (8 * i);
-    return value;
-}
-/* The low 32 bits of a number as a signed integer, and back. */
-SB_INLINE int sbi_int_of(uint64_t word)
-{
-    uint32_t bits = (uint32_t)word;
-    return bits <= 0x7FFFFFFFu ? (int)bits : -(int)(0xFFFFFFFFu - bits) - 1;
-}
-/* The bits of a real, and back. */
-SBI_API uint64_t sbi_real_bits(sb_real value);
-SBI_API sb_real sbi_real_of(uint64_t bits);
-
-/* An image is head, content, checksum. Writes head and checksum around a content that is there already;
- * magic: 8 bytes. */
-SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);
-/* Checks what sbi_image_seal wrote; `what` names the thing in messages ("state"). */
-SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const char *magic, uint32_t version,
-                                  const char *what, sb_error *error);
 SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
 /* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
  * and one byte after the end that the head tells. */

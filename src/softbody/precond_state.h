@@ -1,0 +1,111 @@
+/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_coarse.c moves the
+ * pieces, precond_save.c keeps it. */
+#ifndef SB_PRECOND_STATE_H
+#define SB_PRECOND_STATE_H
+
+#include "bytes.h"
+#include "direct.h"
+#include "float4.h"
+#include "precond.h"
+#include "precond_fsai.h"
+
+enum {
+    SBI_PRECOND_MAX_ARRAYS = 32,
+    SBI_PRECOND_MAX_ATTEMPTS = 18,
+    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
+                                 * factor of any positive definite one exists */
+    SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
+    SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
+    SBI_PRECOND_NODES_PER_PIECE = 85,
+    SBI_PRECOND_MAX_PIECES = 64
+};
+
+/* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
+ * centre, in units of its radius, so that both have the size of a displacement. (A Z) is stored by piece:
+ * entry e couples piece a (piece_entry[a] <= e < piece_entry[a + 1]) with node entry_node[e], one of its own
+ * or next to it. */
+typedef struct sbi_precond_coarse {
+    int piece_count, size; /* size = 6 piece_count */
+    int ready;             /* 1: it has values */
+    int *piece_start;      /* [piece_count + 1] into piece_nodes */
+    int *piece_nodes;      /* [row_count] nodes by piece */
+    int *piece_of;         /* [row_count] */
+    int *piece_entry;      /* [piece_count + 1] */
+    int *entry_node;       /* [entries] */
+    int *entry_start;      /* [entries + 1] into entry_blocks */
+    int *entry_blocks;     /* [block_count] matrix blocks (node, j) with j in the piece */
+    sb_real *places;       /* [row_count][4] position relative to the piece's centre over its radius */
+    float *arms;           /* [row_count][4] the same, rounded */
+    float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
+    float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
+    double *matrix;        /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
+    double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
+    double *solution;      /* [size] */
+    sb_vec3 *positions;    /* [row_count] as last given */
+} sbi_precond_coarse;
+
+struct sb_preconditioner {
+    sb_allocator allocator;
+    sb_jobs jobs;
+    sb_precond_kind kind;
+    int row_count, block_count, lower_count;
+    uint64_t pattern_hash;
+    int ready;           /* 1: updated or loaded */
+    double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
+    /* lower triangle by rows */
+    int *start;     /* [row_count + 1] */
+    int *columns;   /* [lower_count] node j < i */
+    int *source;    /* [lower_count] matrix block (j, i) */
+    float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
+    float *inverse; /* [row_count][12] D^-1 */
+    float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
+    float *result;  /* [row_count][4] z, scaled */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j,
+     * m) */
+    size_t *pair_start; /* [lower_count + 1] */
+    int *pairs;         /* [pairs][2] */
+    float *row;         /* [longest row][12] transposed blocks of the row at work */
+    int attempts, successes, wait;
+    double shift;
+    sbi_fsai fsai;
+    sb_direct *direct;  /* Cholesky */
+    sb_real *exact;     /* [row_count][3] what it solves, and the solution */
+    /* warping: M^-1 = R S R^T on the free components, with the inverse diagonal on those prescribed now */
+    int turned;           /* 1: there are rotations */
+    float *turns;         /* [row_count][12] R */
+    float *held;          /* [row_count][4] scaled inverse diagonal of prescribed components, 0 for free ones */
+    unsigned char *fixed; /* [row_count] masks of prescribed components */
+    sbi_precond_coarse coarse;
+    size_t bytes;
+    int array_count;
+    void *arrays[SBI_PRECOND_MAX_ARRAYS];
+};
+
+/* What tasks see. */
+typedef struct sbi_precond_job {
+    sb_preconditioner *p;
+    const sb_matrix *a;
+    const sb_real *r;
+    sb_real *z;
+    double scale;    /* of r: a power of two */
+    int with_result; /* restriction: of r - A result, not r */
+} sbi_precond_job;
+
+/* An array of the object on a cache line boundary; NULL when there is no memory. */
+SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size);
+SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count);
+SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width);
+
+/* The power of two that brings `size` near 1: to 0.5 at least, below 1. */
+SBI_API double sbi_precond_power(double size);
+
+/* ---- precond_coarse ---- */
+
+/* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
+SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
+/* result += Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone */
+SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result);
+
+#endif /* SB_PRECOND_STATE_H */
