@@ -1654,7 +1654,10 @@ typedef struct ndli_image {
     int overflow;
 } ndli_image;
 
-/* Parts begin at multiples of eight bytes. Returns where the part begins. */
+/* What a part of so many bytes takes: parts begin at multiples of eight. */
+SB_INLINE size_t ndli_image_room(size_t bytes) { return (bytes + 7) / 8 * 8; }
+
+/* Returns where the part begins. */
 SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, size_t size)
 {
     size_t at = image->used, bytes = count * size, room;
@@ -1662,7 +1665,7 @@ SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, s
         image->overflow = 1;
         return at;
     }
-    room = (bytes + 7) / 8 * 8;
+    room = ndli_image_room(bytes);
     if (image->in && bytes)
         memcpy(array, image->in + at, bytes);
     if (image->out) {
@@ -7492,17 +7495,14 @@ NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
 
 NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
 {
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.used = sizeof(ndli_remesh_head);
+    size_t sum = ndli_image_room(sizeof(ndli_remesh_head));
     for (int i = 0; i < r->def.max_needles; i++) {
         const ndli_needle *needle = r->needles + i;
-        ndli_image_part(&image, NULL, 4, sizeof(int));
-        ndli_image_part(&image, NULL, (size_t)needle->node_capacity, sizeof(int));
-        ndli_image_part(&image, NULL, (size_t)needle->stack_capacity, sizeof(ndli_split));
-        ndli_image_part(&image, NULL, (size_t)needle->pool_capacity, sizeof(int));
+        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
+               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
+               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
     }
-    return image.used;
+    return sum;
 }
 
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)

@@ -812,6 +812,10 @@ static void test_arguments(void)
     CHECK_RESULT(ndl_remesh_puncture(NULL, 0, &hit, NULL, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_remesh_penetrate(s.remesh, 0, sb_v3(0, 0, 0), NULL, NULL), SB_ERROR_ARGUMENT); /* not in */
     CHECK_RESULT(ndl_remesh_retract(s.remesh, -1, sb_v3(0, 0, 0), NULL, NULL), SB_ERROR_INDEX);
+    CHECK_RESULT(ndl_remesh_reserve(s.remesh, 4, 10, NULL), SB_ERROR_INDEX);
+    CHECK_RESULT(ndl_remesh_reserve(s.remesh, 0, -1, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(ndl_remesh_reserve(s.remesh, 0, 2147483647, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(ndl_remesh_reserve(NULL, 0, 10, NULL), SB_ERROR_ARGUMENT);
     CHECK_OK(ndl_remesh_withdraw(s.remesh, 0, NULL, NULL));
     if (enter_at(&s, 0, 0.5, 0.5, NULL)) {
         sb_real zero = 0;

@@ -19,7 +19,10 @@ typedef struct ndli_image {
     int overflow;
 } ndli_image;
 
-/* Parts begin at multiples of eight bytes. Returns where the part begins. */
+/* What a part of so many bytes takes: parts begin at multiples of eight. */
+SB_INLINE size_t ndli_image_room(size_t bytes) { return (bytes + 7) / 8 * 8; }
+
+/* Returns where the part begins. */
 SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, size_t size)
 {
     size_t at = image->used, bytes = count * size, room;
@@ -27,7 +30,7 @@ SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, s
         image->overflow = 1;
         return at;
     }
-    room = (bytes + 7) / 8 * 8;
+    room = ndli_image_room(bytes);
     if (image->in && bytes)
         memcpy(array, image->in + at, bytes);
     if (image->out) {

@@ -1889,17 +1889,14 @@ NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
 
 NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
 {
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.used = sizeof(ndli_remesh_head);
+    size_t sum = ndli_image_room(sizeof(ndli_remesh_head));
     for (int i = 0; i < r->def.max_needles; i++) {
         const ndli_needle *needle = r->needles + i;
-        ndli_image_part(&image, NULL, 4, sizeof(int));
-        ndli_image_part(&image, NULL, (size_t)needle->node_capacity, sizeof(int));
-        ndli_image_part(&image, NULL, (size_t)needle->stack_capacity, sizeof(ndli_split));
-        ndli_image_part(&image, NULL, (size_t)needle->pool_capacity, sizeof(int));
+        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
+               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
+               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
     }
-    return image.used;
+    return sum;
 }
 
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
