@@ -22727,7 +22727,7 @@ static size_t sbi_fsai_cut(const int *start, int rows, int *task_row, size_t *ta
         size_t longest = 1;
         task_row[task] = i;
         task_scratch[task] = scratch;
-        for (; i < rows && (done * SBI_FSAI_TASKS < total * (task + 1) || task == SBI_FSAI_TASKS - 1); i++) {
+        for (; i < rows && (done * (double)SBI_FSAI_TASKS < total * (task + 1) || task == SBI_FSAI_TASKS - 1); i++) {
             size_t nodes = sbi_fsai_row_nodes(start, i);
             longest = nodes > longest ? nodes : longest;
             done += sbi_fsai_work(start, i);
