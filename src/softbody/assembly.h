@@ -51,7 +51,7 @@ typedef struct sbi_assembly {
     sb_real *batch_moduli;         /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
     sb_real *batch_quats;          /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
     sb_real *saved_batch_quats;
-    sb_real *rotated;              /* [cell_count][q][n][3] sqrt(w mu) R g_a, and a real to spare */
+    sb_real *rotated;              /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
     sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */

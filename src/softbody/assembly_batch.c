@@ -402,13 +402,13 @@ SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *
 
 /* ---- tangent: rotated gradients ---- */
 
-/* h_a = sqrt(w mu) R g_a of a point of a batch. */
-SBI_FORCE_INLINE void sbi_batch_rotate_gradients(sbi_assembly *assembly, int batch, int p, const int n, const int q)
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch; all nodes a when p goes through 0 .. q - 1. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n, const int q,
+                                                 sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
 {
+    const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
     const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
-    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
-    sb_real *out = assembly->rotated + ((size_t)batch * SB_POLAR_LANES * (size_t)q + (size_t)p) * 3 * (size_t)n;
-    sbi_batch_rows quats[4], r[9], h[27];
+    sbi_batch_rows quats[4], r[9], sum[3];
     if (q == 1)
         memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
     else
@@ -418,16 +418,29 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(sbi_assembly *assembly, int bat
         for (int k = 0; k < 9; k++)
             r[k][l] = scale[l] * m.m[k / 3][k % 3];
     }
-    sbi_batch_apply(SBI_BATCH_ROWS(r), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q)), n, 0, h);
-    for (int l = 0; l < count; l++, out += 3 * n * q) {
-        sb_real sum[3] = {0, 0, 0};
-        for (int k = 0; k < 3 * (n - 1); k++) {
-            out[3 + k] = h[k][l];
-            sum[k % 3] += h[k][l];
-        }
+    memset(sum, 0, sizeof sum);
+    for (int a = 1; a < n; a++)
         for (int i = 0; i < 3; i++)
-            out[i] = -sum[i];
-    }
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
+                                 r[3 * i + 2][l] * g[3 * a - 1][l];
+                h[3 * (q * a + p) + i][l] = turned;
+                sum[i][l] -= turned;
+            }
+    memcpy(h + 3 * p, sum, sizeof sum);
+}
+
+/* The rotated gradients of the cells of a batch. */
+SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, const int n, const int q)
+{
+    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
+    sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
+    sbi_batch_rows h[120];
+    for (int p = 0; p < q; p++)
+        sbi_batch_rotate_gradients(assembly, batch, p, n, q, h);
+    for (int l = 0; l < count; l++, out += 3 * n * q)
+        for (int k = 0; k < 3 * n * q; k++)
+            out[k] = h[k][l];
 }
 
 typedef struct sbi_batch_job {
@@ -443,10 +456,9 @@ static void sbi_batch_rotate_chunk(void *user, int chunk)
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
         if (assembly->domain->element_type == SB_TET4)
-            sbi_batch_rotate_gradients(assembly, batch, 0, 4, 1);
+            sbi_batch_rotate(assembly, batch, 4, 1);
         else
-            for (int p = 0; p < 4; p++)
-                sbi_batch_rotate_gradients(assembly, batch, p, 10, 4);
+            sbi_batch_rotate(assembly, batch, 10, 4);
 }
 
 /* ---- tangent: rows ---- */
@@ -475,13 +487,13 @@ SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) {
 #endif
 
 /* s = sum over the points of a cell of h_a h_b^T. */
-SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int n, const int q, sbi_batch_row *s)
+SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
 {
     for (int i = 0; i < 3; i++)
         s[i] = sbi_batch_scale(a[i], b);
     for (int p = 1; p < q; p++)
         for (int i = 0; i < 3; i++)
-            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * n * p + i], b + 3 * n * p));
+            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
 }
 
 /* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
@@ -498,7 +510,7 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
         size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
         const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
         sbi_batch_row t[3];
-        sbi_batch_outer(h + 3 * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * (pair & 15), n, q, t);
+        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
         for (int i = 0; i < 3; i++) {
             s[i] = sbi_batch_add(s[i], t[i]);
             if (mixed)
