@@ -1,5 +1,5 @@
 /* assembly: loops over integration points. */
-#include "assembly.h"
+#include "assembly_batch.h"
 
 #include <string.h>
 
@@ -10,17 +10,6 @@ static int sbi_assembly_chunk_size(int cell_count)
     int size = cell_count / 64; /* enough chunks for many threads, each long enough to be worth a task */
     size = size < 16 ? 16 : size > 256 ? 256 : size;
     return (size + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
-}
-
-static size_t sbi_assembly_batch_count(const sb_domain *domain)
-{
-    return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
-}
-
-/* The batched loops are for tet4; 16 cells + pair must fit an int. */
-static int sbi_assembly_can_batch(const sb_domain *domain)
-{
-    return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
 }
 
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
@@ -43,16 +32,8 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
     assembly->chunk_energy = (sb_real *)sbi_arena_take(arena, chunks, sizeof(sb_real));
     assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
-    if (sbi_assembly_can_batch(domain)) {
-        size_t batches = sbi_assembly_batch_count(domain);
-        assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches, 9 * SB_POLAR_LANES * sizeof(sb_real));
-        assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
-        assembly->saved_batch_quats =
-            (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
-        assembly->rotated = (sb_real *)sbi_arena_take(arena, batches * SB_POLAR_LANES, 16 * sizeof(sb_real));
-        assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
-        assembly->pairs = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
-    }
+    if (sbi_batch_fits(domain))
+        sbi_batch_layout(assembly, domain, block_count, arena);
 }
 
 static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
@@ -115,58 +96,13 @@ static void sbi_assembly_map_blocks(sbi_assembly *assembly, const sb_matrix *mat
     }
 }
 
-/* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
-static void sbi_assembly_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    const sb_domain *domain = assembly->domain;
-    int *start = assembly->pair_start;
-    memset(start, 0, ((size_t)matrix->block_count + 1) * sizeof *start);
-    for (int pass = 0; pass < 2; pass++) {
-        for (int e = 0; e < domain->cell_count; e++) {
-            const int *cell = domain->cells + 4 * (size_t)e, *block = assembly->scatter + 10 * (size_t)e;
-            for (int a = 0; a < 4; a++)
-                for (int b = a; b < 4; b++, block++) {
-                    int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
-                    if (a == b)
-                        continue;
-                    if (pass == 0)
-                        start[at]++;
-                    else
-                        assembly->pairs[start[at]++] = 16 * e + (flip ? 4 * b + a : 4 * a + b);
-                }
-        }
-        for (int i = 0, sum = 0; pass == 0 && i <= matrix->block_count; i++) {
-            int count = start[i];
-            start[i] = sum;
-            sum += count;
-        }
-    }
-    memmove(start + 1, start, (size_t)matrix->block_count * sizeof *start);
-    start[0] = 0;
-}
-
-static void sbi_assembly_fill_batches(sbi_assembly *assembly)
-{
-    const sb_domain *domain = assembly->domain;
-    size_t batches = sbi_assembly_batch_count(domain);
-    memset(assembly->batch_gradients, 0, batches * 9 * SB_POLAR_LANES * sizeof(sb_real));
-    memset(assembly->rotated, 0, batches * SB_POLAR_LANES * 16 * sizeof(sb_real));
-    for (int e = 0; e < domain->cell_count; e++) {
-        sb_real *batch = assembly->batch_gradients + (size_t)(e / SB_POLAR_LANES) * 9 * SB_POLAR_LANES + e % SB_POLAR_LANES;
-        for (int k = 0; k < 9; k++)
-            batch[k * SB_POLAR_LANES] = domain->gradients[12 * (size_t)e + 3 + (size_t)k];
-    }
-}
-
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
     size_t count = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
     for (size_t i = 0; i < count; i++)
         assembly->rotations[i] = sb_quat_identity();
-    if (sbi_assembly_can_batch(domain))
-        for (size_t i = 0; i < sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES; i++)
-            assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+    sbi_batch_reset_rotations(assembly);
 }
 
 /* Copies the warm starts one way or the other. */
@@ -174,10 +110,8 @@ static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
 {
     const sb_domain *domain = assembly->domain;
     size_t bytes = (size_t)domain->cell_count * (size_t)domain->points_per_cell * sizeof(sb_quat);
-    size_t batch_bytes = sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES * sizeof(sb_real);
-    if (assembly->batched)
-        memcpy(restore ? assembly->batch_quats : assembly->saved_batch_quats,
-               restore ? assembly->saved_batch_quats : assembly->batch_quats, batch_bytes);
+    if (assembly->batched && assembly->batch_quats)
+        sbi_batch_copy_rotations(assembly, restore);
     else
         memcpy(restore ? assembly->rotations : assembly->saved_rotations,
                restore ? assembly->saved_rotations : assembly->rotations, bytes);
@@ -190,14 +124,14 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_assembly_can_batch(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
-        sbi_assembly_list_pairs(assembly, matrix);
+        sbi_batch_list_pairs(assembly, matrix);
     }
 }
 
@@ -205,9 +139,9 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 {
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
-    if (sbi_assembly_can_batch(assembly->domain)) {
-        sbi_assembly_list_pairs(assembly, matrix);
-        sbi_assembly_fill_batches(assembly);
+    if (sbi_batch_fits(assembly->domain)) {
+        sbi_batch_list_pairs(assembly, matrix);
+        sbi_batch_fill(assembly);
     }
     sbi_assembly_reset_rotations(assembly);
 }
@@ -350,27 +284,35 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
     return sb_m3_polar(sum, start);
 }
 
+/* A knot is a state into which violence drives quadratic elements: folded where no point sees it, the points so far
+ * turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone. */
+SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                sb_quat *rotation)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, ordinary = q - domain->mean_point;
+    sb_quat shared;
+    if (!sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
+        return 0;
+    shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
+    for (int p = 0; p < q; p++)
+        rotation[p] = shared;
+    return 1;
+}
+
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
- * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
- * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
- * the cell comes undone. */
+ * because the cell is knotted. */
 static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
                            sb_quat *rotation)
 {
-    const sb_domain *domain = assembly->domain;
-    const int ordinary = sbi_cell_ordinary(q, scheme);
-    sb_quat shared;
-    if (scheme == SBI_CELL_SINGLE) {
-        shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
-    } else {
+    if (scheme != SBI_CELL_SINGLE) {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
-            return 0;
-        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
+        return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
     }
-    for (int p = 0; p < q; p++)
-        rotation[p] = shared;
+    rotation[0] = sbi_cell_corner_rotation(assembly->domain, e, u, rotation[0]);
+    for (int p = 1; p < q; p++)
+        rotation[p] = rotation[0];
     return 1;
 }
 
@@ -717,168 +659,6 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     return bad;
 }
 
-/* ---- tet4 with corotated material: eight cells at a time, blocks gathered edge by edge ---- */
-
-/* Differences u_a - u_0 of nodes a = 1..3 of the cells of a batch, component by component. */
-static void sbi_batch_gather(const sb_domain *domain, int batch, const sb_vec3 *u, sb_real (*d)[SB_POLAR_LANES])
-{
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        int e = sbi_min_int(batch * SB_POLAR_LANES + l, domain->cell_count - 1);
-        const int *cell = domain->cells + 4 * (size_t)e;
-        sb_vec3 origin = u[cell[0]];
-        for (int a = 0; a < 3; a++) {
-            sb_vec3 v = u[cell[a + 1]];
-            d[3 * a][l] = v.x - origin.x;
-            d[3 * a + 1][l] = v.y - origin.y;
-            d[3 * a + 2][l] = v.z - origin.z;
-        }
-    }
-}
-
-/* out[3 a + i] = sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to three gradients, lane by lane. */
-SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*m)[SB_POLAR_LANES], const sb_real (*g)[SB_POLAR_LANES],
-                                      sb_real (*out)[SB_POLAR_LANES])
-{
-    for (int a = 0; a < 3; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++)
-                out[3 * a + i][l] = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
-                                    m[3 * i + 2][l] * g[3 * a + 2][l];
-}
-
-/* w lambda and w mu of the cells of a batch. */
-static void sbi_batch_moduli(const sbi_assembly *assembly, int batch, sb_real *lambda, sb_real *mu)
-{
-    const sb_domain *domain = assembly->domain;
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        int e = sbi_min_int(batch * SB_POLAR_LANES + l, domain->cell_count - 1);
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        lambda[l] = domain->weights[e] * material->lambda;
-        mu[l] = domain->weights[e] * material->mu;
-    }
-}
-
-/* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
-SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*r)[SB_POLAR_LANES], const sb_real *lambda, const sb_real *mu,
-                                       sb_real (*f)[SB_POLAR_LANES])
-{
-    sb_real trace[SB_POLAR_LANES];
-    for (int l = 0; l < SB_POLAR_LANES; l++)
-        trace[l] = -3;
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            trace[l] += r[k][l] * f[k][l];
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
-}
-
-/* Adds the forces of a batch to its nodes and stores the rotated gradients for the tangent. */
-static void sbi_batch_scatter(sbi_assembly_job *job, int batch, const sb_real (*f)[SB_POLAR_LANES],
-                              const sb_real (*h)[SB_POLAR_LANES], const sb_real *lambda, const sb_real *mu)
-{
-    const sb_domain *domain = job->assembly->domain;
-    int count = sbi_min_int(SB_POLAR_LANES, domain->cell_count - batch * SB_POLAR_LANES);
-    for (int l = 0; l < count; l++) {
-        size_t e = (size_t)(batch * SB_POLAR_LANES + l);
-        const int *cell = domain->cells + 4 * e;
-        sb_real *out = job->assembly->rotated + 16 * e;
-        sb_vec3 *origin = job->force + cell[0];
-        for (int i = 0; i < 3; i++)
-            out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
-        for (int k = 0; k < 9; k++)
-            out[3 + k] = h[k][l];
-        out[12] = lambda[l];
-        out[13] = mu[l];
-        origin->x -= f[0][l] + f[3][l] + f[6][l];
-        origin->y -= f[1][l] + f[4][l] + f[7][l];
-        origin->z -= f[2][l] + f[5][l] + f[8][l];
-        for (int a = 0; a < 3; a++) {
-            sb_vec3 *node = job->force + cell[a + 1];
-            node->x += f[3 * a][l];
-            node->y += f[3 * a + 1][l];
-            node->z += f[3 * a + 2][l];
-        }
-    }
-}
-
-static void sbi_batch_force(sbi_assembly_job *job, int begin, int end)
-{
-    sbi_assembly *assembly = job->assembly;
-    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++) {
-        const sb_real(*g)[SB_POLAR_LANES] = (const sb_real(*)[SB_POLAR_LANES])(assembly->batch_gradients +
-                                                                     (size_t)batch * 9 * SB_POLAR_LANES);
-        sb_real(*quats)[SB_POLAR_LANES] = (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES);
-        sb_real d[9][SB_POLAR_LANES], f[9][SB_POLAR_LANES], r[9][SB_POLAR_LANES], h[9][SB_POLAR_LANES];
-        sb_real lambda[SB_POLAR_LANES], mu[SB_POLAR_LANES];
-        sbi_batch_gather(assembly->domain, batch, job->u, d);
-        sbi_batch_moduli(assembly, batch, lambda, mu);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                for (int l = 0; l < SB_POLAR_LANES; l++)
-                    f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] +
-                                      d[3 + i][l] * g[3 + j][l] + d[6 + i][l] * g[6 + j][l];
-        sb_polar_batch(f, quats, r);
-        sbi_batch_stress((const sb_real(*)[SB_POLAR_LANES])r, lambda, mu, f);
-        sbi_batch_apply((const sb_real(*)[SB_POLAR_LANES])r, g, h);
-        sbi_batch_apply((const sb_real(*)[SB_POLAR_LANES])f, g, d);
-        sbi_batch_scatter(job, batch, (const sb_real(*)[SB_POLAR_LANES])d, (const sb_real(*)[SB_POLAR_LANES])h, lambda, mu);
-    }
-}
-
-enum { SBI_ROWS_PER_TASK = 128 };
-
-/* Blocks above the diagonal in some rows, and their transposes below it:
- * K_ij = sum over the cells of edge ij of w (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I). */
-static void sbi_edge_rows(void *user, int index)
-{
-    const sbi_assembly_job *job = (const sbi_assembly_job *)user;
-    const sbi_assembly *assembly = job->assembly;
-    sb_matrix *matrix = job->matrix;
-    int begin = index * SBI_ROWS_PER_TASK;
-    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
-    for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++) {
-            sb_real l[9] = {0}, m[9] = {0}; /* sums of w lambda h_a h_b^T and w mu h_a h_b^T */
-            sb_real *upper = matrix->blocks[k], *lower = matrix->blocks[matrix->transpose[k]];
-            for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
-                int pair = assembly->pairs[p];
-                const sb_real *h = assembly->rotated + 16 * (size_t)(pair >> 4);
-                const sb_real *a = h + 3 * (pair >> 2 & 3), *b = h + 3 * (pair & 3);
-                for (int i = 0; i < 3; i++)
-                    for (int j = 0; j < 3; j++) {
-                        sb_real product = a[i] * b[j];
-                        l[3 * i + j] += h[12] * product;
-                        m[3 * i + j] += h[13] * product;
-                    }
-            }
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) {
-                    sb_real dot = i == j ? m[0] + m[4] + m[8] : (sb_real)0;
-                    upper[3 * i + j] = lower[3 * j + i] = job->factor * (l[3 * i + j] + m[3 * j + i] + dot);
-                }
-        }
-}
-
-/* Diagonal blocks: a rigid translation costs nothing, so K_ii = - sum over j != i of K_ij. */
-static void sbi_edge_diagonals(void *user, int index)
-{
-    const sbi_assembly_job *job = (const sbi_assembly_job *)user;
-    sb_matrix *matrix = job->matrix;
-    int begin = index * SBI_ROWS_PER_TASK;
-    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
-    for (int row = begin; row < end; row++) {
-        sb_real sum[9] = {0}, *out = matrix->blocks[matrix->diagonal[row]];
-        for (int k = matrix->row_start[row]; k < matrix->row_start[row + 1]; k++)
-            if (k != matrix->diagonal[row])
-                for (int c = 0; c < 9; c++)
-                    sum[c] -= matrix->blocks[k][c];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                out[3 * i + j] = (sb_real)0.5 * (sum[3 * i + j] + sum[3 * j + i]);
-    }
-}
-
 /* ---- instances per element type ---- */
 
 #define SBI_EACH_ELEMENT(CALL)                                                                                  \
@@ -908,8 +688,8 @@ static void sbi_edge_diagonals(void *user, int index)
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-    if (SBI_ELEMENT_ENABLED(SB_TET4) && job->assembly->batched) {
-        sbi_batch_force(job, begin, end);
+    if (job->assembly->batched) {
+        sbi_batch_force(job->assembly, job->u, job->force, begin, end);
         return -1;
     }
 #define SBI_CALL(n, q, scheme) return sbi_chunk_force(job, begin, end, n, q, scheme)
@@ -1168,7 +948,7 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
     assembly->materials = materials;
     assembly->material_count = material_count;
     assembly->cell_material = cell_material;
-    assembly->batched = sbi_assembly_can_batch(domain);
+    assembly->batched = sbi_batch_fits(domain);
     assembly->viscous = 0;
     assembly->energy_unit = 0;
     for (int e = 0; e < domain->cell_count; e++)
@@ -1182,6 +962,8 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
             assembly->batched = 0;
         assembly->viscous |= materials[i].prony_count > 0;
     }
+    if (assembly->batched)
+        sbi_batch_set_materials(assembly);
     sbi_assembly_derive(assembly);
     sbi_assembly_begin_step(assembly, 0);
 }
@@ -1213,10 +995,8 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
-    if (SBI_ELEMENT_ENABLED(SB_TET4) && assembly->batched && kind == SB_TANGENT_QUASI) {
-        int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
-        sbi_run(assembly->jobs, sbi_edge_rows, &job, tasks);
-        sbi_run(assembly->jobs, sbi_edge_diagonals, &job, tasks);
+    if (assembly->batched && (kind == SB_TANGENT_QUASI || assembly->domain->single_rotation)) {
+        sbi_batch_tangent(assembly, factor, matrix);
         return -1;
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);

@@ -26,7 +26,7 @@ typedef struct sbi_assembly {
                                     * energy watches: the rule makes it jump */
     sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
                                     * size of the moduli, so this times epsilon is their rounding error */
-    int batched;                   /* tet4 with every material corotated: the batched loops hold */
+    int batched;                   /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
     sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
     sb_quat *saved_rotations;      /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
     int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
@@ -44,13 +44,17 @@ typedef struct sbi_assembly {
                                     * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
     sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
 
-    /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
-    sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
-    sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
+    /* tet4 and tet10 with corotated material (see assembly_batch.h): cells in batches of vector lanes, blocks gathered
+     * edge by edge. n nodes and q points per cell */
+    int mixed;                     /* 1: not all cells have the same lambda / mu */
+    sb_real *batch_gradients;      /* [batch_count][q][3 (n - 1)][SB_POLAR_LANES]: gradients of nodes 1 .. n - 1 */
+    sb_real *batch_moduli;         /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
+    sb_real *batch_quats;          /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
     sb_real *saved_batch_quats;
-    sb_real *rotated;              /* [cell_count][16]: R g_a of 4 nodes, w lambda, w mu, 0, 0 */
+    sb_real *rotated;              /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
+    sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
-    int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
+    int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
 } sbi_assembly;
 
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
@@ -108,6 +112,11 @@ SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly);
 SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 /* The cells of one material (-1: all) forget: as if they had been at u for ever. */
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
+
+/* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
+ * [points_per_cell] deformation gradients and what they turn by. */
+SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                sb_quat *rotation);
 
 /* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
  * the stress last. admissible[point] is 0 where the material does not admit F. */

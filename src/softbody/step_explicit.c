@@ -217,12 +217,12 @@ static double sbi_explicit_remains(const sbi_explicit *x)
     return longest > 0 ? (double)sb_exp(-(sb_real)b->guard.age * x->h / longest) : 0;
 }
 
-/* Whether an energy agrees with the ledger; false for NaN. */
+/* Whether an energy agrees with the ledger; false for NaN and for more than numbers can hold. */
 static sb_result sbi_explicit_audit(const sbi_explicit *x, double energy)
 {
     const sb_body *b = x->body;
     double given = b->guard.energy > x->start_energy ? b->guard.energy : x->start_energy;
-    if (energy <= x->plan->factor * given + sbi_explicit_noise(b))
+    if (energy - energy == 0 && energy <= x->plan->factor * given + sbi_explicit_noise(b))
         return SB_OK;
     for (int i = 0; i < b->domain.node_count; i++)
         if (!sb_v3_is_finite(b->velocity[i]))

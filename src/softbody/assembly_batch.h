@@ -1,0 +1,37 @@
+/* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. Floor 2, internal.
+ *
+ * Force: lane l of a batch is cell l; every loop over lanes is one compilers turn into vector instructions, and no lane
+ * looks at another, so that vectors or not makes no difference to the bits.
+ *
+ * Tangent. With h_a = sqrt(w mu) R grad N_a at each point and S_ab = sum over points of h_a h_b^T,
+ *     K_ab = sum over cells of (lambda / mu) S_ab + S_ab^T + tr(S_ab) I,
+ * which is R C R^T (formula sheet, section 4). First the h of all cells are written; then each block above the diagonal
+ * is summed over the cells of its edge and written once, by its row; then each row fetches the transposes below its
+ * diagonal, and its diagonal block as what makes a translation cost nothing. Rows have one writer: no colours, no
+ * clearing, and the same bits for any number of threads. */
+#ifndef SB_ASSEMBLY_BATCH_H
+#define SB_ASSEMBLY_BATCH_H
+
+#include "assembly.h"
+
+/* 1 when the batched loops can serve cells of this kind, if their materials are SB_COROTATED. */
+SBI_API int sbi_batch_fits(const sb_domain *domain);
+/* Takes the arrays of the batched loops from the arena; for domains that fit. */
+SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
+/* Copies the gradients into lanes. */
+SBI_API void sbi_batch_fill(sbi_assembly *assembly);
+/* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
+SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix);
+/* Takes over the moduli of the cells' materials. */
+SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
+/* Rotations become the identity; only where the batched loops keep their own. */
+SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
+/* Saves the rotations that the batched loops keep of their own, or brings them back. */
+SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
+
+/* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
+SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
+/* matrix = factor R C R^T with the rotations as they are. */
+SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
+
+#endif /* SB_ASSEMBLY_BATCH_H */
