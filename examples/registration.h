@@ -51,6 +51,9 @@ typedef struct outcome {
     sb_mesh placed;       /* the model after the start */
     sb_boundary boundary; /* of the placed model */
     sb_mesh seen;         /* the surface that is matched, after the start */
+    sb_mesh target;       /* smoothed; or */
+    reg_cloud cloud;
+    reg_smooth_info smooth;
     sb_body *body;        /* of pbsm and nicp */
     reg_cpd *cpd;
     int iterations;
@@ -63,6 +66,8 @@ static inline void outcome_free(outcome *out)
     sb_body_destroy(out->body);
     reg_cpd_destroy(out->cpd);
     sb_mesh_free(&out->seen);
+    sb_mesh_free(&out->target);
+    reg_cloud_free(&out->cloud);
     sb_boundary_free(&out->boundary);
     sb_mesh_free(&out->placed);
     memset(out, 0, sizeof *out);
@@ -371,6 +376,16 @@ static inline sb_result task_make_skin(const sb_mesh *boundary, sb_mesh *skin, s
     return result;
 }
 
+/* Moves all that the start placed. */
+static inline void task_place(outcome *out, const reg_rigid *motion)
+{
+    out->start = reg_rigid_compose(motion, &out->start);
+    for (int i = 0; i < out->placed.node_count; i++)
+        out->placed.nodes[i] = reg_rigid_apply(motion, out->placed.nodes[i]);
+    for (int i = 0; i < out->seen.node_count; i++)
+        out->seen.nodes[i] = reg_rigid_apply(motion, out->seen.nodes[i]);
+}
+
 /* out->start, out->placed, out->boundary and out->seen. */
 static inline sb_result task_start(const task *given, outcome *out, sb_error *error)
 {
@@ -396,10 +411,11 @@ static inline sb_result task_start(const task *given, outcome *out, sb_error *er
     if (result == SB_OK)
         result = given->surface ? sb_surface_triangulate(surface, NULL, &out->seen, error)
                                 : task_make_skin(surface, &out->seen, error);
-    for (int i = 0; result == SB_OK && i < out->placed.node_count; i++)
-        out->placed.nodes[i] = reg_rigid_apply(&out->start, given->model->nodes[i]);
-    for (int i = 0; result == SB_OK && i < out->seen.node_count; i++)
-        out->seen.nodes[i] = reg_rigid_apply(&out->start, out->seen.nodes[i]);
+    if (result == SB_OK) {
+        reg_rigid start = out->start;
+        out->start = reg_rigid_identity();
+        task_place(out, &start);
+    }
     return result;
 }
 
@@ -485,18 +501,20 @@ static inline void task_find_loads(const task *given, reg_match *match, outcome 
     task_show(given, 0.9, "loads on the surface");
     def.match = match;
     def.clock = seconds_now;
+    if (getenv("LPOSE")) def.pose = (sb_real)atof(getenv("LPOSE"));
+    if (getenv("MISFIT")) def.misfit = (sb_real)atof(getenv("MISFIT"));
+    if (getenv("SAMPLES")) def.samples = atoi(getenv("SAMPLES"));
+    if (getenv("ROUNDS")) def.rounds = atoi(getenv("ROUNDS"));
+    if (getenv("POWER")) def.power = (sb_real)atof(getenv("POWER"));
+    if (getenv("FLOOR")) def.floor = (sb_real)atof(getenv("FLOOR"));
     if (sb_body_set_material(out->body, &tissue, NULL) == SB_OK && reg_loads_run(&def, NULL, &info) != SB_OK)
         fprintf(stderr, "warning: no loads were found: %s\n", info.error.message);
     out->seconds_setup += seconds_now() - begun;
 }
 
-static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
+static inline reg_match_def task_match_def(const task *given, const outcome *out, const sb_vec3 *landmarks)
 {
     reg_match_def def = reg_default_match_def();
-    sb_vec3 *landmarks = task_landmarks(given, out);
-    reg_match *match = NULL;
-    double begun = seconds_now(), made;
-    sb_result result;
     def.body = out->body;
     def.surface = &out->seen;
     def.target = given->target;
@@ -512,6 +530,16 @@ static inline sb_result task_match(const task *given, outcome *out, sb_error *er
     def.landmark_count = given->landmark_count;
     def.clock = seconds_now;
     def.max_seconds = given->max_seconds;
+    return def;
+}
+
+static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
+{
+    sb_vec3 *landmarks = task_landmarks(given, out);
+    reg_match_def def = task_match_def(given, out, landmarks);
+    reg_match *match = NULL;
+    double begun = seconds_now(), made;
+    sb_result result;
     result = landmarks ? reg_match_create(&def, &match, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     made = seconds_now();
     if (result == SB_OK)
@@ -682,26 +710,51 @@ static inline sb_result task_cpd(const task *given, outcome *out, sb_error *erro
 
 /* ---- all of it ------------------------------------------------------------------------------------------------- */
 
+/* The target without noise and outliers, and with normals: *clean is the task with that. */
+static inline sb_result task_clean(const task *given, outcome *out, task *clean, sb_error *error)
+{
+    sb_result result;
+    *clean = *given;
+    if (given->target) {
+        result = sb_mesh_copy(given->target, NULL, &out->target, error);
+        if (result == SB_OK)
+            result = reg_cloud_smooth_mesh(&out->target, NULL, &out->smooth, error);
+        clean->target = &out->target;
+        return result;
+    }
+    result = reg_cloud_from_points(&out->cloud, given->cloud->points, given->cloud->normals, given->cloud->count, NULL,
+                                   error);
+    if (result == SB_OK)
+        result = reg_cloud_smooth(&out->cloud, NULL, &out->smooth, error);
+    if (result == SB_OK && !out->cloud.normals && out->cloud.count > 3 && !given->partial)
+        result = reg_cloud_estimate_normals(&out->cloud, 12, NULL, NULL, error);
+    clean->cloud = &out->cloud;
+    return result;
+}
+
 /* Registers. On failure *error says why, and *out is to be freed all the same. */
 static inline sb_result task_run(const task *given, method how, outcome *out, sb_error *error)
 {
     double begun = seconds_now();
     sb_result result;
+    task clean;
     memset(out, 0, sizeof *out);
     out->how = how;
     out->stop = "converged";
-    result = task_start(given, out, error);
+    result = task_clean(given, out, &clean, error);
+    if (result == SB_OK)
+        result = task_start(&clean, out, error);
     out->seconds_start = seconds_now() - begun;
     if (result != SB_OK || how == METHOD_ICP)
         return result;
     if (how == METHOD_CPD)
-        return task_cpd(given, out, error);
+        return task_cpd(&clean, out, error);
     begun = seconds_now();
-    result = task_make_body(given, out, error);
+    result = task_make_body(&clean, out, error);
     out->seconds_setup = seconds_now() - begun;
     if (result != SB_OK)
         return result;
-    return how == METHOD_NICP ? task_nicp(given, out, error) : task_match(given, out, error);
+    return how == METHOD_NICP ? task_nicp(&clean, out, error) : task_match(&clean, out, error);
 }
 
 /* Where points of the model (m) are after the registration, rigid part included: moved[count]. */

@@ -73,8 +73,8 @@ REG_API sb_result reg_cloud_from_points(reg_cloud *cloud, const sb_vec3 *points,
     return SB_OK;
 }
 
-/* Normals of the nodes: twice the area vectors of the triangles around, summed. */
-static void regi_cloud_face_normals(const sbi_surface_cut *cut, sb_vec3 *normals)
+/* Twice the area vectors of the triangles around, summed. */
+REGI_API void regi_cloud_face_normals(const sbi_surface_cut *cut, sb_vec3 *normals)
 {
     const sb_vec3 *x = cut->triangles.nodes;
     for (int i = 0; i < cut->triangles.node_count; i++)

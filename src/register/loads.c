@@ -10,7 +10,8 @@
 
 enum {
     REGI_LOADS_SLAB = 96,  /* force components per product of the dense system */
-    REGI_LOADS_SMOOTH = 2  /* times that tractions are averaged over facets */
+    REGI_LOADS_SMOOTH = 2, /* times that tractions are averaged over facets */
+    REGI_LOADS_POSE = 6    /* moves along the axes and turns about them */
 };
 
 typedef struct regi_loads {
@@ -45,7 +46,12 @@ typedef struct regi_loads {
     sb_real *touch;        /* [nodes] facets */
     sb_vec3 *force;        /* [nodes] found (N) */
     sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
-    sb_vec3 *before;       /* [nodes] displacement at the beginning (m) */
+    sb_vec3 *before, *goals; /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
+    int posed;             /* 1: the pose is sought, too */
+    sb_vec3 centre;        /* m: of the held nodes at the beginning, or of all; turns are about it */
+    sb_real likely[REGI_LOADS_POSE];     /* sd of the pose: m, rad */
+    sb_real pose[REGI_LOADS_POSE], next[REGI_LOADS_POSE]; /* reached, and found in this round: m, rad */
+    sb_real *pose_rows;    /* [sample_count][POSE] a sample's motion with the whole organ, in sd */
     reg_loads_info info;
 } regi_loads;
 
@@ -59,6 +65,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
+    def.pose = 0;
     def.cookie = REGI_LOADS_COOKIE;
     return def;
 }
@@ -72,9 +79,9 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d samples, %d rounds, %d reweights: out of range", def->samples,
                         def->rounds, def->reweights);
     if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
-        !(def->floor > 0) || !sb_is_finite(def->floor))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g: out of range", (double)def->misfit,
-                        (double)def->power, (double)def->floor);
+        !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, pose %g: out of range",
+                        (double)def->misfit, (double)def->power, (double)def->floor, (double)def->pose);
     if (def->match->method != REG_PBSM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (def->match->body->load_count > 0 || def->match->body->elimination)
@@ -173,6 +180,18 @@ static void regi_loads_add_point(const regi_loads *l, int charge, sb_vec3 line, 
     }
 }
 
+/* Adds weight times a point's motion along `line` with the whole organ, and opens the gap by what that did so far. */
+static void regi_loads_add_pose(regi_loads *l, int sample, sb_vec3 point, sb_vec3 line, sb_real weight)
+{
+    sb_vec3 turn = sb_v3_cross(sb_v3_sub(point, l->centre), line);
+    const sb_real slope[REGI_LOADS_POSE] = {line.x, line.y, line.z, turn.x, turn.y, turn.z};
+    sb_real *row = l->pose_rows + (size_t)sample * REGI_LOADS_POSE;
+    for (int k = 0; k < REGI_LOADS_POSE && l->posed; k++) {
+        row[k] += weight * slope[k] * l->likely[k];
+        l->gap[sample] += weight * slope[k] * l->pose[k];
+    }
+}
+
 /* Signed distance of a charge from the target along the target's normal (m). */
 static sb_real regi_loads_distance(const regi_match_charge *charge)
 {
@@ -203,8 +222,9 @@ static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
             continue;
         scatter += charge->area / area * off * off;
         regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
+        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / area);
     }
-    l->gap[sample] = -sum / area;
+    l->gap[sample] -= sum / area;
     l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
                           6 * scatter / (sb_real)count;
 }
@@ -220,6 +240,7 @@ static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
     gap = sb_v3_sub(l->match->targets[l->match->charges[charge].index], regi_match_point(l->match, charge));
     l->gap[sample] = sb_v3_dot(gap, line);
     l->variance[sample] = misfit * misfit;
+    regi_loads_add_pose(l, sample, regi_match_point(l->match, charge), line, 1);
     regi_loads_add_point(l, charge, line, 1, row);
 }
 
@@ -251,6 +272,7 @@ static void regi_loads_respond(regi_loads *l)
     for (int first = 0; first < l->sample_count; first += SBI_FRONT_GROUP) {
         int count = sbi_min_int(SBI_FRONT_GROUP, l->sample_count - first);
         memset(l->rows, 0, (size_t)count * row_size * sizeof(sb_real));
+        memset(l->pose_rows + (size_t)first * REGI_LOADS_POSE, 0, (size_t)count * REGI_LOADS_POSE * sizeof(sb_real));
         for (int s = 0; s < count; s++) {
             l->gap[first + s] = l->variance[first + s] = 0;
             if (first + s < l->part_count)
@@ -362,6 +384,8 @@ static void regi_loads_balance(regi_loads *l)
             sb_real *entry = l->system + j * samples + s;
             int off = !(l->variance[s] > 0 && l->variance[j] > 0);
             *entry = off ? (sb_real)(s == j) : -scale * *entry + (s == j ? l->variance[s] + least : 0);
+            for (int k = 0; k < REGI_LOADS_POSE && l->posed && !off; k++)
+                *entry += l->pose_rows[s * REGI_LOADS_POSE + (size_t)k] * l->pose_rows[j * REGI_LOADS_POSE + (size_t)k];
         }
 }
 
@@ -391,6 +415,11 @@ static sb_result regi_loads_solve(regi_loads *l, sb_error *error)
         }
         l->force[l->load_nodes[k]] = sb_v3_scale(l->weight[k], sb_v3(sum[0], sum[1], sum[2]));
     }
+    for (int k = 0; k < REGI_LOADS_POSE; k++) {
+        l->next[k] = 0;
+        for (size_t s = 0; s < samples && l->posed; s++)
+            l->next[k] += l->likely[k] * l->pose_rows[s * REGI_LOADS_POSE + (size_t)k] * l->multiplier[s];
+    }
     return SB_OK;
 }
 
@@ -406,6 +435,48 @@ static sb_real regi_loads_misfit(const regi_loads *l)
             count++;
         }
     return (sb_real)(count > 0 ? sb_sqrt((sb_real)(sum / count)) : 0);
+}
+
+/* Adds what is new of the pose to the increment. */
+static void regi_loads_turn(regi_loads *l)
+{
+    sb_real d[REGI_LOADS_POSE];
+    sb_vec3 way;
+    sb_mat3 rotation;
+    for (int k = 0; k < REGI_LOADS_POSE; k++)
+        d[k] = l->next[k] - l->pose[k];
+    way = sb_v3_add(l->centre, sb_v3(d[0], d[1], d[2]));
+    rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(d[3], d[4], d[5])));
+    for (int i = 0; i < l->node_count; i++) {
+        sb_vec3 x = l->body->position[i], turned = sb_m3_apply(rotation, sb_v3_sub(x, l->centre));
+        sb_vec3 step = sb_m3_apply(rotation, l->body->increment[i]);
+        l->body->increment[i] = sb_v3_add(step, sb_v3_sub(sb_v3_add(turned, way), x));
+    }
+}
+
+/* The body's increment is taken, and its supports go along with the pose. */
+static sb_result regi_loads_move(regi_loads *l, sb_error *error)
+{
+    sb_body *b = l->body;
+    sb_real planned = 0, share;
+    sb_result result;
+    if (l->posed)
+        regi_loads_turn(l);
+    for (int i = 0; i < l->node_count; i++)
+        planned = sb_max(planned, sb_v3_norm(b->increment[i]));
+    result = regi_match_move(l->match);
+    if (result != SB_OK) {
+        if (error)
+            *error = l->match->info.error;
+        return result;
+    }
+    l->info.change = l->match->info.change;
+    share = planned > 0 ? l->info.change / planned : 1;
+    for (int k = 0; k < REGI_LOADS_POSE; k++)
+        l->pose[k] += share * (l->next[k] - l->pose[k]);
+    for (int i = 0; i < l->node_count && l->posed; i++)
+        b->target[i] = sbi_body_pick_axes(b->fixed[i], b->displacement[i], b->target[i]);
+    return SB_OK;
 }
 
 static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
@@ -432,16 +503,10 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
         l->body->rhs[i] = sbi_body_pick_axes(l->body->fixed[i], sb_v3(0, 0, 0),
                                              sb_v3_sub(l->force[i], l->residual[i]));
     (void)sb_direct_solve(l->direct, &l->body->rhs[0].x, &l->body->increment[0].x, 1);
-    result = regi_match_move(l->match);
-    if (result != SB_OK) {
-        if (error)
-            *error = l->match->info.error;
-        return result;
-    }
-    l->info.change = l->match->info.change;
     l->info.sample_misfit = regi_loads_misfit(l);
-    l->info.rounds++;
-    return SB_OK;
+    result = regi_loads_move(l, error);
+    l->info.rounds += result == SB_OK;
+    return result;
 }
 
 /* ---- life ---- */
@@ -473,6 +538,22 @@ static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
     l->force = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->before = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->goals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->pose_rows = (sb_real *)sbi_arena_take(arena, samples, REGI_LOADS_POSE * real);
+}
+
+/* A turn moves points at a quarter of the organ's size as far as a move does. */
+static void regi_loads_begin_pose(regi_loads *l)
+{
+    int held = 0, count = 0;
+    for (int i = 0; i < l->node_count; i++)
+        held += l->body->fixed[i] == SB_XYZ;
+    l->posed = l->def->pose > 0;
+    for (int i = 0; i < l->node_count; i++)
+        if (held == 0 || l->body->fixed[i] == SB_XYZ)
+            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(l->body->position[i], l->centre));
+    for (int k = 0; k < REGI_LOADS_POSE; k++)
+        l->likely[k] = l->def->pose * (k < 3 ? l->match->size : 4);
 }
 
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
@@ -499,6 +580,8 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     arena.used = 0;
     regi_loads_layout(l, &arena);
     memcpy(l->before, l->body->displacement, (size_t)l->node_count * sizeof(sb_vec3));
+    memcpy(l->goals, l->body->target, (size_t)l->node_count * sizeof(sb_vec3));
+    regi_loads_begin_pose(l);
     regi_loads_measure_nodes(l);
     regi_loads_cut_parts(l);
     return l->load_count > 0 ? SB_OK : sbi_fail(error, SB_ERROR_ARGUMENT, "all of the surface is held");
@@ -518,6 +601,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
+        memcpy(l->body->target, l->goals, (size_t)l->node_count * sizeof(sb_vec3));
         return result;
     }
     most = regi_loads_tractions(l);

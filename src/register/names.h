@@ -32,6 +32,8 @@
 #define reg_cloud_spread reg_cloud_spread_f32
 #define reg_outlier_limit reg_outlier_limit_f32
 #define reg_cloud_remove_outliers reg_cloud_remove_outliers_f32
+#define reg_cloud_smooth reg_cloud_smooth_f32
+#define reg_cloud_smooth_mesh reg_cloud_smooth_mesh_f32
 #define reg_default_field_def reg_default_field_def_f32
 #define reg_field_create reg_field_create_f32
 #define reg_field_destroy reg_field_destroy_f32
