@@ -267,6 +267,7 @@ static void regi_match_layout(reg_match *match, sbi_arena *arena)
     match->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)match->landmark_count, sizeof(sb_vec3));
     match->pull = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->trial = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    match->last = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->local = (sb_real *)sbi_arena_take(arena, 3 * width, 3 * width * sizeof(sb_real));
 }
 
@@ -445,6 +446,7 @@ REG_API void reg_match_restart(reg_match *match)
     match->charge = match->first_charge;
     match->reach = match->first_reach;
     match->last_mean = SB_REAL_MAX;
+    match->relaxation = 0;
     match->calm = 0;
 }
 
@@ -460,6 +462,7 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
     if (match->landmark_count)
         memcpy(match->targets, targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     match->last_mean = SB_REAL_MAX;
+    match->relaxation = 0;
     match->calm = 0;
     match->info.stop = REG_MATCH_RUNNING;
     return SB_OK;

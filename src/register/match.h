@@ -7,7 +7,8 @@
  * stiffness along its line of action is taken into the system:
  *     (K + K_phi) du = -(f_int + f_phi),     f_phi = q A N_I phi' m,    K_phi = q A N_I N_J phi'' m m^T
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
- * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits.
+ * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge are
+ * relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
  *
  * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
  * dynamics: with its stiffness damping the same number of steps led to the same end.
@@ -65,7 +66,9 @@ typedef struct reg_match_def {
                                * landmarks it is not asked for */
     sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
                                * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2 */
+    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
+                               * of loads normal to the surface. 7 takes half the steps and holds on to what is near
+                               * from the beginning: better by a quarter where the surface was dragged along itself */
     sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
                                * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */

@@ -49,12 +49,14 @@ struct reg_match {
     sb_vec3 *targets;          /* [landmark_count], in the order of the def */
     sb_vec3 *pull;             /* [nodes] force of charges and landmarks (N) */
     sb_vec3 *trial;            /* [nodes] */
+    sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
     sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
 
     /* state */
     sb_real charge, reach;     /* Young's moduli; m */
     sb_real last_mean;         /* m */
+    sb_real relaxation;        /* share of the increment that the last step took; 0: that was not at full charge */
     int calm;                  /* steps running that the mean distance did not fall */
     reg_match_info info;
 };

@@ -311,6 +311,36 @@ REGI_API sb_result regi_match_move(reg_match *match)
 
 /* ---- control ---- */
 
+/* 1 when neither charge nor reach changes any more. */
+static int regi_match_is_full(const reg_match *match)
+{
+    return match->charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
+}
+
+/* Along the surface only the body holds a charge, and where that rests on an edge between two facets of the target each
+ * step turns it over to the other one: at full charge places would swing to and fro for ever. Aitken's relaxation takes
+ * the share of the increment at which the last two cancel out; all of it where they grow, since then something moved.
+ * Supports go where they are to be in any case. */
+static void regi_match_relax(reg_match *match)
+{
+    const sb_real least = (sb_real)0.1;
+    sb_body *b = match->body;
+    double fall = 0, square = 0;
+    sb_real share = 1;
+    for (int i = 0; i < b->domain.node_count && match->relaxation > 0; i++) {
+        sb_vec3 less = sb_v3_sub(match->last[i], b->increment[i]);
+        fall += (double)sb_v3_dot(match->last[i], less);
+        square += (double)sb_v3_dot(less, less);
+    }
+    if (fall > 0)
+        share = sb_max(least, sb_min(match->relaxation * (sb_real)(fall / square), 1));
+    for (int i = 0; i < b->domain.node_count; i++) {
+        match->last[i] = b->increment[i];
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], b->increment[i], sb_v3_scale(share, b->increment[i]));
+    }
+    match->relaxation = share;
+}
+
 /* q <- q clamp(I_int / I_phi), and a partial target's reach shrinks. */
 static void regi_match_raise(reg_match *match, double elastic, double electric)
 {
@@ -324,8 +354,7 @@ static void regi_match_raise(reg_match *match, double elastic, double electric)
 static void regi_match_judge(reg_match *match)
 {
     sb_real mean = match->info.mean_distance;
-    int full = match->info.charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
-    match->calm = full && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
+    match->calm = regi_match_is_full(match) && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
     if (!(mean >= match->last_mean))
         match->last_mean = mean;
     match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
@@ -347,6 +376,8 @@ static sb_result regi_match_try(reg_match *match)
     if (result == SB_OK)
         result = regi_match_solve(match);
     match->info.seconds_solve = regi_match_now(match) - assembled;
+    if (result == SB_OK && regi_match_is_full(match))
+        regi_match_relax(match);
     if (result == SB_OK)
         result = regi_match_move(match);
     if (result != SB_OK)
