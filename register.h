@@ -783,7 +783,8 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
  * stiffness along its line of action is taken into the system:
  *     (K + K_phi) du = -(f_int + f_phi),     f_phi = q A N_I phi' m,    K_phi = q A N_I N_J phi'' m m^T
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
- * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits.
+ * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge are
+ * relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
  *
  * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
  * dynamics: with its stiffness damping the same number of steps led to the same end.
@@ -839,7 +840,9 @@ typedef struct reg_match_def {
                                * landmarks it is not asked for */
     sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
                                * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2 */
+    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
+                               * of loads normal to the surface. 7 takes half the steps and holds on to what is near
+                               * from the beginning: better by a quarter where the surface was dragged along itself */
     sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
                                * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
@@ -5841,12 +5844,14 @@ struct reg_match {
     sb_vec3 *targets;          /* [landmark_count], in the order of the def */
     sb_vec3 *pull;             /* [nodes] force of charges and landmarks (N) */
     sb_vec3 *trial;            /* [nodes] */
+    sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
     sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
 
     /* state */
     sb_real charge, reach;     /* Young's moduli; m */
     sb_real last_mean;         /* m */
+    sb_real relaxation;        /* share of the increment that the last step took; 0: that was not at full charge */
     int calm;                  /* steps running that the mean distance did not fall */
     reg_match_info info;
 };
@@ -6130,6 +6135,7 @@ static void regi_match_layout(reg_match *match, sbi_arena *arena)
     match->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)match->landmark_count, sizeof(sb_vec3));
     match->pull = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->trial = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    match->last = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->local = (sb_real *)sbi_arena_take(arena, 3 * width, 3 * width * sizeof(sb_real));
 }
 
@@ -6308,6 +6314,7 @@ REG_API void reg_match_restart(reg_match *match)
     match->charge = match->first_charge;
     match->reach = match->first_reach;
     match->last_mean = SB_REAL_MAX;
+    match->relaxation = 0;
     match->calm = 0;
 }
 
@@ -6323,6 +6330,7 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
     if (match->landmark_count)
         memcpy(match->targets, targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     match->last_mean = SB_REAL_MAX;
+    match->relaxation = 0;
     match->calm = 0;
     match->info.stop = REG_MATCH_RUNNING;
     return SB_OK;
@@ -6667,6 +6675,36 @@ REGI_API sb_result regi_match_move(reg_match *match)
 
 /* ---- control ---- */
 
+/* 1 when neither charge nor reach changes any more. */
+static int regi_match_is_full(const reg_match *match)
+{
+    return match->charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
+}
+
+/* Along the surface only the body holds a charge, and where that rests on an edge between two facets of the target each
+ * step turns it over to the other one: at full charge places would swing to and fro for ever. Aitken's relaxation takes
+ * the share of the increment at which the last two cancel out; all of it where they grow, since then something moved.
+ * Supports go where they are to be in any case. */
+static void regi_match_relax(reg_match *match)
+{
+    const sb_real least = (sb_real)0.1;
+    sb_body *b = match->body;
+    double fall = 0, square = 0;
+    sb_real share = 1;
+    for (int i = 0; i < b->domain.node_count && match->relaxation > 0; i++) {
+        sb_vec3 less = sb_v3_sub(match->last[i], b->increment[i]);
+        fall += (double)sb_v3_dot(match->last[i], less);
+        square += (double)sb_v3_dot(less, less);
+    }
+    if (fall > 0)
+        share = sb_max(least, sb_min(match->relaxation * (sb_real)(fall / square), 1));
+    for (int i = 0; i < b->domain.node_count; i++) {
+        match->last[i] = b->increment[i];
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], b->increment[i], sb_v3_scale(share, b->increment[i]));
+    }
+    match->relaxation = share;
+}
+
 /* q <- q clamp(I_int / I_phi), and a partial target's reach shrinks. */
 static void regi_match_raise(reg_match *match, double elastic, double electric)
 {
@@ -6680,8 +6718,7 @@ static void regi_match_raise(reg_match *match, double elastic, double electric)
 static void regi_match_judge(reg_match *match)
 {
     sb_real mean = match->info.mean_distance;
-    int full = match->info.charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
-    match->calm = full && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
+    match->calm = regi_match_is_full(match) && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
     if (!(mean >= match->last_mean))
         match->last_mean = mean;
     match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
@@ -6703,6 +6740,8 @@ static sb_result regi_match_try(reg_match *match)
     if (result == SB_OK)
         result = regi_match_solve(match);
     match->info.seconds_solve = regi_match_now(match) - assembled;
+    if (result == SB_OK && regi_match_is_full(match))
+        regi_match_relax(match);
     if (result == SB_OK)
         result = regi_match_move(match);
     if (result != SB_OK)

@@ -26807,7 +26807,7 @@ typedef struct sbi_assembly {
                                     * energy watches: the rule makes it jump */
     sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
                                     * size of the moduli, so this times epsilon is their rounding error */
-    int batched;                   /* tet4 with every material corotated: the batched loops hold */
+    int batched;                   /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
     sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
     sb_quat *saved_rotations;      /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
     int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
@@ -26825,13 +26825,17 @@ typedef struct sbi_assembly {
                                     * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
     sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
 
-    /* tet4 with corotated material: cells in batches of vector lanes, blocks gathered edge by edge */
-    sb_real *batch_gradients;      /* [batch_count][9][SB_POLAR_LANES]: gradients of nodes 1..3 */
-    sb_real *batch_quats;          /* [batch_count][4][SB_POLAR_LANES] */
+    /* tet4 and tet10 with corotated material (see assembly_batch.h): cells in batches of vector lanes, blocks gathered
+     * edge by edge. n nodes and q points per cell */
+    int mixed;                     /* 1: not all cells have the same lambda / mu */
+    sb_real *batch_gradients;      /* [batch_count][q][3 (n - 1)][SB_POLAR_LANES]: gradients of nodes 1 .. n - 1 */
+    sb_real *batch_moduli;         /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
+    sb_real *batch_quats;          /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
     sb_real *saved_batch_quats;
-    sb_real *rotated;              /* [cell_count][16]: R g_a of 4 nodes, w lambda, w mu, 0, 0 */
+    sb_real *rotated;              /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
+    sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
-    int *pairs;                    /* [6 cell_count] 16 cell + 4 a + b */
+    int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
 } sbi_assembly;
 
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
@@ -26890,12 +26894,647 @@ SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 /* The cells of one material (-1: all) forget: as if they had been at u for ever. */
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
 
+/* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
+ * [points_per_cell] deformation gradients and what they turn by. */
+SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                sb_quat *rotation);
+
 /* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
  * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);
 
 #endif /* SB_ASSEMBLY_H */
+
+/* ==== src/softbody/assembly_batch.h ==== */
+/* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. Floor 2, internal.
+ *
+ * Force: lane l of a batch is cell l; every loop over lanes is one compilers turn into vector instructions, and no lane
+ * looks at another, so that vectors or not makes no difference to the bits.
+ *
+ * Tangent. With h_a = sqrt(w mu) R grad N_a at each point and S_ab = sum over points of h_a h_b^T,
+ *     K_ab = sum over cells of (lambda / mu) S_ab + S_ab^T + tr(S_ab) I,
+ * which is R C R^T (formula sheet, section 4). First the h of all cells are written; then each block above the diagonal
+ * is summed over the cells of its edge and written once, by its row; then each row fetches the transposes below its
+ * diagonal, and its diagonal block as what makes a translation cost nothing. Rows have one writer: no colours, no
+ * clearing, and the same bits for any number of threads. */
+#ifndef SB_ASSEMBLY_BATCH_H
+#define SB_ASSEMBLY_BATCH_H
+
+
+/* 1 when the batched loops can serve cells of this kind, if their materials are SB_COROTATED. */
+SBI_API int sbi_batch_fits(const sb_domain *domain);
+/* Takes the arrays of the batched loops from the arena; for domains that fit. */
+SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
+/* Copies the gradients into lanes. */
+SBI_API void sbi_batch_fill(sbi_assembly *assembly);
+/* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
+SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix);
+/* Takes over the moduli of the cells' materials. */
+SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
+/* Rotations become the identity; only where the batched loops keep their own. */
+SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
+/* Saves the rotations that the batched loops keep of their own, or brings them back. */
+SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
+
+/* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
+SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
+/* matrix = factor R C R^T with the rotations as they are. */
+SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
+
+#endif /* SB_ASSEMBLY_BATCH_H */
+
+/* ==== src/softbody/assembly_batch.c ==== */
+/* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
+
+#include <string.h>
+
+/* ---- set-up ---- */
+
+SBI_API int sbi_batch_fits(const sb_domain *domain)
+{
+    int is_tet4 = domain->element_type == SB_TET4 && domain->points_per_cell == 1;
+    int is_tet10 = domain->element_type == SB_TET10 && domain->points_per_cell == 4;
+    return (is_tet4 || is_tet10) && domain->cell_count < INT32_MAX / 256 - SB_POLAR_LANES; /* see sbi_batch_pair */
+}
+
+static size_t sbi_batch_count(const sb_domain *domain)
+{
+    return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+}
+
+/* Reals that the tangent keeps of a cell: its rotated gradients. */
+static size_t sbi_batch_rotated_size(const sb_domain *domain)
+{
+    return 3 * (size_t)domain->nodes_per_cell * (size_t)domain->points_per_cell;
+}
+
+SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
+{
+    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
+    assembly->batch_moduli = (sb_real *)sbi_arena_take(arena, batches * q, 3 * lane);
+    if (q == 1) {
+        assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
+        assembly->saved_batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
+    }
+    assembly->rotated =
+        (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
+    assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
+    assembly->pairs = (int *)sbi_arena_take(arena, cells, n * (n - 1) / 2 * sizeof(int));
+}
+
+/* What stands in a lane: lanes beyond the last cell repeat it. */
+static int sbi_batch_cell(const sb_domain *domain, int batch, int lane)
+{
+    return sbi_min_int(batch * SB_POLAR_LANES + lane, domain->cell_count - 1);
+}
+
+SBI_API void sbi_batch_fill(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    int n = domain->nodes_per_cell, q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
+    sb_real *out = assembly->batch_gradients;
+    for (int batch = 0; batch < batches; batch++)
+        for (int p = 0; p < q; p++)
+            for (int k = 3; k < 3 * n; k++)
+                for (int l = 0; l < SB_POLAR_LANES; l++) {
+                    size_t point = (size_t)sbi_batch_cell(domain, batch, l) * (size_t)q + (size_t)p;
+                    *out++ = domain->gradients[point * 3 * (size_t)n + (size_t)k];
+                }
+}
+
+/* A cell and two of its nodes in one number. */
+enum { SBI_PAIR_NODE_BITS = 4 };
+static int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
+
+SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    int *start = assembly->pair_start, n = domain->nodes_per_cell;
+    memset(start, 0, ((size_t)matrix->block_count + 1) * sizeof *start);
+    for (int pass = 0; pass < 2; pass++) {
+        const int *block = assembly->scatter;
+        for (int e = 0; e < domain->cell_count; e++) {
+            const int *cell = domain->cells + (size_t)n * (size_t)e;
+            for (int a = 0; a < n; a++)
+                for (int b = a; b < n; b++, block++) {
+                    int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
+                    if (a == b)
+                        continue;
+                    if (pass == 0)
+                        start[at]++;
+                    else
+                        assembly->pairs[start[at]++] = flip ? sbi_batch_pair(e, b, a) : sbi_batch_pair(e, a, b);
+                }
+        }
+        for (int i = 0, sum = 0; pass == 0 && i <= matrix->block_count; i++) {
+            int count = start[i];
+            start[i] = sum;
+            sum += count;
+        }
+    }
+    memmove(start + 1, start, (size_t)matrix->block_count * sizeof *start);
+    start[0] = 0;
+}
+
+SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
+    sb_real *out = assembly->batch_moduli;
+    for (int batch = 0; batch < batches; batch++)
+        for (int p = 0; p < q; p++, out += 3 * SB_POLAR_LANES)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                int e = sbi_batch_cell(domain, batch, l);
+                const sb_material *material = assembly->materials + assembly->cell_material[e];
+                sb_real w = domain->weights[(size_t)e * (size_t)q + (size_t)p];
+                out[l] = w * material->lambda;
+                out[SB_POLAR_LANES + l] = w * material->mu;
+                out[2 * SB_POLAR_LANES + l] = sb_sqrt(w * material->mu);
+            }
+    assembly->mixed = 0;
+    for (int e = 0; e < domain->cell_count; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        assembly->ratios[e] = material->lambda / material->mu;
+        assembly->mixed |= assembly->ratios[e] < assembly->ratios[0] || assembly->ratios[e] > assembly->ratios[0];
+    }
+}
+
+SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
+{
+    for (size_t i = 0; assembly->batch_quats && i < sbi_batch_count(assembly->domain) * 4 * SB_POLAR_LANES; i++)
+        assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+}
+
+SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore)
+{
+    memcpy(restore ? assembly->batch_quats : assembly->saved_batch_quats,
+           restore ? assembly->saved_batch_quats : assembly->batch_quats,
+           sbi_batch_count(assembly->domain) * 4 * SB_POLAR_LANES * sizeof(sb_real));
+}
+
+/* ---- force ---- */
+
+/* Differences u_a - u_0 of nodes a >= 1 of the cells of a batch, component by component. */
+SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const sb_vec3 *u, const int n,
+                                       sb_real (*d)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
+        sb_vec3 origin = u[cell[0]];
+        for (int a = 0; a < n - 1; a++) {
+            sb_vec3 v = u[cell[a + 1]];
+            d[3 * a][l] = v.x - origin.x;
+            d[3 * a + 1][l] = v.y - origin.y;
+            d[3 * a + 2][l] = v.z - origin.z;
+        }
+    }
+}
+
+/* F = I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
+                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
+                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            f[k][l] = k % 4 == 0 ? (sb_real)1 : (sb_real)0;
+    for (int a = 0; a < n - 1; a++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                for (int l = 0; l < SB_POLAR_LANES; l++)
+                    f[3 * i + j][l] += d[3 * a + i][l] * g[3 * a + j][l];
+}
+
+/* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
+SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                       const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                       sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    sb_real trace[SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        trace[l] = -3;
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            trace[l] += r[k][l] * f[k][l];
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
+}
+
+/* out[3 a + i] += sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to the gradients of nodes a >= 1. */
+SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*SB_RESTRICT m)[SB_POLAR_LANES],
+                                      const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int add,
+                                      sb_real (*SB_RESTRICT out)[SB_POLAR_LANES])
+{
+    for (int a = 0; a < n - 1; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real sum = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
+                              m[3 * i + 2][l] * g[3 * a + 2][l];
+                out[3 * a + i][l] = add ? out[3 * a + i][l] + sum : sum;
+            }
+}
+
+/* Adds the forces of a batch to its nodes; node 0 has what makes their sum nothing. */
+SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                                        const int n, sb_vec3 *force)
+{
+    int count = sbi_min_int(SB_POLAR_LANES, domain->cell_count - batch * SB_POLAR_LANES);
+    for (int l = 0; l < count; l++) {
+        const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
+        sb_vec3 sum = {0, 0, 0};
+        for (int a = 0; a < n - 1; a++) {
+            sb_vec3 *node = force + cell[a + 1];
+            sum.x += f[3 * a][l], node->x += f[3 * a][l];
+            sum.y += f[3 * a + 1][l], node->y += f[3 * a + 1][l];
+            sum.z += f[3 * a + 2][l], node->z += f[3 * a + 2][l];
+        }
+        force[cell[0]] = sb_v3_sub(force[cell[0]], sum);
+    }
+}
+
+/* Warm starts of a point of a batch into lanes, or back. */
+SBI_FORCE_INLINE void sbi_batch_load_quats(const sbi_assembly *assembly, int batch, int p, const int q,
+                                           sb_real (*quats)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        size_t e = (size_t)sbi_batch_cell(assembly->domain, batch, l);
+        sb_quat at = assembly->rotations[e * (size_t)q + (size_t)p];
+        quats[0][l] = at.w;
+        quats[1][l] = at.x;
+        quats[2][l] = at.y;
+        quats[3][l] = at.z;
+    }
+}
+
+SBI_FORCE_INLINE void sbi_batch_store_quats(sbi_assembly *assembly, int batch, int p, const int q,
+                                            const sb_real (*quats)[SB_POLAR_LANES])
+{
+    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
+    for (int l = 0; l < count; l++) {
+        size_t e = (size_t)(batch * SB_POLAR_LANES + l);
+        assembly->rotations[e * (size_t)q + (size_t)p] =
+            sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]);
+    }
+}
+
+typedef sb_real sbi_batch_rows[SB_POLAR_LANES];
+#define SBI_BATCH_ROWS(pointer) ((const sb_real(*)[SB_POLAR_LANES])(pointer))
+
+static sb_real *sbi_batch_gradients_at(const sbi_assembly *assembly, int batch, int p, const int n, const int q)
+{
+    size_t point = (size_t)batch * (size_t)q + (size_t)p;
+    return assembly->batch_gradients + point * 3 * (size_t)(n - 1) * SB_POLAR_LANES;
+}
+
+static const sb_real *sbi_batch_moduli_at(const sbi_assembly *assembly, int batch, int p, const int q)
+{
+    return assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES;
+}
+
+/* Smallest |cos| of half the angle between the rotations of two points of a tet10, over all cells of a batch. */
+static sb_real sbi_batch_least_cos(const sb_real (*quats)[SB_POLAR_LANES])
+{
+    sbi_batch_rows square;
+    sb_real least = 1;
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        square[l] = 1;
+    for (int i = 4; i < 16; i += 4)
+        for (int j = 0; j < i; j += 4)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real dot = quats[i][l] * quats[j][l] + quats[i + 1][l] * quats[j + 1][l] +
+                              quats[i + 2][l] * quats[j + 2][l] + quats[i + 3][l] * quats[j + 3][l];
+                square[l] = dot * dot < square[l] ? dot * dot : square[l];
+            }
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        least = square[l] < least ? square[l] : least;
+    return sb_sqrt(least);
+}
+
+/* R sym(R^T F): what corotated stress sees of F when R is not the rotation of F. */
+static sb_mat3 sbi_batch_straighten(sb_mat3 r, sb_mat3 f)
+{
+    sb_mat3 b = sb_m3_tmul(r, f);
+    return sb_m3_mul(r, sb_m3_scale((sb_real)0.5, sb_m3_add(b, sb_m3_transpose(b))));
+}
+
+/* The same for a point of a batch, in place of F. */
+static void sbi_batch_straighten_point(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                       sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 a, b;
+        for (int k = 0; k < 9; k++) {
+            a.m[k / 3][k % 3] = r[k][l];
+            b.m[k / 3][k % 3] = f[k][l];
+        }
+        b = sbi_batch_straighten(a, b);
+        for (int k = 0; k < 9; k++)
+            f[k][l] = b.m[k / 3][k % 3];
+    }
+}
+
+/* One rotation for the cells of a tet10 batch that are knotted, and F as sbi_batch_straighten leaves it. */
+static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
+                             sb_real (*quats)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 gradient[4], shared;
+        sb_quat rotation[4];
+        for (int p = 0; p < 4; p++) {
+            rotation[p] = sb_quat_make(quats[4 * p][l], quats[4 * p + 1][l], quats[4 * p + 2][l], quats[4 * p + 3][l]);
+            for (int k = 0; k < 9; k++)
+                gradient[p].m[k / 3][k % 3] = f[9 * p + k][l];
+        }
+        if (!sbi_assembly_unknot(assembly, sbi_batch_cell(assembly->domain, batch, l), u, gradient, rotation))
+            continue;
+        shared = sb_quat_to_mat3(rotation[0]);
+        for (int p = 0; p < 4; p++) {
+            quats[4 * p][l] = rotation[p].w;
+            quats[4 * p + 1][l] = rotation[p].x;
+            quats[4 * p + 2][l] = rotation[p].y;
+            quats[4 * p + 3][l] = rotation[p].z;
+            gradient[p] = sbi_batch_straighten(shared, gradient[p]);
+            for (int k = 0; k < 9; k++) {
+                r[9 * p + k][l] = shared.m[k / 3][k % 3];
+                f[9 * p + k][l] = gradient[p].m[k / 3][k % 3];
+            }
+        }
+    }
+}
+
+/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these as
+ * they are afterwards. */
+static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
+                                    sb_real (*r)[SB_POLAR_LANES])
+{
+    const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_unknot decides, at 0.5 */
+    sbi_batch_rows quats[16];
+    for (int p = 0; p < 4; p++) {
+        sbi_batch_load_quats(assembly, batch, p, 4, quats + 4 * p);
+        sb_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
+    }
+    if (assembly->unknots && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
+        sbi_batch_unknot(assembly, batch, u, f, quats, r);
+    for (int p = 0; p < 4; p++)
+        sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats + 4 * p));
+}
+
+/* The same with one rotation per cell, that of its corners; d: differences of displacements. */
+static void sbi_batch_rotate_corners(sbi_assembly *assembly, int batch, const sb_real (*d)[SB_POLAR_LANES],
+                                     sb_real (*f)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[4], g[9], corners[9];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        size_t e = (size_t)sbi_batch_cell(assembly->domain, batch, l);
+        for (int k = 0; k < 9; k++)
+            g[k][l] = assembly->domain->corner_gradients[12 * e + 3 + (size_t)k];
+    }
+    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, corners);
+    sbi_batch_load_quats(assembly, batch, 0, 4, quats);
+    sb_polar_batch(corners, quats, r);
+    for (int p = 0; p < 4; p++) {
+        sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats));
+        if (p > 0)
+            memcpy(r + 9 * p, r, 9 * sizeof r[0]);
+        sbi_batch_straighten_point(SBI_BATCH_ROWS(r), f + 9 * p);
+    }
+}
+
+static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+{
+    sbi_batch_rows d[27], f[36], r[36];
+    sbi_batch_gather(assembly->domain, batch, u, 10, d);
+    for (int p = 0; p < 4; p++)
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, f + 9 * p);
+    if (assembly->domain->single_rotation)
+        sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
+    else
+        sbi_batch_rotate_points(assembly, batch, u, f, r);
+    memset(d, 0, sizeof d);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
+        sbi_batch_stress(SBI_BATCH_ROWS(r + 9 * p), moduli, moduli + SB_POLAR_LANES, f + 9 * p);
+        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, d);
+    }
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
+}
+
+static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+{
+    sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, 4, 1);
+    const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
+    sbi_batch_rows d[9], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, u, 4, d);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, f);
+    sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
+    sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
+    sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 4, force);
+}
+
+SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
+{
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
+        if (assembly->domain->element_type == SB_TET4)
+            sbi_batch_force_tet4(assembly, u, force, batch);
+        else
+            sbi_batch_force_tet10(assembly, u, force, batch);
+}
+
+/* ---- tangent: rotated gradients ---- */
+
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch; all nodes a when p goes through 0 .. q - 1. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n, const int q,
+                                                 sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
+{
+    const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
+    const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
+    sbi_batch_rows quats[4], r[9], sum[3];
+    if (q == 1)
+        memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
+    else
+        sbi_batch_load_quats(assembly, batch, p, q, quats);
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = scale[l] * m.m[k / 3][k % 3];
+    }
+    memset(sum, 0, sizeof sum);
+    for (int a = 1; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
+                                 r[3 * i + 2][l] * g[3 * a - 1][l];
+                h[3 * (q * a + p) + i][l] = turned;
+                sum[i][l] -= turned;
+            }
+    memcpy(h + 3 * p, sum, sizeof sum);
+}
+
+/* The rotated gradients of the cells of a batch. */
+SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, const int n, const int q)
+{
+    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
+    sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
+    sbi_batch_rows h[120];
+    for (int p = 0; p < q; p++)
+        sbi_batch_rotate_gradients(assembly, batch, p, n, q, h);
+    for (int l = 0; l < count; l++, out += 3 * n * q)
+        for (int k = 0; k < 3 * n * q; k++)
+            out[k] = h[k][l];
+}
+
+typedef struct sbi_batch_job {
+    sbi_assembly *assembly;
+    sb_matrix *matrix;
+    sb_real factor;
+} sbi_batch_job;
+
+static void sbi_batch_rotate_chunk(void *user, int chunk)
+{
+    sbi_assembly *assembly = ((const sbi_batch_job *)user)->assembly;
+    int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
+    int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
+    for (; batch < end; batch++)
+        if (assembly->domain->element_type == SB_TET4)
+            sbi_batch_rotate(assembly, batch, 4, 1);
+        else
+            sbi_batch_rotate(assembly, batch, 10, 4);
+}
+
+/* ---- tangent: rows ---- */
+
+enum { SBI_ROWS_PER_TASK = 128 };
+
+/* A row of a 3x3 block; as vector, its fourth number means nothing. Both forms give the same bits. */
+#if SBI_HAS_LANES
+typedef sbi_lanes sbi_batch_row;
+#define SBI_ROW_AT(row, j) ((row)[j])
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_scale(sb_real a, const sb_real *b) { return a * SBI_LANES_AT(b); }
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_batch_row b) { return sum + a * b; }
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return a + b; }
+#else
+typedef sb_vec3 sbi_batch_row;
+#define SBI_ROW_AT(row, j) ((j) == 0 ? (row).x : (j) == 1 ? (row).y : (row).z)
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_scale(sb_real a, const sb_real *b)
+{
+    return sb_v3(a * b[0], a * b[1], a * b[2]);
+}
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_batch_row b)
+{
+    return sb_v3_madd(sum, a, b);
+}
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return sb_v3_add(a, b); }
+#endif
+
+/* s = sum over the points of a cell of h_a h_b^T. */
+SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
+{
+    for (int i = 0; i < 3; i++)
+        s[i] = sbi_batch_scale(a[i], b);
+    for (int p = 1; p < q; p++)
+        for (int i = 0; i < 3; i++)
+            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
+}
+
+/* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const int n, const int q, const int mixed,
+                                      sb_real factor, sb_real *out)
+{
+    static const sb_real zeros[4] = {0, 0, 0, 0};
+    sbi_batch_row s[3], l[3];
+    sb_real trace;
+    for (int i = 0; i < 3; i++)
+        s[i] = l[i] = sbi_batch_scale(0, zeros);
+    for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
+        int pair = assembly->pairs[p];
+        size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
+        const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
+        sbi_batch_row t[3];
+        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
+        for (int i = 0; i < 3; i++) {
+            s[i] = sbi_batch_add(s[i], t[i]);
+            if (mixed)
+                l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
+        }
+    }
+    for (int i = 0; !mixed && i < 3; i++)
+        l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
+    trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] =
+                factor * (SBI_ROW_AT(l[i], j) + SBI_ROW_AT(s[j], i) + (i == j ? trace : (sb_real)0));
+}
+
+SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q, const int mixed)
+{
+    sb_matrix *matrix = job->matrix;
+    int begin = index * SBI_ROWS_PER_TASK;
+    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    for (int row = begin; row < end; row++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+            sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
+}
+
+static void sbi_batch_upper(void *user, int index)
+{
+    const sbi_batch_job *job = (const sbi_batch_job *)user;
+    int is_tet4 = job->assembly->domain->element_type == SB_TET4;
+    if (is_tet4 && job->assembly->mixed)
+        sbi_batch_upper_rows(job, index, 4, 1, 1);
+    else if (is_tet4)
+        sbi_batch_upper_rows(job, index, 4, 1, 0);
+    else if (job->assembly->mixed)
+        sbi_batch_upper_rows(job, index, 10, 4, 1);
+    else
+        sbi_batch_upper_rows(job, index, 10, 4, 0);
+}
+
+/* Transposes below the diagonal, and the diagonal: a rigid translation costs nothing, so K_ii = - sum over j != i of
+ * K_ij. */
+static void sbi_batch_lower(void *user, int index)
+{
+    sb_matrix *matrix = ((const sbi_batch_job *)user)->matrix;
+    int begin = index * SBI_ROWS_PER_TASK;
+    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    for (int row = begin; row < end; row++) {
+        int diagonal = matrix->diagonal[row];
+        sb_real sum[9] = {0}, *out = matrix->blocks[diagonal];
+        for (int k = matrix->row_start[row]; k < diagonal; k++) {
+            const sb_real *upper = matrix->blocks[matrix->transpose[k]];
+            sb_real *lower = matrix->blocks[k];
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    sum[3 * j + i] -= upper[3 * i + j];
+                    lower[3 * j + i] = upper[3 * i + j];
+                }
+        }
+        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+            for (int c = 0; c < 9; c++)
+                sum[c] -= matrix->blocks[k][c];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                out[3 * i + j] = (sb_real)0.5 * (sum[3 * i + j] + sum[3 * j + i]);
+    }
+}
+
+SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix)
+{
+    int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
+    sbi_batch_job job;
+    job.assembly = assembly;
+    job.matrix = matrix;
+    job.factor = factor;
+    sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
+    sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
+    sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);
+}
 
 /* ==== src/softbody/assembly.c ==== */
 /* assembly: loops over integration points. */
@@ -26909,17 +27548,6 @@ static int sbi_assembly_chunk_size(int cell_count)
     int size = cell_count / 64; /* enough chunks for many threads, each long enough to be worth a task */
     size = size < 16 ? 16 : size > 256 ? 256 : size;
     return (size + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
-}
-
-static size_t sbi_assembly_batch_count(const sb_domain *domain)
-{
-    return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
-}
-
-/* The batched loops are for tet4; 16 cells + pair must fit an int. */
-static int sbi_assembly_can_batch(const sb_domain *domain)
-{
-    return domain->element_type == SB_TET4 && domain->cell_count < INT32_MAX / 16 - SB_POLAR_LANES;
 }
 
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
@@ -26942,16 +27570,8 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
     assembly->chunk_energy = (sb_real *)sbi_arena_take(arena, chunks, sizeof(sb_real));
     assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
-    if (sbi_assembly_can_batch(domain)) {
-        size_t batches = sbi_assembly_batch_count(domain);
-        assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches, 9 * SB_POLAR_LANES * sizeof(sb_real));
-        assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
-        assembly->saved_batch_quats =
-            (sb_real *)sbi_arena_take(arena, batches, 4 * SB_POLAR_LANES * sizeof(sb_real));
-        assembly->rotated = (sb_real *)sbi_arena_take(arena, batches * SB_POLAR_LANES, 16 * sizeof(sb_real));
-        assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
-        assembly->pairs = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
-    }
+    if (sbi_batch_fits(domain))
+        sbi_batch_layout(assembly, domain, block_count, arena);
 }
 
 static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
@@ -27014,58 +27634,13 @@ static void sbi_assembly_map_blocks(sbi_assembly *assembly, const sb_matrix *mat
     }
 }
 
-/* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
-static void sbi_assembly_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    const sb_domain *domain = assembly->domain;
-    int *start = assembly->pair_start;
-    memset(start, 0, ((size_t)matrix->block_count + 1) * sizeof *start);
-    for (int pass = 0; pass < 2; pass++) {
-        for (int e = 0; e < domain->cell_count; e++) {
-            const int *cell = domain->cells + 4 * (size_t)e, *block = assembly->scatter + 10 * (size_t)e;
-            for (int a = 0; a < 4; a++)
-                for (int b = a; b < 4; b++, block++) {
-                    int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
-                    if (a == b)
-                        continue;
-                    if (pass == 0)
-                        start[at]++;
-                    else
-                        assembly->pairs[start[at]++] = 16 * e + (flip ? 4 * b + a : 4 * a + b);
-                }
-        }
-        for (int i = 0, sum = 0; pass == 0 && i <= matrix->block_count; i++) {
-            int count = start[i];
-            start[i] = sum;
-            sum += count;
-        }
-    }
-    memmove(start + 1, start, (size_t)matrix->block_count * sizeof *start);
-    start[0] = 0;
-}
-
-static void sbi_assembly_fill_batches(sbi_assembly *assembly)
-{
-    const sb_domain *domain = assembly->domain;
-    size_t batches = sbi_assembly_batch_count(domain);
-    memset(assembly->batch_gradients, 0, batches * 9 * SB_POLAR_LANES * sizeof(sb_real));
-    memset(assembly->rotated, 0, batches * SB_POLAR_LANES * 16 * sizeof(sb_real));
-    for (int e = 0; e < domain->cell_count; e++) {
-        sb_real *batch = assembly->batch_gradients + (size_t)(e / SB_POLAR_LANES) * 9 * SB_POLAR_LANES + e % SB_POLAR_LANES;
-        for (int k = 0; k < 9; k++)
-            batch[k * SB_POLAR_LANES] = domain->gradients[12 * (size_t)e + 3 + (size_t)k];
-    }
-}
-
 SBI_API void sbi_assembly_reset_rotations(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
     size_t count = (size_t)domain->cell_count * (size_t)domain->points_per_cell;
     for (size_t i = 0; i < count; i++)
         assembly->rotations[i] = sb_quat_identity();
-    if (sbi_assembly_can_batch(domain))
-        for (size_t i = 0; i < sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES; i++)
-            assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+    sbi_batch_reset_rotations(assembly);
 }
 
 /* Copies the warm starts one way or the other. */
@@ -27073,10 +27648,8 @@ static void sbi_assembly_copy_rotations(sbi_assembly *assembly, int restore)
 {
     const sb_domain *domain = assembly->domain;
     size_t bytes = (size_t)domain->cell_count * (size_t)domain->points_per_cell * sizeof(sb_quat);
-    size_t batch_bytes = sbi_assembly_batch_count(domain) * 4 * SB_POLAR_LANES * sizeof(sb_real);
-    if (assembly->batched)
-        memcpy(restore ? assembly->batch_quats : assembly->saved_batch_quats,
-               restore ? assembly->saved_batch_quats : assembly->batch_quats, batch_bytes);
+    if (assembly->batched && assembly->batch_quats)
+        sbi_batch_copy_rotations(assembly, restore);
     else
         memcpy(restore ? assembly->rotations : assembly->saved_rotations,
                restore ? assembly->saved_rotations : assembly->rotations, bytes);
@@ -27089,14 +27662,14 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_assembly_can_batch(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
-        sbi_assembly_list_pairs(assembly, matrix);
+        sbi_batch_list_pairs(assembly, matrix);
     }
 }
 
@@ -27104,9 +27677,9 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 {
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
-    if (sbi_assembly_can_batch(assembly->domain)) {
-        sbi_assembly_list_pairs(assembly, matrix);
-        sbi_assembly_fill_batches(assembly);
+    if (sbi_batch_fits(assembly->domain)) {
+        sbi_batch_list_pairs(assembly, matrix);
+        sbi_batch_fill(assembly);
     }
     sbi_assembly_reset_rotations(assembly);
 }
@@ -27249,27 +27822,35 @@ static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, 
     return sb_m3_polar(sum, start);
 }
 
+/* A knot is a state into which violence drives quadratic elements: folded where no point sees it, the points so far
+ * turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone. */
+SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                sb_quat *rotation)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, ordinary = q - domain->mean_point;
+    sb_quat shared;
+    if (!sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
+        return 0;
+    shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
+    for (int p = 0; p < q; p++)
+        rotation[p] = shared;
+    return 1;
+}
+
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
- * because the cell is knotted. That is a state into which violence drives quadratic elements: folded where no point
- * sees it, the points so far turned against each other that their forces balance. One rotation has one rest shape, so
- * the cell comes undone. */
+ * because the cell is knotted. */
 static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
                            sb_quat *rotation)
 {
-    const sb_domain *domain = assembly->domain;
-    const int ordinary = sbi_cell_ordinary(q, scheme);
-    sb_quat shared;
-    if (scheme == SBI_CELL_SINGLE) {
-        shared = sbi_cell_corner_rotation(domain, e, u, rotation[0]);
-    } else {
+    if (scheme != SBI_CELL_SINGLE) {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        if (!assembly->unknots || !sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
-            return 0;
-        shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
+        return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
     }
-    for (int p = 0; p < q; p++)
-        rotation[p] = shared;
+    rotation[0] = sbi_cell_corner_rotation(assembly->domain, e, u, rotation[0]);
+    for (int p = 1; p < q; p++)
+        rotation[p] = rotation[0];
     return 1;
 }
 
@@ -27616,168 +28197,6 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     return bad;
 }
 
-/* ---- tet4 with corotated material: eight cells at a time, blocks gathered edge by edge ---- */
-
-/* Differences u_a - u_0 of nodes a = 1..3 of the cells of a batch, component by component. */
-static void sbi_batch_gather(const sb_domain *domain, int batch, const sb_vec3 *u, sb_real (*d)[SB_POLAR_LANES])
-{
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        int e = sbi_min_int(batch * SB_POLAR_LANES + l, domain->cell_count - 1);
-        const int *cell = domain->cells + 4 * (size_t)e;
-        sb_vec3 origin = u[cell[0]];
-        for (int a = 0; a < 3; a++) {
-            sb_vec3 v = u[cell[a + 1]];
-            d[3 * a][l] = v.x - origin.x;
-            d[3 * a + 1][l] = v.y - origin.y;
-            d[3 * a + 2][l] = v.z - origin.z;
-        }
-    }
-}
-
-/* out[3 a + i] = sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to three gradients, lane by lane. */
-SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*m)[SB_POLAR_LANES], const sb_real (*g)[SB_POLAR_LANES],
-                                      sb_real (*out)[SB_POLAR_LANES])
-{
-    for (int a = 0; a < 3; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++)
-                out[3 * a + i][l] = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
-                                    m[3 * i + 2][l] * g[3 * a + 2][l];
-}
-
-/* w lambda and w mu of the cells of a batch. */
-static void sbi_batch_moduli(const sbi_assembly *assembly, int batch, sb_real *lambda, sb_real *mu)
-{
-    const sb_domain *domain = assembly->domain;
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        int e = sbi_min_int(batch * SB_POLAR_LANES + l, domain->cell_count - 1);
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        lambda[l] = domain->weights[e] * material->lambda;
-        mu[l] = domain->weights[e] * material->mu;
-    }
-}
-
-/* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
-SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*r)[SB_POLAR_LANES], const sb_real *lambda, const sb_real *mu,
-                                       sb_real (*f)[SB_POLAR_LANES])
-{
-    sb_real trace[SB_POLAR_LANES];
-    for (int l = 0; l < SB_POLAR_LANES; l++)
-        trace[l] = -3;
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            trace[l] += r[k][l] * f[k][l];
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
-}
-
-/* Adds the forces of a batch to its nodes and stores the rotated gradients for the tangent. */
-static void sbi_batch_scatter(sbi_assembly_job *job, int batch, const sb_real (*f)[SB_POLAR_LANES],
-                              const sb_real (*h)[SB_POLAR_LANES], const sb_real *lambda, const sb_real *mu)
-{
-    const sb_domain *domain = job->assembly->domain;
-    int count = sbi_min_int(SB_POLAR_LANES, domain->cell_count - batch * SB_POLAR_LANES);
-    for (int l = 0; l < count; l++) {
-        size_t e = (size_t)(batch * SB_POLAR_LANES + l);
-        const int *cell = domain->cells + 4 * e;
-        sb_real *out = job->assembly->rotated + 16 * e;
-        sb_vec3 *origin = job->force + cell[0];
-        for (int i = 0; i < 3; i++)
-            out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
-        for (int k = 0; k < 9; k++)
-            out[3 + k] = h[k][l];
-        out[12] = lambda[l];
-        out[13] = mu[l];
-        origin->x -= f[0][l] + f[3][l] + f[6][l];
-        origin->y -= f[1][l] + f[4][l] + f[7][l];
-        origin->z -= f[2][l] + f[5][l] + f[8][l];
-        for (int a = 0; a < 3; a++) {
-            sb_vec3 *node = job->force + cell[a + 1];
-            node->x += f[3 * a][l];
-            node->y += f[3 * a + 1][l];
-            node->z += f[3 * a + 2][l];
-        }
-    }
-}
-
-static void sbi_batch_force(sbi_assembly_job *job, int begin, int end)
-{
-    sbi_assembly *assembly = job->assembly;
-    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++) {
-        const sb_real(*g)[SB_POLAR_LANES] = (const sb_real(*)[SB_POLAR_LANES])(assembly->batch_gradients +
-                                                                     (size_t)batch * 9 * SB_POLAR_LANES);
-        sb_real(*quats)[SB_POLAR_LANES] = (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES);
-        sb_real d[9][SB_POLAR_LANES], f[9][SB_POLAR_LANES], r[9][SB_POLAR_LANES], h[9][SB_POLAR_LANES];
-        sb_real lambda[SB_POLAR_LANES], mu[SB_POLAR_LANES];
-        sbi_batch_gather(assembly->domain, batch, job->u, d);
-        sbi_batch_moduli(assembly, batch, lambda, mu);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                for (int l = 0; l < SB_POLAR_LANES; l++)
-                    f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] +
-                                      d[3 + i][l] * g[3 + j][l] + d[6 + i][l] * g[6 + j][l];
-        sb_polar_batch(f, quats, r);
-        sbi_batch_stress((const sb_real(*)[SB_POLAR_LANES])r, lambda, mu, f);
-        sbi_batch_apply((const sb_real(*)[SB_POLAR_LANES])r, g, h);
-        sbi_batch_apply((const sb_real(*)[SB_POLAR_LANES])f, g, d);
-        sbi_batch_scatter(job, batch, (const sb_real(*)[SB_POLAR_LANES])d, (const sb_real(*)[SB_POLAR_LANES])h, lambda, mu);
-    }
-}
-
-enum { SBI_ROWS_PER_TASK = 128 };
-
-/* Blocks above the diagonal in some rows, and their transposes below it:
- * K_ij = sum over the cells of edge ij of w (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I). */
-static void sbi_edge_rows(void *user, int index)
-{
-    const sbi_assembly_job *job = (const sbi_assembly_job *)user;
-    const sbi_assembly *assembly = job->assembly;
-    sb_matrix *matrix = job->matrix;
-    int begin = index * SBI_ROWS_PER_TASK;
-    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
-    for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++) {
-            sb_real l[9] = {0}, m[9] = {0}; /* sums of w lambda h_a h_b^T and w mu h_a h_b^T */
-            sb_real *upper = matrix->blocks[k], *lower = matrix->blocks[matrix->transpose[k]];
-            for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
-                int pair = assembly->pairs[p];
-                const sb_real *h = assembly->rotated + 16 * (size_t)(pair >> 4);
-                const sb_real *a = h + 3 * (pair >> 2 & 3), *b = h + 3 * (pair & 3);
-                for (int i = 0; i < 3; i++)
-                    for (int j = 0; j < 3; j++) {
-                        sb_real product = a[i] * b[j];
-                        l[3 * i + j] += h[12] * product;
-                        m[3 * i + j] += h[13] * product;
-                    }
-            }
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) {
-                    sb_real dot = i == j ? m[0] + m[4] + m[8] : (sb_real)0;
-                    upper[3 * i + j] = lower[3 * j + i] = job->factor * (l[3 * i + j] + m[3 * j + i] + dot);
-                }
-        }
-}
-
-/* Diagonal blocks: a rigid translation costs nothing, so K_ii = - sum over j != i of K_ij. */
-static void sbi_edge_diagonals(void *user, int index)
-{
-    const sbi_assembly_job *job = (const sbi_assembly_job *)user;
-    sb_matrix *matrix = job->matrix;
-    int begin = index * SBI_ROWS_PER_TASK;
-    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
-    for (int row = begin; row < end; row++) {
-        sb_real sum[9] = {0}, *out = matrix->blocks[matrix->diagonal[row]];
-        for (int k = matrix->row_start[row]; k < matrix->row_start[row + 1]; k++)
-            if (k != matrix->diagonal[row])
-                for (int c = 0; c < 9; c++)
-                    sum[c] -= matrix->blocks[k][c];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                out[3 * i + j] = (sb_real)0.5 * (sum[3 * i + j] + sum[3 * j + i]);
-    }
-}
-
 /* ---- instances per element type ---- */
 
 #define SBI_EACH_ELEMENT(CALL)                                                                                  \
@@ -27807,8 +28226,8 @@ static void sbi_edge_diagonals(void *user, int index)
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-    if (SBI_ELEMENT_ENABLED(SB_TET4) && job->assembly->batched) {
-        sbi_batch_force(job, begin, end);
+    if (job->assembly->batched) {
+        sbi_batch_force(job->assembly, job->u, job->force, begin, end);
         return -1;
     }
 #define SBI_CALL(n, q, scheme) return sbi_chunk_force(job, begin, end, n, q, scheme)
@@ -28067,7 +28486,7 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
     assembly->materials = materials;
     assembly->material_count = material_count;
     assembly->cell_material = cell_material;
-    assembly->batched = sbi_assembly_can_batch(domain);
+    assembly->batched = sbi_batch_fits(domain);
     assembly->viscous = 0;
     assembly->energy_unit = 0;
     for (int e = 0; e < domain->cell_count; e++)
@@ -28081,6 +28500,8 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
             assembly->batched = 0;
         assembly->viscous |= materials[i].prony_count > 0;
     }
+    if (assembly->batched)
+        sbi_batch_set_materials(assembly);
     sbi_assembly_derive(assembly);
     sbi_assembly_begin_step(assembly, 0);
 }
@@ -28112,10 +28533,8 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
-    if (SBI_ELEMENT_ENABLED(SB_TET4) && assembly->batched && kind == SB_TANGENT_QUASI) {
-        int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
-        sbi_run(assembly->jobs, sbi_edge_rows, &job, tasks);
-        sbi_run(assembly->jobs, sbi_edge_diagonals, &job, tasks);
+    if (assembly->batched && (kind == SB_TANGENT_QUASI || assembly->domain->single_rotation)) {
+        sbi_batch_tangent(assembly, factor, matrix);
         return -1;
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
@@ -30780,7 +31199,8 @@ static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
             if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
                 continue;
             sbi_body_row_motion(body, row, part, r);
-            sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_row_motion(body, row, other, s);
             if (tied)
                 sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
             else
@@ -30879,13 +31299,9 @@ static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *eq
     }
 }
 
-/* Sums what holds each part: supports, springs, mappings and constraints. */
-static void sbi_body_gather_holds(const sb_body *body)
+static void sbi_body_hold_supports(const sb_body *body)
 {
-    size_t stride = 6 * (size_t)body->tie_count;
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    if (stride)
-        memset(body->tie_gram, 0, stride * stride * sizeof(double));
     for (int i = 0; i < body->domain.node_count; i++)
         for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
             if (body->fixed[i] >> axis & 1) {
@@ -30893,6 +31309,26 @@ static void sbi_body_gather_holds(const sb_body *body)
                 sbi_body_add_motion(body, i, axis, 1, r);
                 sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
             }
+}
+
+/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
+static int sbi_body_is_held_by_supports(const sb_body *body)
+{
+    double trace;
+    sbi_body_hold_supports(body);
+    for (int c = 0; c < body->component_count; c++)
+        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
+            return 0;
+    return 1;
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    sbi_body_hold_supports(body);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
     for (int l = 0; l < body->load_count; l++)
         sbi_body_hold_load(body, body->loads + l);
     if (body->elimination)
@@ -30907,6 +31343,8 @@ static void sbi_body_gather_holds(const sb_body *body)
 SBI_API int sbi_body_unsupported_node(const sb_body *body)
 {
     int loose = -1; /* number of a tied part that is free */
+    if (sbi_body_is_held_by_supports(body))
+        return -1;
     sbi_body_gather_holds(body);
     if (body->tie_count > 0) {
         size_t n = 6 * (size_t)body->tie_count;
@@ -35720,12 +36158,12 @@ static double sbi_explicit_remains(const sbi_explicit *x)
     return longest > 0 ? (double)sb_exp(-(sb_real)b->guard.age * x->h / longest) : 0;
 }
 
-/* Whether an energy agrees with the ledger; false for NaN. */
+/* Whether an energy agrees with the ledger; false for NaN and for more than numbers can hold. */
 static sb_result sbi_explicit_audit(const sbi_explicit *x, double energy)
 {
     const sb_body *b = x->body;
     double given = b->guard.energy > x->start_energy ? b->guard.energy : x->start_energy;
-    if (energy <= x->plan->factor * given + sbi_explicit_noise(b))
+    if (energy - energy == 0 && energy <= x->plan->factor * given + sbi_explicit_noise(b))
         return SB_OK;
     for (int i = 0; i < b->domain.node_count; i++)
         if (!sb_v3_is_finite(b->velocity[i]))
