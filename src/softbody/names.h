@@ -133,6 +133,10 @@
 #define sb_matrix_asymmetry sb_matrix_asymmetry_f32
 #define sb_matrix_diagonal_scale sb_matrix_diagonal_scale_f32
 #define sb_matrix_constrain sb_matrix_constrain_f32
+#define sb_domain_create sb_domain_create_f32
+#define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
@@ -149,10 +153,6 @@
 #define sb_direct_update sb_direct_update_f32
 #define sb_direct_solve sb_direct_solve_f32
 #define sb_direct_get_info sb_direct_get_info_f32
-#define sb_domain_create sb_domain_create_f32
-#define sb_domain_free sb_domain_free_f32
-#define sb_mapping_apply sb_mapping_apply_f32
-#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_default_grid_def sb_default_grid_def_f32
 #define sb_grid_create sb_grid_create_f32
 #define sb_grid_free sb_grid_free_f32

@@ -164,6 +164,7 @@ struct sb_preconditioner {
     int attempts, successes, wait;
     double shift;
     sbi_precond_coarse coarse;
+    sbi_multigrid *multigrid;
     size_t bytes;
     int array_count;
     void *arrays[SBI_PRECOND_MAX_ARRAYS];
@@ -200,6 +201,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
     if (!preconditioner)
         return;
     allocator = preconditioner->allocator;
+    sbi_multigrid_free(preconditioner->multigrid);
     for (int k = 0; k < preconditioner->array_count; k++)
         sbi_free(&allocator, preconditioner->arrays[k]);
     sbi_free(&allocator, preconditioner);
@@ -889,6 +891,10 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         memcpy(z, r, 3 * (size_t)p->row_count * sizeof(sb_real));
         return;
     }
+    if (p->kind == SB_PRECOND_MULTIGRID) {
+        sbi_multigrid_apply(p->multigrid, r, (sb_real)scale, z, (sb_real)(p->matrix_scale / scale));
+        return;
+    }
     if (p->kind == SB_PRECOND_BLOCK_JACOBI) {
         sbi_precond_scale_blocks(p, r, (sb_real)scale);
     } else {
@@ -934,13 +940,16 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
     def.kind = SB_PRECOND_AUTO;
     def.positions = NULL;
     def.piece_count = SB_PRECOND_PIECES_AUTO;
+    memset(&def.jobs, 0, sizeof def.jobs);
+    def.levels = NULL;
+    def.level_count = 0;
     return def;
 }
 
 static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
-    if (!def->positions || def->kind == SB_PRECOND_NONE)
+    if (!def->positions || def->kind == SB_PRECOND_NONE || def->kind == SB_PRECOND_MULTIGRID)
         return 0;
     if (def->piece_count != SB_PRECOND_PIECES_AUTO)
         return def->piece_count;
@@ -952,11 +961,15 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
 {
     if (!def || !pattern || pattern->row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
-    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_AUTO)
+    if (((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_AUTO) && def->kind != SB_PRECOND_MULTIGRID)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "unknown preconditioner kind %d", (int)def->kind);
     if (def->piece_count < SB_PRECOND_PIECES_AUTO || def->piece_count > pattern->row_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "piece_count %d is outside 0 to %d", def->piece_count,
                         pattern->row_count);
+    if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
+    if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)
         if (!sb_v3_is_finite(def->positions[i]))
             return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
@@ -967,7 +980,7 @@ static int sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *d
 {
     size_t rows = (size_t)a->row_count;
     int pieces = sbi_precond_pieces(def, a->row_count);
-    if (p->kind == SB_PRECOND_NONE)
+    if (p->kind == SB_PRECOND_NONE || p->kind == SB_PRECOND_MULTIGRID)
         return 1;
     p->inverse = sbi_precond_take_floats(p, rows, 12);
     p->middle = sbi_precond_take_floats(p, rows, 4);
@@ -979,6 +992,21 @@ static int sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *d
     if (p->kind == SB_PRECOND_IC0 && !sbi_precond_make_pairs(p))
         return 0;
     return pieces == 0 || sbi_precond_make_coarse(p, a, def->positions, pieces);
+}
+
+static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preconditioner_def *def,
+                                            const sb_matrix *pattern, sb_error *error)
+{
+    sbi_multigrid_setup setup;
+    sb_result result;
+    setup.positions = def->positions;
+    setup.levels = def->levels;
+    setup.level_count = def->level_count;
+    setup.jobs = def->jobs;
+    result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
+    if (result == SB_OK)
+        p->bytes += sbi_multigrid_bytes(p->multigrid);
+    return result;
 }
 
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
@@ -1008,6 +1036,13 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner of %d rows",
                         pattern->row_count);
     }
+    if (p->kind == SB_PRECOND_MULTIGRID) {
+        result = sbi_precond_make_multigrid(p, def, pattern, error);
+        if (result != SB_OK) {
+            sb_preconditioner_free(p);
+            return result;
+        }
+    }
     *out = p;
     return SB_OK;
 }
@@ -1029,6 +1064,8 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     p->attempts = 0;
     if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
         bad = sbi_precond_invert_diagonals(p, matrix);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        bad = sbi_multigrid_update(p->multigrid, matrix, p->matrix_scale);
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
                              "node %d: diagonal block is not positive definite", bad);
@@ -1078,6 +1115,7 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     info.piece_count = preconditioner->coarse.piece_count;
     info.attempts = preconditioner->attempts;
     info.shift = preconditioner->shift;
+    info.level_count = preconditioner->multigrid ? sbi_multigrid_levels(preconditioner->multigrid) : 0;
     info.bytes = preconditioner->bytes;
     return info;
 }

@@ -4,6 +4,7 @@
 #define SB_PRECOND_H
 
 #include "dense.h"
+#include "multigrid.h"
 #include "sparse.h"
 
 /* What smooths: z = M^-1 r of one application. */
@@ -12,7 +13,8 @@ typedef enum sb_precond_kind {
     SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
-    SB_PRECOND_AUTO = 4          /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_AUTO = 4,         /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
 } sb_precond_kind;
 
 enum { SB_PRECOND_PIECES_AUTO = -1 };
@@ -21,6 +23,10 @@ typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+    sb_jobs jobs;    /* copied; default inline */
+    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
+                                       * made below the last. Default NULL: all are made from positions */
+    int level_count;
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -29,6 +35,7 @@ typedef struct sb_preconditioner_info {
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
     double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive */
+    int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
 
