@@ -478,6 +478,8 @@
 #define sb_domain_free sb_domain_free_f32
 #define sb_mapping_apply sb_mapping_apply_f32
 #define sb_mapping_spread sb_mapping_spread_f32
+#define sb_solver_auto sb_solver_auto_f32
+#define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
@@ -508,6 +510,7 @@
 #define sb_body_element_count sb_body_element_count_f32
 #define sb_body_point_count sb_body_point_count_f32
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
+#define sb_body_solver sb_body_solver_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32
@@ -4246,7 +4249,7 @@ typedef enum sb_precond_kind {
     SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
-    SB_PRECOND_AUTO = 4,         /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
 } sb_precond_kind;
 
@@ -4282,6 +4285,15 @@ typedef struct sb_preconditioner_info {
  * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first
  * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
 typedef struct sb_preconditioner sb_preconditioner;
+
+/* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
+ * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
+ * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
+ * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
+ * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
+/* Name of a kind, as "multigrid"; never NULL. */
+SB_API const char *sb_precond_string(sb_precond_kind kind);
 
 /* The defaults named at the fields. */
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
@@ -4632,7 +4644,11 @@ typedef struct sb_body_def {
     sb_vec3 gravity;                  /* m/s^2; default 0 */
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
-    sb_precond_kind preconditioner;   /* default SB_PRECOND_AUTO */
+    sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
+                                       * sb_body_solver tells what it chose */
+    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
+                                       * NULL: made from the nodes' places */
+    int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                        * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
@@ -4660,6 +4676,10 @@ SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
 SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
+
+/* What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
+ * sb_precond_string names it. */
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body);
 
 /* ---- properties: may change between steps ----
  * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
@@ -5520,6 +5540,7 @@ typedef struct sbi_multigrid_setup {
     const sb_vec3 *positions;         /* [row_count] (m) of the finest nodes */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
+    const sbi_multigrid *like;        /* take the user's levels from here instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
 
@@ -5544,6 +5565,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
@@ -21030,6 +21054,7 @@ enum {
  * that are read as vectors have room for reading past their end. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
+    sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9] */
@@ -21774,6 +21799,27 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
     return 1;
 }
 
+/* The rows of a level of the user's that is in use. */
+static int sbi_mg_copy_used(const sbi_mg_level *level, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *coarse = level + 1;
+    sb_multigrid_level own;
+    size_t entries = (size_t)level->parent_start[level->row_count];
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    int made;
+    for (size_t e = 0; e < entries && weights; e++)
+        weights[e] = (sb_real)level->shares[e];
+    own.mapping.row_count = level->row_count;
+    own.mapping.row_start = level->parent_start;
+    own.mapping.nodes = level->parents;
+    own.mapping.weights = weights;
+    own.node_count = coarse->row_count;
+    own.positions = coarse->positions;
+    made = weights && sbi_mg_copy_level(&own, allocator, rows);
+    sbi_free(allocator, weights);
+    return made;
+}
+
 /* ---- creation ------------------------------------------------------------------------------------------ */
 
 static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
@@ -21781,36 +21827,58 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
-/* Coarser levels until one is small enough, or does not get smaller. *positions are those of the last level made;
- * *owned tells that they are to be freed. */
+/* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
+ * much smaller. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
+                                  sbi_mg_rows *rows, sb_error *error)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    int own = m->level_count - 1, made;
+    memset(rows, 0, sizeof *rows);
+    if (own < setup->level_count) {
+        sb_result result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
+        if (result != SB_OK)
+            return result;
+        made = sbi_mg_copy_level(setup->levels + own, &m->allocator, rows);
+    } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
+        made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
+    } else {
+        if (level->row_count <= SBI_MG_DENSE)
+            return SB_OK;
+        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        if (made && rows->coarse_count > level->row_count / 2)
+            sbi_mg_rows_free(&m->allocator, rows);
+    }
+    return made ? SB_OK : sbi_mg_no_memory(m, error);
+}
+
+/* 1: the level just made is one of the user's; its positions are kept, so that it can be used again. */
+static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *rows)
+{
+    int index = m->level_count - 1;
+    sbi_mg_level *level = m->levels + index;
+    if (index > setup->level_count &&
+        !(setup->like && index < setup->like->level_count && setup->like->levels[index].positions))
+        return 1;
+    level->positions = (sb_vec3 *)sbi_mg_take(m, (size_t)level->row_count, sizeof(sb_vec3));
+    if (level->positions)
+        memcpy(level->positions, rows->positions, (size_t)level->row_count * sizeof(sb_vec3));
+    return level->positions != NULL;
+}
+
+/* Coarser levels until one is small enough, or does not get smaller. */
 static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
 {
-    const sb_vec3 *positions = setup->positions;
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
     memset(&last, 0, sizeof last);
     while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
-        const sbi_mg_level *level = m->levels + m->level_count - 1;
-        int own = m->level_count - 1, made;
-        if (own >= setup->level_count && level->row_count <= SBI_MG_DENSE)
+        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+        if (!rows.start)
             break;
-        if (own < setup->level_count) {
-            result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
-            if (result != SB_OK)
-                break;
-            made = sbi_mg_copy_level(setup->levels + own, &m->allocator, &rows);
-        } else {
-            made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, &rows);
-            if (made && rows.coarse_count > level->row_count / 2) {
-                sbi_mg_rows_free(&m->allocator, &rows);
-                break;
-            }
-        }
-        made = made && sbi_mg_add_level(m, &rows);
         sbi_mg_rows_free(&m->allocator, &last);
         last = rows;
-        positions = last.positions;
-        if (!made)
+        if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->allocator, &last);
@@ -22545,7 +22613,8 @@ enum {
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
-    SBI_PRECOND_MAX_PIECES = 64
+    SBI_PRECOND_MAX_PIECES = 64,
+    SBI_PRECOND_MULTIGRID_ROWS = 5000
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -22573,6 +22642,7 @@ typedef struct sbi_precond_coarse {
 
 struct sb_preconditioner {
     sb_allocator allocator;
+    sb_jobs jobs;
     sb_precond_kind kind;
     int row_count, block_count, lower_count;
     double matrix_scale; /* power of two that brings the mean diagonal near 1 */
@@ -23374,6 +23444,24 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
     return def;
 }
 
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
+{
+    return pattern && pattern->row_count >= SBI_PRECOND_MULTIGRID_ROWS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+}
+
+SB_API const char *sb_precond_string(sb_precond_kind kind)
+{
+    switch (kind) {
+    case SB_PRECOND_NONE: return "none";
+    case SB_PRECOND_BLOCK_JACOBI: return "block Jacobi";
+    case SB_PRECOND_SSOR: return "SSOR";
+    case SB_PRECOND_IC0: return "incomplete Cholesky";
+    case SB_PRECOND_AUTO: return "automatic";
+    case SB_PRECOND_MULTIGRID: return "multigrid";
+    default: return "unknown";
+    }
+}
+
 static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
@@ -23423,13 +23511,14 @@ static int sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *d
 }
 
 static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preconditioner_def *def,
-                                            const sb_matrix *pattern, sb_error *error)
+                                            const sb_matrix *pattern, const sb_preconditioner *like, sb_error *error)
 {
     sbi_multigrid_setup setup;
     sb_result result;
     setup.positions = def->positions;
     setup.levels = def->levels;
     setup.level_count = def->level_count;
+    setup.like = like ? like->multigrid : NULL;
     setup.jobs = def->jobs;
     result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
     if (result == SB_OK)
@@ -23437,9 +23526,16 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     return result;
 }
 
-SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
+static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, const sb_matrix *pattern)
+{
+    if (def->kind != SB_PRECOND_AUTO)
+        return def->kind;
+    return def->positions ? sb_solver_auto(pattern) : SB_PRECOND_IC0;
+}
+
+static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                    const sb_preconditioner *like, const sb_allocator *allocator,
+                                    sb_preconditioner **out, sb_error *error)
 {
     sb_preconditioner *p;
     sb_result result = sbi_precond_check(def, pattern, error);
@@ -23453,7 +23549,8 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     if (allocator)
         p->allocator = *allocator;
     p->bytes = sizeof *p;
-    p->kind = def->kind == SB_PRECOND_AUTO ? SB_PRECOND_IC0 : def->kind;
+    p->kind = sbi_precond_resolve(def, pattern);
+    p->jobs = def->jobs;
     p->row_count = pattern->row_count;
     p->block_count = pattern->block_count;
     p->lower_count = (pattern->block_count - pattern->row_count) / 2;
@@ -23465,7 +23562,7 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
                         pattern->row_count);
     }
     if (p->kind == SB_PRECOND_MULTIGRID) {
-        result = sbi_precond_make_multigrid(p, def, pattern, error);
+        result = sbi_precond_make_multigrid(p, def, pattern, like, error);
         if (result != SB_OK) {
             sb_preconditioner_free(p);
             return result;
@@ -23473,6 +23570,23 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     }
     *out = p;
     return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error)
+{
+    return sbi_precond_create(def, pattern, NULL, allocator, out, error);
+}
+
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+{
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    def.kind = like->kind;
+    def.positions = positions;
+    def.jobs = like->jobs;
+    return sbi_precond_create(&def, pattern, like, allocator, out, error);
 }
 
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
@@ -28407,7 +28521,7 @@ typedef struct sbi_elimination {
 typedef struct sbi_elimination_setup {
     const sb_matrix *matrix;      /* the full matrix; its pattern is read */
     const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
-    sb_precond_kind precond;
+    const sb_preconditioner *precond; /* of the full matrix; that of the condensed one is made like it */
     const sb_allocator *allocator;
 } sbi_elimination_setup;
 
@@ -28877,13 +28991,10 @@ static sb_result sbi_elimination_make_rows(sbi_elimination *e, sbi_elimination_m
 
 static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination_setup *setup, sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
     sbi_elimination_maker maker;
     sb_result result;
     memset(&maker, 0, sizeof maker);
     maker.setup = setup;
-    settings.kind = setup->precond;
-    settings.positions = setup->positions;
     result = sbi_elimination_make_rows(e, &maker, error);
     sbi_free(&e->allocator, maker.rows);
     sbi_free(&e->allocator, maker.memory);
@@ -28892,7 +29003,7 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     if (result == SB_OK)
         result = sbi_elimination_make_positions(e, setup->matrix, error);
     if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &e->matrix, &e->allocator, &e->precond, error);
+        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, &e->allocator, &e->precond, error);
     return result;
 }
 
@@ -29412,6 +29523,8 @@ SB_API sb_body_def sb_default_body_def(void)
     def.mass = SB_MASS_LUMPED;
     def.integrator = SB_EULER;
     def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
@@ -29962,6 +30075,9 @@ static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *
     sb_preconditioner_def settings = sb_default_preconditioner_def();
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
     return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
 }
 
@@ -30210,7 +30326,7 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     sbi_elimination_setup setup;
     setup.matrix = matrix;
     setup.positions = body->reference;
-    setup.precond = sb_preconditioner_get_info(body->precond).kind;
+    setup.precond = body->precond;
     setup.allocator = &body->allocator;
     return setup;
 }
@@ -30218,15 +30334,12 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
-    sb_result result;
-    settings.kind = sb_preconditioner_get_info(body->precond).kind;
-    settings.positions = body->reference;
-    result = sbi_body_make_extended_matrix(body, pattern, error);
+    sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
     if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+                                    &pattern->precond, error);
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
     return result;
@@ -30302,6 +30415,10 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
 SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
 SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+{
+    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+}
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
 
 /* ---- properties ---- */
@@ -38013,6 +38130,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     }
     sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
+    settings.jobs = b->jobs;
     result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     if (result == SB_OK)
         result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);

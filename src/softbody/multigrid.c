@@ -341,6 +341,27 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
     return 1;
 }
 
+/* The rows of a level of the user's that is in use. */
+static int sbi_mg_copy_used(const sbi_mg_level *level, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *coarse = level + 1;
+    sb_multigrid_level own;
+    size_t entries = (size_t)level->parent_start[level->row_count];
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    int made;
+    for (size_t e = 0; e < entries && weights; e++)
+        weights[e] = (sb_real)level->shares[e];
+    own.mapping.row_count = level->row_count;
+    own.mapping.row_start = level->parent_start;
+    own.mapping.nodes = level->parents;
+    own.mapping.weights = weights;
+    own.node_count = coarse->row_count;
+    own.positions = coarse->positions;
+    made = weights && sbi_mg_copy_level(&own, allocator, rows);
+    sbi_free(allocator, weights);
+    return made;
+}
+
 /* ---- creation ------------------------------------------------------------------------------------------ */
 
 static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
@@ -348,36 +369,58 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
-/* Coarser levels until one is small enough, or does not get smaller. *positions are those of the last level made;
- * *owned tells that they are to be freed. */
+/* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
+ * much smaller. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
+                                  sbi_mg_rows *rows, sb_error *error)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    int own = m->level_count - 1, made;
+    memset(rows, 0, sizeof *rows);
+    if (own < setup->level_count) {
+        sb_result result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
+        if (result != SB_OK)
+            return result;
+        made = sbi_mg_copy_level(setup->levels + own, &m->allocator, rows);
+    } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
+        made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
+    } else {
+        if (level->row_count <= SBI_MG_DENSE)
+            return SB_OK;
+        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        if (made && rows->coarse_count > level->row_count / 2)
+            sbi_mg_rows_free(&m->allocator, rows);
+    }
+    return made ? SB_OK : sbi_mg_no_memory(m, error);
+}
+
+/* 1: the level just made is one of the user's; its positions are kept, so that it can be used again. */
+static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *rows)
+{
+    int index = m->level_count - 1;
+    sbi_mg_level *level = m->levels + index;
+    if (index > setup->level_count &&
+        !(setup->like && index < setup->like->level_count && setup->like->levels[index].positions))
+        return 1;
+    level->positions = (sb_vec3 *)sbi_mg_take(m, (size_t)level->row_count, sizeof(sb_vec3));
+    if (level->positions)
+        memcpy(level->positions, rows->positions, (size_t)level->row_count * sizeof(sb_vec3));
+    return level->positions != NULL;
+}
+
+/* Coarser levels until one is small enough, or does not get smaller. */
 static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
 {
-    const sb_vec3 *positions = setup->positions;
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
     memset(&last, 0, sizeof last);
     while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
-        const sbi_mg_level *level = m->levels + m->level_count - 1;
-        int own = m->level_count - 1, made;
-        if (own >= setup->level_count && level->row_count <= SBI_MG_DENSE)
+        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+        if (!rows.start)
             break;
-        if (own < setup->level_count) {
-            result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
-            if (result != SB_OK)
-                break;
-            made = sbi_mg_copy_level(setup->levels + own, &m->allocator, &rows);
-        } else {
-            made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, &rows);
-            if (made && rows.coarse_count > level->row_count / 2) {
-                sbi_mg_rows_free(&m->allocator, &rows);
-                break;
-            }
-        }
-        made = made && sbi_mg_add_level(m, &rows);
         sbi_mg_rows_free(&m->allocator, &last);
         last = rows;
-        positions = last.positions;
-        if (!made)
+        if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->allocator, &last);

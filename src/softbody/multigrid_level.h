@@ -16,6 +16,7 @@ enum {
  * that are read as vectors have room for reading past their end. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
+    sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9] */

@@ -137,6 +137,8 @@
 #define sb_domain_free sb_domain_free_f32
 #define sb_mapping_apply sb_mapping_apply_f32
 #define sb_mapping_spread sb_mapping_spread_f32
+#define sb_solver_auto sb_solver_auto_f32
+#define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
@@ -167,6 +169,7 @@
 #define sb_body_element_count sb_body_element_count_f32
 #define sb_body_point_count sb_body_point_count_f32
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
+#define sb_body_solver sb_body_solver_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32

@@ -117,7 +117,8 @@ enum {
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
-    SBI_PRECOND_MAX_PIECES = 64
+    SBI_PRECOND_MAX_PIECES = 64,
+    SBI_PRECOND_MULTIGRID_ROWS = 5000
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -145,6 +146,7 @@ typedef struct sbi_precond_coarse {
 
 struct sb_preconditioner {
     sb_allocator allocator;
+    sb_jobs jobs;
     sb_precond_kind kind;
     int row_count, block_count, lower_count;
     double matrix_scale; /* power of two that brings the mean diagonal near 1 */
@@ -946,6 +948,24 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
     return def;
 }
 
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
+{
+    return pattern && pattern->row_count >= SBI_PRECOND_MULTIGRID_ROWS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+}
+
+SB_API const char *sb_precond_string(sb_precond_kind kind)
+{
+    switch (kind) {
+    case SB_PRECOND_NONE: return "none";
+    case SB_PRECOND_BLOCK_JACOBI: return "block Jacobi";
+    case SB_PRECOND_SSOR: return "SSOR";
+    case SB_PRECOND_IC0: return "incomplete Cholesky";
+    case SB_PRECOND_AUTO: return "automatic";
+    case SB_PRECOND_MULTIGRID: return "multigrid";
+    default: return "unknown";
+    }
+}
+
 static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
@@ -995,13 +1015,14 @@ static int sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *d
 }
 
 static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preconditioner_def *def,
-                                            const sb_matrix *pattern, sb_error *error)
+                                            const sb_matrix *pattern, const sb_preconditioner *like, sb_error *error)
 {
     sbi_multigrid_setup setup;
     sb_result result;
     setup.positions = def->positions;
     setup.levels = def->levels;
     setup.level_count = def->level_count;
+    setup.like = like ? like->multigrid : NULL;
     setup.jobs = def->jobs;
     result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
     if (result == SB_OK)
@@ -1009,9 +1030,16 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     return result;
 }
 
-SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
+static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, const sb_matrix *pattern)
+{
+    if (def->kind != SB_PRECOND_AUTO)
+        return def->kind;
+    return def->positions ? sb_solver_auto(pattern) : SB_PRECOND_IC0;
+}
+
+static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                    const sb_preconditioner *like, const sb_allocator *allocator,
+                                    sb_preconditioner **out, sb_error *error)
 {
     sb_preconditioner *p;
     sb_result result = sbi_precond_check(def, pattern, error);
@@ -1025,7 +1053,8 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     if (allocator)
         p->allocator = *allocator;
     p->bytes = sizeof *p;
-    p->kind = def->kind == SB_PRECOND_AUTO ? SB_PRECOND_IC0 : def->kind;
+    p->kind = sbi_precond_resolve(def, pattern);
+    p->jobs = def->jobs;
     p->row_count = pattern->row_count;
     p->block_count = pattern->block_count;
     p->lower_count = (pattern->block_count - pattern->row_count) / 2;
@@ -1037,7 +1066,7 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
                         pattern->row_count);
     }
     if (p->kind == SB_PRECOND_MULTIGRID) {
-        result = sbi_precond_make_multigrid(p, def, pattern, error);
+        result = sbi_precond_make_multigrid(p, def, pattern, like, error);
         if (result != SB_OK) {
             sb_preconditioner_free(p);
             return result;
@@ -1045,6 +1074,23 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     }
     *out = p;
     return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error)
+{
+    return sbi_precond_create(def, pattern, NULL, allocator, out, error);
+}
+
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+{
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    def.kind = like->kind;
+    def.positions = positions;
+    def.jobs = like->jobs;
+    return sbi_precond_create(&def, pattern, like, allocator, out, error);
 }
 
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,

@@ -13,7 +13,7 @@ typedef enum sb_precond_kind {
     SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
-    SB_PRECOND_AUTO = 4,         /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
 } sb_precond_kind;
 
@@ -50,6 +50,15 @@ typedef struct sb_preconditioner_info {
  * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
 typedef struct sb_preconditioner sb_preconditioner;
 
+/* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
+ * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
+ * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
+ * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
+ * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
+/* Name of a kind, as "multigrid"; never NULL. */
+SB_API const char *sb_precond_string(sb_precond_kind kind);
+
 /* The defaults named at the fields. */
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
 
@@ -85,6 +94,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
