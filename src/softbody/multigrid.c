@@ -5,7 +5,7 @@
 #include <string.h>
 
 enum {
-    SBI_MG_RATIO = 6,  /* a level has at most a sixth of the nodes above it: edges about twice as long, and a bit */
+    SBI_MG_RATIO = 16, /* a level has at most a sixteenth of the nodes above it: edges two and a half times as long */
     SBI_MG_DEGREE = 3
 };
 
@@ -28,15 +28,16 @@ static void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
 
 static int *sbi_mg_take_ints(sbi_multigrid *m, size_t count) { return (int *)sbi_mg_take(m, count, sizeof(int)); }
 
-/* Zeroed, so that what is read past the end is a number. */
+/* Zeroed, so that what is read past either end is a number. */
 static float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
 {
     float *floats = NULL;
-    if (count <= ((size_t)-1 / sizeof(float) - 16) / width)
-        floats = (float *)sbi_mg_take(m, count * width, sizeof(float));
-    if (floats)
-        memset(floats, 0, (count * width + 16) * sizeof(float));
-    return floats;
+    if (count <= ((size_t)-1 / sizeof(float) - 32) / width)
+        floats = (float *)sbi_mg_take(m, count * width + 16, sizeof(float));
+    if (!floats)
+        return NULL;
+    memset(floats, 0, (count * width + 32) * sizeof(float));
+    return floats + 16;
 }
 
 SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
@@ -59,14 +60,19 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count;
-    level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
-    level->inverse = sbi_mg_take_floats(m, rows, 9);
+    if (level == m->levels) {
+        level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
+        level->scale = sbi_mg_take_floats(m, rows, 4);
+    } else {
+        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
+    }
+    level->inverse = sbi_mg_take_floats(m, rows, 12);
     level->x = sbi_mg_take_floats(m, rows, 4);
     level->r = sbi_mg_take_floats(m, rows, 4);
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    return level->blocks && level->inverse && level->x && level->r && level->d && level->e && level->partial;
+    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r && level->d && level->e && level->partial;
 }
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
@@ -77,8 +83,7 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
     level->row_start = sbi_mg_take_ints(m, rows + 1);
     level->columns = sbi_mg_take_ints(m, blocks);
     level->diagonal = sbi_mg_take_ints(m, rows);
-    level->free = sbi_mg_take_floats(m, rows, 4);
-    if (!level->row_start || !level->columns || !level->diagonal || !level->free)
+    if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
     memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
     memcpy(level->columns, pattern->columns, blocks * sizeof(int));
@@ -385,7 +390,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
         made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
     } else {
-        if (level->row_count <= SBI_MG_DENSE)
+        if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
         made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
         if (made && rows->coarse_count > level->row_count / 2)
@@ -431,7 +436,7 @@ static int sbi_mg_take_dense(sbi_multigrid *m)
 {
     int rows = m->levels[m->level_count - 1].row_count;
     size_t size = 3 * (size_t)rows;
-    if (rows > 2 * SBI_MG_DENSE)
+    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
         return 1;
     m->dense = (int)size;
     m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));

@@ -4,6 +4,8 @@
 
 #include "multigrid.h"
 
+#define SBI_MG_UNIT 32767.0f
+
 enum {
     SBI_MG_MAX_LEVELS = 16,
     SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
@@ -12,16 +14,22 @@ enum {
     SBI_MG_DENSE = 64         /* nodes of the coarsest level, whose matrix is factored */
 };
 
-/* One level. Blocks are 3x3, row-major, nine floats each; vectors have four floats a node, the fourth 0. All arrays
- * that are read as vectors have room for reading past their end. */
+/* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
+ * vectors have room for reading past their end.
+ *
+ * It is memory that limits a cycle, and most of it is the finest matrix. So that one is kept in 16 bits an entry, as
+ * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
+ * The vectors of level 0 are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The rounding is
+ * symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
     sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
-    float *blocks;            /* [block_count][9] */
-    float *inverse;           /* [row_count][9] of the diagonal blocks, 0 in directions without stiffness */
-    float *free;              /* [row_count][4] of level 0: 1 for free components, 0 for prescribed ones */
+    float *blocks;            /* [block_count][9], but for level 0 */
+    int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
+    float *scale;             /* [row_count][4] of level 0: S for free components and 0 for prescribed ones, then 1 / S */
+    float *inverse;           /* [row_count][12] of the diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
     double bound;             /* of the eigenvalues of D^-1 A */
