@@ -758,7 +758,7 @@ static void test_bad_arguments(void)
         CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     }
     def.power = 1;
-    def.kind = (sb_precond_kind)(SB_PRECOND_CHOLESKY + 1);
+    def.kind = (sb_precond_kind)(SB_PRECOND_MULTIGRID + 1);
     CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     CHECK(p == NULL);
     p = make(&b.a, SB_PRECOND_FSAI, 1, b.mesh.nodes, 2);

@@ -11,6 +11,7 @@ static const struct {
     int most_unknowns; /* larger systems are left to others */
 } solvers[] = {{"ours-ic0", SB_PRECOND_IC0, 1000000},
                {"ours-fsai", SB_PRECOND_FSAI, 1000000},
+               {"ours-multigrid", SB_PRECOND_MULTIGRID, 1000000},
                {"ours-direct", SB_PRECOND_CHOLESKY, 60000}};
 
 /* The system as the library holds it. */
