@@ -24858,8 +24858,8 @@ SBI_API double sbi_precond_power(double size);
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
-/* result += Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone */
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result);
+/* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
+SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
 #endif /* SB_PRECOND_STATE_H */
 
@@ -25192,11 +25192,13 @@ static void sbi_precond_rows_task(void *user, int chunk)
     sbi_fsai_multiply(&p->fsai, p->result, p->middle, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
 }
 
-/* result = G^T middle */
+/* result = G^T middle, turned */
 static void sbi_precond_columns_task(void *user, int chunk)
 {
     sb_preconditioner *p = ((const sbi_precond_job *)user)->p;
     sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
+    if (p->turned)
+        sbi_precond_leave_task(user, chunk);
 }
 
 /* middle = (I + L)^-1 r, result = D^-1 middle. */
@@ -25306,7 +25308,7 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
         sbi_precond_forward(p, job->r, (sb_real)job->scale);
         sbi_precond_backward(p);
     }
-    if (p->turned)
+    if (p->turned && p->kind != SB_PRECOND_FSAI) /* which turns its rows as it makes them */
         sbi_precond_run(job, sbi_precond_leave_task);
 }
 
@@ -25337,9 +25339,10 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         sbi_precond_solve_exact(p, r, (sb_real)job.scale);
     else
         sbi_precond_smooth(p, &job);
+    job.with_result = 1;
     if (p->coarse.ready)
-        sbi_precond_correct(p, r, job.scale, 1);
-    if (p->kind == SB_PRECOND_CHOLESKY && !p->coarse.ready)
+        sbi_precond_correct(&job);
+    else if (p->kind == SB_PRECOND_CHOLESKY)
         sbi_precond_write_exact(p, z, job.scale);
     else
         sbi_precond_run(&job, sbi_precond_write_task);
@@ -25351,8 +25354,7 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_
     if (!p->coarse.ready)
         return 0;
     memset(p->result, 0, (size_t)p->row_count * 4 * sizeof(float));
-    sbi_precond_correct(p, r, job.scale, 0);
-    sbi_precond_run(&job, sbi_precond_write_task);
+    sbi_precond_correct(&job);
     return 1;
 }
 
@@ -26153,37 +26155,34 @@ static void sbi_precond_restrict_task(void *user, int piece)
                                job->p->coarse.solution + 6 * piece);
 }
 
-/* result += Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
+/* z = result + Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
 static void sbi_precond_prolong_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     const sbi_precond_coarse *c = &job->p->coarse;
     const double *s = c->solution + 6 * piece;
+    sb_real back = (sb_real)(job->p->matrix_scale / job->scale);
     float wx = (float)s[3], wy = (float)s[4], wz = (float)s[5];
     sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
     sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx), by_z = sbi_f4_make(wy, -wx, 0);
     for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
         size_t i = (size_t)c->piece_nodes[k];
         const float *arm = c->arms + 4 * i;
-        float *result = job->p->result + 4 * i;
         sbi_float4 move = sbi_f4_add(shift, sbi_f4_scale(arm[0], by_x));
         move = sbi_f4_add(move, sbi_f4_scale(arm[1], by_y));
         move = sbi_f4_mul(sbi_f4_add(move, sbi_f4_scale(arm[2], by_z)), sbi_f4_load(c->free + 4 * i));
-        sbi_f4_store(result, sbi_f4_add(sbi_f4_load(result), move));
+        move = sbi_f4_add(sbi_f4_load(job->p->result + 4 * i), move);
+        for (int axis = 0; axis < 3; axis++)
+            job->z[3 * i + (size_t)axis] = (sb_real)SBI_F4(move, axis) * back;
     }
 }
 
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result)
+SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 {
-    sbi_precond_job job;
-    memset(&job, 0, sizeof job);
-    job.p = p;
-    job.r = r;
-    job.scale = scale;
-    job.with_result = with_result;
-    sbi_run(&p->jobs, sbi_precond_restrict_task, &job, p->coarse.piece_count);
-    sbi_precond_solve_coarse(&p->coarse);
-    sbi_run(&p->jobs, sbi_precond_prolong_task, &job, p->coarse.piece_count);
+    sbi_precond_job mine = *job;
+    sbi_run(&job->p->jobs, sbi_precond_restrict_task, &mine, job->p->coarse.piece_count);
+    sbi_precond_solve_coarse(&job->p->coarse);
+    sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
 #undef SBI_F4
@@ -26365,7 +26364,7 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
 {
     int rows = p->row_count;
     sbi_precond_same(w, (uint64_t)p->kind, "the kind");
-    sbi_precond_same(w, (uint64_t)p->power, "the power of the pattern");
+    sbi_precond_same(w, (uint64_t)p->fsai.power, "the power of the pattern");
     sbi_precond_same(w, (uint64_t)rows, "the number of rows");
     sbi_precond_same(w, (uint64_t)p->block_count, "the number of blocks");
     sbi_precond_same(w, p->pattern_hash, "the pattern's checksum");

@@ -327,11 +327,13 @@ static void sbi_precond_rows_task(void *user, int chunk)
     sbi_fsai_multiply(&p->fsai, p->result, p->middle, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
 }
 
-/* result = G^T middle */
+/* result = G^T middle, turned */
 static void sbi_precond_columns_task(void *user, int chunk)
 {
     sb_preconditioner *p = ((const sbi_precond_job *)user)->p;
     sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
+    if (p->turned)
+        sbi_precond_leave_task(user, chunk);
 }
 
 /* middle = (I + L)^-1 r, result = D^-1 middle. */
@@ -441,7 +443,7 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
         sbi_precond_forward(p, job->r, (sb_real)job->scale);
         sbi_precond_backward(p);
     }
-    if (p->turned)
+    if (p->turned && p->kind != SB_PRECOND_FSAI) /* which turns its rows as it makes them */
         sbi_precond_run(job, sbi_precond_leave_task);
 }
 
@@ -472,9 +474,10 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         sbi_precond_solve_exact(p, r, (sb_real)job.scale);
     else
         sbi_precond_smooth(p, &job);
+    job.with_result = 1;
     if (p->coarse.ready)
-        sbi_precond_correct(p, r, job.scale, 1);
-    if (p->kind == SB_PRECOND_CHOLESKY && !p->coarse.ready)
+        sbi_precond_correct(&job);
+    else if (p->kind == SB_PRECOND_CHOLESKY)
         sbi_precond_write_exact(p, z, job.scale);
     else
         sbi_precond_run(&job, sbi_precond_write_task);
@@ -486,8 +489,7 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_
     if (!p->coarse.ready)
         return 0;
     memset(p->result, 0, (size_t)p->row_count * 4 * sizeof(float));
-    sbi_precond_correct(p, r, job.scale, 0);
-    sbi_precond_run(&job, sbi_precond_write_task);
+    sbi_precond_correct(&job);
     return 1;
 }
 

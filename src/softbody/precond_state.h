@@ -108,7 +108,7 @@ SBI_API double sbi_precond_power(double size);
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
-/* result += Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone */
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result);
+/* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
+SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
 #endif /* SB_PRECOND_STATE_H */
