@@ -10,6 +10,7 @@
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, or SOAK_SECONDS=20 for all
 #   make coverage   lines of the header that the suite runs, room by room
+#   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
 # Variables: CC, CXX, CFLAGS; FILTER="dense mesh/volume" picks tests by suite or start of suite/test.
 CC = cc
@@ -39,7 +40,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden verification sanitize cross bench \
+.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
@@ -234,6 +235,10 @@ benches: $(BENCHES:tests/bench/%.c=build/bench/%)
 bench: $(BENCHES:tests/bench/%.c=build/bench/%)
 	@for bench in $^; do for threads in 1 $$(nproc); do \
 	    echo "# $$bench, OMP_NUM_THREADS=$$threads" && OMP_NUM_THREADS=$$threads $$bench || exit 1; done; done
+
+# The tables and plots of tests/bench/race.md. RACE_SYSTEMS="beam_tet4_13k ..." tries some systems only.
+race: $(HEADERS) build/bench/bench_step
+	CC='$(CC)' CXX='$(CXX)' CFLAGS='$(BENCH_CFLAGS)' tests/bench/race/race.sh build/race
 
 # Fuzz targets are functions of one program. Where clang has libFuzzer it does the fuzzing, under the sanitizers;
 # elsewhere the program mutates the corpus by itself. The corpus is also a test.

@@ -758,7 +758,7 @@ static void test_bad_arguments(void)
         CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     }
     def.power = 1;
-    def.kind = (sb_precond_kind)(SB_PRECOND_CHOLESKY + 1);
+    def.kind = SB_PRECOND_MULTIGRID; /* without positions */
     CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     CHECK(p == NULL);
     p = make(&b.a, SB_PRECOND_FSAI, 1, b.mesh.nodes, 2);
@@ -774,9 +774,16 @@ static void test_bad_arguments(void)
     CHECK_INT(error.node, 5);
     rotations[5].w = 0;
     CHECK_RESULT(sb_preconditioner_warp(p, &b.a, rotations, NULL, &error), SB_ERROR_ARGUMENT);
+    rotations[5] = sb_quat_identity();
     CHECK_OK(sb_preconditioner_save(foreign, image, sb_preconditioner_saved_size(foreign)));
     check_refused(p, image, sb_preconditioner_saved_size(foreign), SB_ERROR_STATE, &b);
     CHECK_RESULT(sb_preconditioner_load(p, NULL, 0, &error), SB_ERROR_ARGUMENT);
+    sb_preconditioner_free(p);
+    p = make_updated(&b, SB_PRECOND_MULTIGRID, 1, 0); /* cheap to make: neither turned nor kept */
+    CHECK_RESULT(sb_preconditioner_warp(p, &b.a, rotations, NULL, &error), SB_ERROR_UNSUPPORTED);
+    CHECK(sb_preconditioner_saved_size(p) == 0);
+    CHECK_RESULT(sb_preconditioner_save(p, image, 1000), SB_ERROR_UNSUPPORTED);
+    CHECK_RESULT(sb_preconditioner_load(p, image, sb_preconditioner_saved_size(foreign), &error), SB_ERROR_UNSUPPORTED);
     CHECK_RESULT(sb_preconditioner_load(NULL, image, 8, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_preconditioner_save(NULL, image, 8), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_preconditioner_save(p, NULL, 8), SB_ERROR_ARGUMENT);

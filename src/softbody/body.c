@@ -14,6 +14,8 @@ SB_API sb_body_def sb_default_body_def(void)
     def.mass = SB_MASS_LUMPED;
     def.integrator = SB_EULER;
     def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
@@ -565,6 +567,8 @@ static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
     settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
     return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
 }
 
@@ -813,8 +817,7 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     sbi_elimination_setup setup;
     setup.matrix = matrix;
     setup.positions = body->reference;
-    setup.precond = sb_preconditioner_get_info(body->precond).kind;
-    setup.jobs = &body->jobs;
+    setup.precond = body->precond;
     setup.allocator = &body->allocator;
     return setup;
 }
@@ -822,16 +825,12 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
-    sb_result result;
-    settings.kind = sb_preconditioner_get_info(body->precond).kind;
-    settings.positions = body->reference;
-    settings.jobs = body->jobs;
-    result = sbi_body_make_extended_matrix(body, pattern, error);
+    sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
     if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+                                    &pattern->precond, error);
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
     return result;
@@ -907,6 +906,10 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
 SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
 SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+{
+    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+}
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
 
 /* ---- properties ---- */

@@ -57,7 +57,11 @@ typedef struct sb_body_def {
     sb_vec3 gravity;                  /* m/s^2; default 0 */
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
-    sb_precond_kind preconditioner;   /* default SB_PRECOND_AUTO */
+    sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
+                                       * sb_body_solver tells what it chose */
+    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
+                                       * NULL: made from the nodes' places */
+    int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                        * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
@@ -85,6 +89,10 @@ SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
 SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
+
+/* What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
+ * sb_precond_string names it. */
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body);
 
 /* ---- properties: may change between steps ----
  * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose

@@ -413,14 +413,10 @@ static sb_result sbi_elimination_make_rows(sbi_elimination *e, sbi_elimination_m
 
 static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination_setup *setup, sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
     sbi_elimination_maker maker;
     sb_result result;
     memset(&maker, 0, sizeof maker);
     maker.setup = setup;
-    settings.kind = setup->precond;
-    settings.jobs = *setup->jobs;
-    settings.positions = setup->positions;
     result = sbi_elimination_make_rows(e, &maker, error);
     sbi_free(&e->allocator, maker.rows);
     sbi_free(&e->allocator, maker.memory);
@@ -429,7 +425,7 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     if (result == SB_OK)
         result = sbi_elimination_make_positions(e, setup->matrix, error);
     if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &e->matrix, &e->allocator, &e->precond, error);
+        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, &e->allocator, &e->precond, error);
     return result;
 }
 

@@ -51,8 +51,7 @@ typedef struct sbi_elimination {
 typedef struct sbi_elimination_setup {
     const sb_matrix *matrix;      /* the full matrix; its pattern is read */
     const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
-    sb_precond_kind precond;
-    const sb_jobs *jobs;         /* copied */
+    const sb_preconditioner *precond; /* of the full matrix; that of the condensed one is made like it */
     const sb_allocator *allocator;
 } sbi_elimination_setup;
 

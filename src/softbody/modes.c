@@ -633,6 +633,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     }
     sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
+    settings.jobs = b->jobs;
     result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     if (result == SB_OK)
         result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);

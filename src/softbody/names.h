@@ -139,6 +139,12 @@
 #define sb_direct_update sb_direct_update_f32
 #define sb_direct_solve sb_direct_solve_f32
 #define sb_direct_get_info sb_direct_get_info_f32
+#define sb_domain_create sb_domain_create_f32
+#define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
+#define sb_solver_auto sb_solver_auto_f32
+#define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
@@ -153,10 +159,6 @@
 #define sb_pcg_workspace_create sb_pcg_workspace_create_f32
 #define sb_pcg_workspace_free sb_pcg_workspace_free_f32
 #define sb_pcg_solve sb_pcg_solve_f32
-#define sb_domain_create sb_domain_create_f32
-#define sb_domain_free sb_domain_free_f32
-#define sb_mapping_apply sb_mapping_apply_f32
-#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_default_grid_def sb_default_grid_def_f32
 #define sb_grid_create sb_grid_create_f32
 #define sb_grid_free sb_grid_free_f32
@@ -171,6 +173,7 @@
 #define sb_body_element_count sb_body_element_count_f32
 #define sb_body_point_count sb_body_point_count_f32
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
+#define sb_body_solver sb_body_solver_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32

@@ -39,6 +39,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
         return;
     allocator = preconditioner->allocator;
     sb_direct_free(preconditioner->direct);
+    sbi_multigrid_free(preconditioner->multigrid);
     sbi_fsai_free(&allocator, &preconditioner->fsai);
     for (int k = 0; k < preconditioner->array_count; k++)
         sbi_free(&allocator, preconditioner->arrays[k]);
@@ -326,11 +327,13 @@ static void sbi_precond_rows_task(void *user, int chunk)
     sbi_fsai_multiply(&p->fsai, p->result, p->middle, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
 }
 
-/* result = G^T middle */
+/* result = G^T middle, turned */
 static void sbi_precond_columns_task(void *user, int chunk)
 {
     sb_preconditioner *p = ((const sbi_precond_job *)user)->p;
     sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
+    if (p->turned)
+        sbi_precond_leave_task(user, chunk);
 }
 
 /* middle = (I + L)^-1 r, result = D^-1 middle. */
@@ -440,7 +443,7 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
         sbi_precond_forward(p, job->r, (sb_real)job->scale);
         sbi_precond_backward(p);
     }
-    if (p->turned)
+    if (p->turned && p->kind != SB_PRECOND_FSAI) /* which turns its rows as it makes them */
         sbi_precond_run(job, sbi_precond_leave_task);
 }
 
@@ -463,13 +466,18 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         memcpy(z, r, 3 * (size_t)p->row_count * sizeof(sb_real));
         return;
     }
+    if (p->kind == SB_PRECOND_MULTIGRID) {
+        sbi_multigrid_apply(p->multigrid, r, (sb_real)job.scale, z, (sb_real)(p->matrix_scale / job.scale));
+        return;
+    }
     if (p->kind == SB_PRECOND_CHOLESKY)
         sbi_precond_solve_exact(p, r, (sb_real)job.scale);
     else
         sbi_precond_smooth(p, &job);
+    job.with_result = 1;
     if (p->coarse.ready)
-        sbi_precond_correct(p, r, job.scale, 1);
-    if (p->kind == SB_PRECOND_CHOLESKY && !p->coarse.ready)
+        sbi_precond_correct(&job);
+    else if (p->kind == SB_PRECOND_CHOLESKY)
         sbi_precond_write_exact(p, z, job.scale);
     else
         sbi_precond_run(&job, sbi_precond_write_task);
@@ -481,8 +489,7 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_
     if (!p->coarse.ready)
         return 0;
     memset(p->result, 0, (size_t)p->row_count * 4 * sizeof(float));
-    sbi_precond_correct(p, r, job.scale, 0);
-    sbi_precond_run(&job, sbi_precond_write_task);
+    sbi_precond_correct(&job);
     return 1;
 }
 
@@ -508,10 +515,30 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
     return def;
 }
 
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
+{
+    return pattern && pattern->row_count >= SBI_PRECOND_MULTIGRID_ROWS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+}
+
+SB_API const char *sb_precond_string(sb_precond_kind kind)
+{
+    switch (kind) {
+    case SB_PRECOND_NONE: return "none";
+    case SB_PRECOND_BLOCK_JACOBI: return "block Jacobi";
+    case SB_PRECOND_SSOR: return "SSOR";
+    case SB_PRECOND_IC0: return "incomplete Cholesky";
+    case SB_PRECOND_AUTO: return "automatic";
+    case SB_PRECOND_FSAI: return "sparse approximate inverse";
+    case SB_PRECOND_CHOLESKY: return "complete Cholesky";
+    case SB_PRECOND_MULTIGRID: return "multigrid";
+    default: return "unknown";
+    }
+}
+
 static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
-    if (!def->positions || def->kind == SB_PRECOND_NONE)
+    if (!def->positions || def->kind == SB_PRECOND_NONE || def->kind == SB_PRECOND_MULTIGRID)
         return 0;
     if (def->piece_count != SB_PRECOND_PIECES_AUTO)
         return def->piece_count;
@@ -525,13 +552,17 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
 {
     if (!def || !pattern || pattern->row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
-    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_CHOLESKY)
+    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_MULTIGRID)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "unknown preconditioner kind %d", (int)def->kind);
     if (def->power < 1 || def->power > SB_PRECOND_MAX_POWER)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "power %d is outside 1 to %d", def->power, SB_PRECOND_MAX_POWER);
     if (def->piece_count < SB_PRECOND_PIECES_AUTO || def->piece_count > pattern->row_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "piece_count %d is outside 0 to %d", def->piece_count,
                         pattern->row_count);
+    if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
+    if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)
         if (!sb_v3_is_finite(def->positions[i]))
             return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
@@ -573,24 +604,49 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
     return result;
 }
 
-static sb_result sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a,
+                                           sb_error *error)
 {
     size_t rows = (size_t)a->row_count;
     int pieces = sbi_precond_pieces(def, a->row_count);
-    sb_result result;
-    if (p->kind == SB_PRECOND_NONE)
-        return SB_OK;
+    sb_result result = SB_OK;
     p->middle = sbi_precond_take_floats(p, rows, 4);
     p->result = sbi_precond_take_floats(p, rows, 4);
     p->turns = sbi_precond_take_floats(p, rows, 12);
     p->held = sbi_precond_take_floats(p, rows, 4);
     p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
     if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
-        return SB_ERROR_MEMORY;
-    result = sbi_precond_make_kind(p, def, a);
+        result = SB_ERROR_MEMORY;
+    if (result == SB_OK)
+        result = sbi_precond_make_kind(p, def, a);
     if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
         result = SB_ERROR_MEMORY;
+    if (result != SB_OK)
+        return sbi_fail(error, result, "no memory for a preconditioner of %d rows", a->row_count);
+    return SB_OK;
+}
+
+static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preconditioner_def *def,
+                                            const sb_matrix *pattern, const sb_preconditioner *like, sb_error *error)
+{
+    sbi_multigrid_setup setup;
+    sb_result result;
+    setup.positions = def->positions;
+    setup.levels = def->levels;
+    setup.level_count = def->level_count;
+    setup.like = like ? like->multigrid : NULL;
+    setup.jobs = def->jobs;
+    result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
+    if (result == SB_OK)
+        p->bytes += sbi_multigrid_bytes(p->multigrid);
     return result;
+}
+
+static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, const sb_matrix *pattern)
+{
+    if (def->kind != SB_PRECOND_AUTO)
+        return def->kind;
+    return def->positions ? sb_solver_auto(pattern) : SB_PRECOND_IC0;
 }
 
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
@@ -603,9 +659,9 @@ static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
     return hash;
 }
 
-SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
+static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                    const sb_preconditioner *like, const sb_allocator *allocator,
+                                    sb_preconditioner **out, sb_error *error)
 {
     sb_preconditioner *p;
     sb_result result = sbi_precond_check(def, pattern, error);
@@ -619,21 +675,43 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     if (allocator)
         p->allocator = *allocator;
     p->jobs = def->jobs;
+    p->power = def->power;
     p->bytes = sizeof *p;
-    p->kind = def->kind == SB_PRECOND_AUTO ? SB_PRECOND_IC0 : def->kind;
+    p->kind = sbi_precond_resolve(def, pattern);
     p->row_count = pattern->row_count;
     p->block_count = pattern->block_count;
     p->lower_count = (pattern->block_count - pattern->row_count) / 2;
     p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
-    result = sbi_precond_make(p, def, pattern);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        result = sbi_precond_make_multigrid(p, def, pattern, like, error);
+    else if (p->kind != SB_PRECOND_NONE)
+        result = sbi_precond_make_smoother(p, def, pattern, error);
     if (result != SB_OK) {
         sb_preconditioner_free(p);
-        return sbi_fail(error, result, "no memory for a preconditioner of %d rows", pattern->row_count);
+        return result;
     }
     *out = p;
     return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error)
+{
+    return sbi_precond_create(def, pattern, NULL, allocator, out, error);
+}
+
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+{
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    def.kind = like->kind;
+    def.positions = positions;
+    def.jobs = like->jobs;
+    def.power = like->power;
+    return sbi_precond_create(&def, pattern, like, allocator, out, error);
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -674,6 +752,8 @@ static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *
         return sb_direct_update(p->direct, a, error);
     if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
         bad = sbi_precond_invert_diagonals(p, a);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        bad = sbi_multigrid_update(p->multigrid, a, p->matrix_scale);
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: diagonal block is not positive definite", bad);
     if (p->kind == SB_PRECOND_SSOR)
@@ -737,6 +817,8 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
                                         const sb_vec3 *positions, sb_error *error)
 {
     sb_result result = sbi_precond_check_matrix(p, matrix, positions, error);
+    if (result == SB_OK && p->kind == SB_PRECOND_MULTIGRID)
+        result = sbi_fail(error, SB_ERROR_UNSUPPORTED, "multigrid is not turned, but updated");
     if (result == SB_OK && !p->ready)
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is nothing to turn: the preconditioner was never updated");
     if (result == SB_OK)
@@ -782,6 +864,7 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     info.piece_count = preconditioner->coarse.piece_count;
     info.attempts = preconditioner->attempts;
     info.shift = preconditioner->shift;
+    info.level_count = preconditioner->multigrid ? sbi_multigrid_levels(preconditioner->multigrid) : 0;
     info.bytes = preconditioner->bytes;
     return info;
 }

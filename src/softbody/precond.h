@@ -5,6 +5,7 @@
 #define SB_PRECOND_H
 
 #include "dense.h"
+#include "multigrid.h"
 #include "sparse.h"
 
 /* What smooths: z = M^-1 r of one application. */
@@ -13,11 +14,12 @@ typedef enum sb_precond_kind {
     SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
-    SB_PRECOND_AUTO = 4,         /* the library's choice: SB_PRECOND_IC0 */
+    SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
                                   * application use all threads; 1.5 times the iterations of IC0, ten times its set-up */
-    SB_PRECOND_CHOLESKY = 6      /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
+    SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
                                   * as warping makes them */
+    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
 } sb_precond_kind;
 
 enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
@@ -29,6 +31,9 @@ typedef struct sb_preconditioner_def {
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 halves the iterations, takes about four times the
                       * memory, and a hundred times the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
+    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
+                                       * made below the last. Default NULL: all are made from positions */
+    int level_count;
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -38,6 +43,7 @@ typedef struct sb_preconditioner_info {
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
     double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive; FSAI: the
                            * largest that a row needed */
+    int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
 
@@ -51,6 +57,15 @@ typedef struct sb_preconditioner_info {
  * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first
  * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
 typedef struct sb_preconditioner sb_preconditioner;
+
+/* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
+ * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
+ * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
+ * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
+ * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
+/* Name of a kind, as "multigrid"; never NULL. */
+SB_API const char *sb_precond_string(sb_precond_kind kind);
 
 /* The defaults named at the fields. */
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
@@ -84,18 +99,19 @@ SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_
  * matrix     what is to be solved now, of the same pattern
  * rotations  [row_count] unit quaternions, as sb_body_nodal_rotations gives; NULL: none
  * positions  as in sb_preconditioner_update
- * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion) or
- * SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
+ * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion),
+ * SB_ERROR_UNSUPPORTED (multigrid: update it) or SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
  * over the matrix; allocates nothing. */
 SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                         const sb_quat *rotations, const sb_vec3 *positions, sb_error *error);
 
 /* ---- kept in memory -------------------------------------------------------------------------------------
- * What an update made, to be shipped with an organ: loaded, it needs no factorisation, only a warp. The bytes are
+ * What an update made, to be shipped with an organ: loaded, it needs no factorisation, only a warp. Not of multigrid
+ * (SB_ERROR_UNSUPPORTED), whose updates are cheap. The bytes are
  * little-endian everywhere: "SBPRECND", version (4 bytes), bytes of sb_real (4), bytes in all (8), the make, the
  * values, checksum of all bytes before it (8). */
 
-/* Bytes that sb_preconditioner_save writes; 0: more than size_t holds. */
+/* Bytes that sb_preconditioner_save writes; 0: more than size_t holds, or multigrid. */
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
  * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer, or never updated (then untouched). */
@@ -118,6 +134,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 

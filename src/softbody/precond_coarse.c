@@ -419,37 +419,34 @@ static void sbi_precond_restrict_task(void *user, int piece)
                                job->p->coarse.solution + 6 * piece);
 }
 
-/* result += Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
+/* z = result + Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
 static void sbi_precond_prolong_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     const sbi_precond_coarse *c = &job->p->coarse;
     const double *s = c->solution + 6 * piece;
+    sb_real back = (sb_real)(job->p->matrix_scale / job->scale);
     float wx = (float)s[3], wy = (float)s[4], wz = (float)s[5];
     sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
     sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx), by_z = sbi_f4_make(wy, -wx, 0);
     for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
         size_t i = (size_t)c->piece_nodes[k];
         const float *arm = c->arms + 4 * i;
-        float *result = job->p->result + 4 * i;
         sbi_float4 move = sbi_f4_add(shift, sbi_f4_scale(arm[0], by_x));
         move = sbi_f4_add(move, sbi_f4_scale(arm[1], by_y));
         move = sbi_f4_mul(sbi_f4_add(move, sbi_f4_scale(arm[2], by_z)), sbi_f4_load(c->free + 4 * i));
-        sbi_f4_store(result, sbi_f4_add(sbi_f4_load(result), move));
+        move = sbi_f4_add(sbi_f4_load(job->p->result + 4 * i), move);
+        for (int axis = 0; axis < 3; axis++)
+            job->z[3 * i + (size_t)axis] = (sb_real)SBI_F4(move, axis) * back;
     }
 }
 
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result)
+SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 {
-    sbi_precond_job job;
-    memset(&job, 0, sizeof job);
-    job.p = p;
-    job.r = r;
-    job.scale = scale;
-    job.with_result = with_result;
-    sbi_run(&p->jobs, sbi_precond_restrict_task, &job, p->coarse.piece_count);
-    sbi_precond_solve_coarse(&p->coarse);
-    sbi_run(&p->jobs, sbi_precond_prolong_task, &job, p->coarse.piece_count);
+    sbi_precond_job mine = *job;
+    sbi_run(&job->p->jobs, sbi_precond_restrict_task, &mine, job->p->coarse.piece_count);
+    sbi_precond_solve_coarse(&job->p->coarse);
+    sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
 #undef SBI_F4

@@ -192,6 +192,8 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner)
 {
     sbi_precond_walk walk;
+    if (preconditioner->kind == SB_PRECOND_MULTIGRID)
+        return 0;
     memset(&walk, 0, sizeof walk);
     walk.pass = SBI_PRECOND_MEASURE;
     sbi_precond_pass_over((sb_preconditioner *)(uintptr_t)preconditioner, &walk);
@@ -205,6 +207,8 @@ SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner,
     sbi_precond_walk walk;
     if (!preconditioner || !buffer || !preconditioner->ready)
         return SB_ERROR_ARGUMENT;
+    if (preconditioner->kind == SB_PRECOND_MULTIGRID)
+        return SB_ERROR_UNSUPPORTED;
     needed = sb_preconditioner_saved_size(preconditioner);
     if (needed == 0 || size < needed)
         return SB_ERROR_ARGUMENT;
@@ -223,6 +227,8 @@ SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const
     sb_result result;
     if (!preconditioner || !buffer)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_preconditioner_load needs a preconditioner and bytes");
+    if (preconditioner->kind == SB_PRECOND_MULTIGRID)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "multigrid is not loaded, but updated");
     result = sbi_image_check((const unsigned char *)buffer, size, SBI_PRECOND_MAGIC, SBI_PRECOND_VERSION,
                              "preconditioner", error);
     if (result != SB_OK)

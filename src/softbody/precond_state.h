@@ -17,7 +17,8 @@ enum {
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
-    SBI_PRECOND_MAX_PIECES = 64
+    SBI_PRECOND_MAX_PIECES = 64,
+    SBI_PRECOND_MULTIGRID_ROWS = 5000
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -48,6 +49,7 @@ struct sb_preconditioner {
     sb_allocator allocator;
     sb_jobs jobs;
     sb_precond_kind kind;
+    int power;
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
     int ready;           /* 1: updated or loaded */
@@ -68,6 +70,7 @@ struct sb_preconditioner {
     int attempts, successes, wait;
     double shift;
     sbi_fsai fsai;
+    sbi_multigrid *multigrid;
     sb_direct *direct;  /* Cholesky */
     sb_real *exact;     /* [row_count][3] what it solves, and the solution */
     /* warping: M^-1 = R S R^T on the free components, with the inverse diagonal on those prescribed now */
@@ -105,7 +108,7 @@ SBI_API double sbi_precond_power(double size);
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
-/* result += Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone */
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result);
+/* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
+SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
 #endif /* SB_PRECOND_STATE_H */

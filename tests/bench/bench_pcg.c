@@ -5,17 +5,11 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "elastic.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-static double seconds(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* ---- the system ---- */
 
@@ -29,7 +23,6 @@ typedef struct beam {
 } beam;
 
 static const double beam_size[3] = {0.2, 0.06, 0.06};
-static const int edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
 
 /* Six tetrahedra per cube; n counts cubes. Nodes of quadratic elements lie on the grid of half the size. */
 static void beam_mesh(beam *b, const int *n, int corners)
@@ -63,85 +56,21 @@ static void beam_mesh(beam *b, const int *n, int corners)
         for (int e = 0; e < corners - 4; e++) {
             int middle[3];
             for (int axis = 0; axis < 3; axis++)
-                middle[axis] = (grid[edges[e][0]][axis] + grid[edges[e][1]][axis]) / 2;
+                middle[axis] = (grid[elastic_edges[e][0]][axis] + grid[elastic_edges[e][1]][axis]) / 2;
             out[4 + e] = (middle[0] * points[1] + middle[1]) * points[2] + middle[2];
         }
     }
 }
 
-/* Gradients of the barycentric coordinates; returns the volume. */
-static double tet_gradients(const sb_vec3 *positions, const int *tet, double g[4][3])
-{
-    double d[3][3], det;
-    for (int c = 0; c < 3; c++) {
-        sb_vec3 edge = sb_v3_sub(positions[tet[c + 1]], positions[tet[0]]);
-        d[0][c] = (double)edge.x, d[1][c] = (double)edge.y, d[2][c] = (double)edge.z;
-    }
-    for (int c = 0; c < 3; c++)
-        for (int r = 0; r < 3; r++)
-            g[c + 1][r] = d[(r + 1) % 3][(c + 1) % 3] * d[(r + 2) % 3][(c + 2) % 3] -
-                          d[(r + 1) % 3][(c + 2) % 3] * d[(r + 2) % 3][(c + 1) % 3];
-    det = d[0][0] * g[1][0] + d[1][0] * g[1][1] + d[2][0] * g[1][2];
-    for (int r = 0; r < 3; r++) {
-        for (int a = 1; a < 4; a++)
-            g[a][r] /= det;
-        g[0][r] = -g[1][r] - g[2][r] - g[3][r];
-    }
-    return (det < 0 ? -det : det) / 6;
-}
-
-/* Shape gradients at quadrature point q of 4 (linear elements: the same everywhere). */
-static void shape_gradients(int corners, double g[4][3], int q, double out[10][3])
-{
-    double at[4];
-    for (int k = 0; k < 4; k++)
-        at[k] = k == q ? 0.5854101966249685 : 0.1381966011250105;
-    for (int r = 0; r < 3; r++) {
-        for (int k = 0; k < 4; k++)
-            out[k][r] = corners == 4 ? g[k][r] : (4 * at[k] - 1) * g[k][r];
-        for (int e = 0; e < corners - 4; e++)
-            out[4 + e][r] = 4 * (at[edges[e][0]] * g[edges[e][1]][r] + at[edges[e][1]] * g[edges[e][0]][r]);
-    }
-}
-
-/* block += factor (lambda a b^T + mu b a^T + mu a.b I) */
-static void add_block(sb_real *block, const double *a, const double *b, double factor, double lambda,
-                      double mu)
-{
-    double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            block[3 * r + c] +=
-                (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
-}
-
 /* Linear elasticity: M / dt^2 + (1 + beta / dt) K with lumped masses, gravity on the right. */
 static void beam_assemble(beam *b, double young, double poisson)
 {
-    const double density = 1000, dt = 0.01, beta = 0.02;
-    double lambda = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), mu = young / (2 * (1 + poisson));
     sb_error error;
     if (sb_matrix_create(b->nodes, b->tets, b->corners, NULL, b->cells, NULL, &b->matrix, &error))
         exit(1);
     b->rhs = (sb_real *)calloc(3 * (size_t)b->nodes, sizeof(sb_real));
     b->x = (sb_real *)calloc(3 * (size_t)b->nodes, sizeof(sb_real));
-    for (int t = 0; t < b->tets; t++) {
-        const int *tet = b->cells + (size_t)b->corners * (size_t)t;
-        double g[4][3], shape[10][3], volume = tet_gradients(b->positions, tet, g);
-        for (int q = 0; q < 4; q++) {
-            shape_gradients(b->corners, g, q, shape);
-            for (int i = 0; i < b->corners; i++)
-                for (int j = 0; j < b->corners; j++)
-                    add_block(b->matrix.blocks[sb_matrix_find(&b->matrix, tet[i], tet[j])], shape[i],
-                              shape[j], (1 + beta / dt) * volume / 4, lambda, mu);
-        }
-        for (int i = 0; i < b->corners; i++) {
-            double mass = density * volume * (b->corners == 4 ? 1.0 / 4 : i < 4 ? 1.0 / 36 : 4.0 / 27);
-            for (int r = 0; r < 3; r++)
-                b->matrix.blocks[b->matrix.diagonal[tet[i]]][4 * r] += (sb_real)(mass / (dt * dt));
-            b->rhs[3 * (size_t)tet[i] + 2] -= (sb_real)(9.81 * mass);
-        }
-    }
+    elastic_assemble(b->positions, b->cells, b->tets, b->corners, young, poisson, &b->matrix, b->rhs);
     sb_matrix_constrain(&b->matrix, b->mask, NULL, b->rhs);
 }
 
@@ -202,11 +131,11 @@ static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, cons
         printf("%s %s: %s\n", mesh, smoothers[smoother].name, error.message);
         exit(1);
     }
-    began = seconds();
-    for (count = 0; count < REPEATS && (count == 0 || seconds() - began < 1); count++) {
-        double start = seconds();
+    began = elastic_seconds();
+    for (count = 0; count < REPEATS && (count == 0 || elastic_seconds() - began < 1); count++) {
+        double start = elastic_seconds();
         sb_preconditioner_update(preconditioner, &b->matrix, b->positions, &error);
-        times[count] = 1e3 * (seconds() - start);
+        times[count] = 1e3 * (elastic_seconds() - start);
     }
     resolved = sb_preconditioner_get_info(preconditioner);
     printf("%-14s %-6s dof %6d pieces %2d shift %-6g bytes %9lu setup %7.3f ms", mesh, smoothers[smoother].name,
@@ -217,12 +146,12 @@ static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, cons
     for (int t = 0; t < (SB_REAL_IS_FLOAT ? 2 : 3); t++) {
         sb_result result = SB_OK;
         options.tolerance = tolerances[t];
-        began = seconds();
-        for (count = 0; count < REPEATS && (count == 0 || seconds() - began < 1); count++) {
-            double start = seconds();
+        began = elastic_seconds();
+        for (count = 0; count < REPEATS && (count == 0 || elastic_seconds() - began < 1); count++) {
+            double start = elastic_seconds();
             memset(b->x, 0, 3 * (size_t)b->nodes * sizeof(sb_real));
             result = sb_pcg_solve(&b->matrix, preconditioner, b->rhs, b->x, &options, &workspace, &info);
-            times[count] = 1e3 * (seconds() - start);
+            times[count] = 1e3 * (elastic_seconds() - start);
         }
         printf("  %g: %4d it %8.3f ms%s", tolerances[t], info.iterations, median(times, count),
                result == SB_OK ? "" : sb_result_string(result));

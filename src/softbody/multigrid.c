@@ -1,0 +1,473 @@
+/* multigrid: levels and the plans of their updates. */
+#include "multigrid_level.h"
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    SBI_MG_RATIO = 16, /* a level has at most a sixteenth of the nodes above it: edges two and a half times as long */
+    SBI_MG_DEGREE = 3
+};
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+/* An array of the object on a cache line boundary; NULL when there is no memory. */
+static void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
+{
+    size_t bytes = 128; /* alignment, and room to read past the end */
+    void *raw;
+    if (m->array_count == SBI_MG_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
+        return NULL;
+    raw = sbi_alloc(&m->allocator, bytes, 1);
+    if (!raw)
+        return NULL;
+    m->arrays[m->array_count++] = raw;
+    m->bytes += bytes;
+    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
+}
+
+static int *sbi_mg_take_ints(sbi_multigrid *m, size_t count) { return (int *)sbi_mg_take(m, count, sizeof(int)); }
+
+/* Zeroed, so that what is read past either end is a number. */
+static float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
+{
+    float *floats = NULL;
+    if (count <= ((size_t)-1 / sizeof(float) - 32) / width)
+        floats = (float *)sbi_mg_take(m, count * width + 16, sizeof(float));
+    if (!floats)
+        return NULL;
+    memset(floats, 0, (count * width + 32) * sizeof(float));
+    return floats + 16;
+}
+
+SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
+{
+    sb_allocator allocator;
+    if (!multigrid)
+        return;
+    allocator = multigrid->allocator;
+    for (int k = 0; k < multigrid->array_count; k++)
+        sbi_free(&allocator, multigrid->arrays[k]);
+    sbi_free(&allocator, multigrid);
+}
+
+SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid) { return multigrid->level_count; }
+SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->bytes; }
+
+/* ---- one level ----------------------------------------------------------------------------------------- */
+
+/* Values and vectors of a level whose counts are set. */
+static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
+{
+    size_t rows = (size_t)level->row_count;
+    if (level == m->levels) {
+        level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
+        level->scale = sbi_mg_take_floats(m, rows, 4);
+    } else {
+        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
+    }
+    level->inverse = sbi_mg_take_floats(m, rows, 12);
+    level->x = sbi_mg_take_floats(m, rows, 4);
+    level->r = sbi_mg_take_floats(m, rows, 4);
+    level->d = sbi_mg_take_floats(m, rows, 4);
+    level->e = sbi_mg_take_floats(m, rows, 4);
+    level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
+    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r && level->d && level->e && level->partial;
+}
+
+static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
+{
+    size_t rows = (size_t)pattern->row_count, blocks = (size_t)pattern->block_count;
+    level->row_count = pattern->row_count;
+    level->block_count = pattern->block_count;
+    level->row_start = sbi_mg_take_ints(m, rows + 1);
+    level->columns = sbi_mg_take_ints(m, blocks);
+    level->diagonal = sbi_mg_take_ints(m, rows);
+    if (!level->row_start || !level->columns || !level->diagonal)
+        return 0;
+    memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
+    memcpy(level->columns, pattern->columns, blocks * sizeof(int));
+    memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
+    return sbi_mg_take_values(m, level);
+}
+
+/* Takes over interpolation rows, and lists them from the coarser side, children ascending. */
+static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_level *level)
+{
+    size_t n = (size_t)level->row_count, coarse = (size_t)rows->coarse_count, entries = (size_t)rows->start[n];
+    level->parent_start = sbi_mg_take_ints(m, n + 1);
+    level->parents = sbi_mg_take_ints(m, entries);
+    level->shares = sbi_mg_take_floats(m, entries, 1);
+    level->child_start = sbi_mg_take_ints(m, coarse + 2);
+    level->children = sbi_mg_take_ints(m, entries);
+    level->child_shares = sbi_mg_take_floats(m, entries, 1);
+    if (!level->parent_start || !level->parents || !level->shares || !level->child_start || !level->children ||
+        !level->child_shares)
+        return 0;
+    memcpy(level->parent_start, rows->start, (n + 1) * sizeof(int));
+    memcpy(level->parents, rows->nodes, entries * sizeof(int));
+    memcpy(level->shares, rows->weights, entries * sizeof(float));
+    memset(level->child_start, 0, (coarse + 2) * sizeof(int));
+    for (size_t e = 0; e < entries; e++)
+        level->child_start[rows->nodes[e] + 2]++;
+    for (size_t a = 0; a < coarse; a++)
+        level->child_start[a + 2] += level->child_start[a + 1];
+    for (int i = 0; i < level->row_count; i++)
+        for (int e = rows->start[i]; e < rows->start[i + 1]; e++) {
+            int place = level->child_start[rows->nodes[e] + 1]++;
+            level->children[place] = i;
+            level->child_shares[place] = rows->weights[e];
+        }
+    return 1;
+}
+
+/* ---- plans --------------------------------------------------------------------------------------------- */
+
+/* Scratch of the plans. */
+typedef struct sbi_mg_planner {
+    const sb_allocator *allocator;
+    int coarse_count;
+    int *place;         /* [max(row_count, coarse_count)] of a coarse node in the row at work */
+    int *mixed_columns; /* [mixed_count] coarse node of each block of A P */
+} sbi_mg_planner;
+
+/* Rows of A P: every block of A has a place in its row for each parent of its column. Returns their number; with
+ * slots, writes them and the columns. */
+static size_t sbi_mg_walk_mixed(const sbi_mg_planner *planner, const sbi_mg_level *level, int *slots)
+{
+    size_t total = 0, slot = 0;
+    int *place = planner->place;
+    for (int a = 0; a < planner->coarse_count; a++)
+        place[a] = -1;
+    for (int i = 0; i < level->row_count; i++) {
+        size_t first = total;
+        if (slots)
+            level->mixed_start[i] = (int)total;
+        if (slots)
+            level->slot_start[i] = (int)slot;
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+            int j = level->columns[q];
+            for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++, slot++) {
+                int a = level->parents[k];
+                if (place[a] < (int)first) {
+                    if (slots)
+                        planner->mixed_columns[total] = a;
+                    place[a] = (int)total++;
+                }
+                if (slots)
+                    slots[slot] = place[a];
+                if (total >= INT_MAX || slot >= INT_MAX)
+                    return (size_t)-1;
+            }
+        }
+    }
+    return total;
+}
+
+static size_t sbi_mg_count_slots(const sbi_mg_level *level)
+{
+    size_t slots = 0;
+    for (int q = 0; q < level->block_count; q++)
+        slots += (size_t)(level->parent_start[level->columns[q] + 1] - level->parent_start[level->columns[q]]);
+    return slots;
+}
+
+static int sbi_mg_plan_mixed(sbi_multigrid *m, sbi_mg_planner *planner, sbi_mg_level *level)
+{
+    size_t rows = (size_t)level->row_count, mixed = sbi_mg_walk_mixed(planner, level, NULL);
+    if (mixed == (size_t)-1)
+        return 0;
+    level->mixed_start = sbi_mg_take_ints(m, rows + 1);
+    level->slot_start = sbi_mg_take_ints(m, rows + 1);
+    level->slots = sbi_mg_take_ints(m, sbi_mg_count_slots(level));
+    level->mixed = sbi_mg_take_floats(m, mixed, 9);
+    planner->mixed_columns = (int *)sbi_alloc(planner->allocator, mixed, sizeof(int));
+    if (!level->mixed_start || !level->slot_start || !level->slots || !level->mixed || !planner->mixed_columns)
+        return 0;
+    sbi_mg_walk_mixed(planner, level, level->slots);
+    level->mixed_start[rows] = (int)mixed;
+    return 1;
+}
+
+/* Visits the columns of each row of P^T A P once, the row itself included. Without columns: counts them in fill[row].
+ * With columns: appends the row's number to the rows of its columns; the pattern is symmetric, so that these are the
+ * rows wanted, ascending. Returns the number of blocks. */
+static size_t sbi_mg_walk_coarse(const sbi_mg_planner *planner, const sbi_mg_level *fine, int *fill, int *columns)
+{
+    size_t total = 0;
+    int *seen = planner->place;
+    for (int a = 0; a < planner->coarse_count; a++)
+        seen[a] = -1;
+    for (int a = 0; a < planner->coarse_count; a++) {
+        size_t before = total;
+        seen[a] = a;
+        total++;
+        if (columns)
+            columns[fill[a]++] = a;
+        for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
+            int i = fine->children[c];
+            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++) {
+                int b = planner->mixed_columns[s];
+                if (seen[b] == a)
+                    continue;
+                seen[b] = a;
+                total++;
+                if (columns)
+                    columns[fill[b]++] = a;
+            }
+        }
+        if (!columns)
+            fill[a] = (int)(total - before);
+    }
+    return total;
+}
+
+static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, const sbi_mg_level *fine,
+                              sbi_mg_level *coarse)
+{
+    size_t rows = (size_t)planner->coarse_count, blocks;
+    coarse->row_count = planner->coarse_count;
+    coarse->row_start = sbi_mg_take_ints(m, rows + 1);
+    coarse->diagonal = sbi_mg_take_ints(m, rows);
+    if (!coarse->row_start || !coarse->diagonal)
+        return 0;
+    coarse->row_start[0] = 0;
+    blocks = sbi_mg_walk_coarse(planner, fine, coarse->row_start + 1, NULL);
+    if (blocks > INT_MAX)
+        return 0;
+    coarse->block_count = (int)blocks;
+    coarse->columns = sbi_mg_take_ints(m, blocks);
+    if (!coarse->columns)
+        return 0;
+    for (size_t a = 0; a < rows; a++)
+        coarse->row_start[a + 1] += coarse->row_start[a];
+    memcpy(coarse->diagonal, coarse->row_start, rows * sizeof(int));
+    sbi_mg_walk_coarse(planner, fine, coarse->diagonal, coarse->columns);
+    for (int a = 0; a < coarse->row_count; a++)
+        for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
+            if (coarse->columns[q] == a)
+                coarse->diagonal[a] = q;
+    return sbi_mg_take_values(m, coarse);
+}
+
+/* Where each block of A P goes in P^T (A P). */
+static int sbi_mg_plan_targets(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
+                               const sbi_mg_level *coarse)
+{
+    size_t total = 0;
+    for (int c = 0; c < fine->child_start[coarse->row_count]; c++)
+        total += (size_t)(fine->mixed_start[fine->children[c] + 1] - fine->mixed_start[fine->children[c]]);
+    fine->target_start = (size_t *)sbi_mg_take(m, (size_t)coarse->row_count + 1, sizeof(size_t));
+    fine->targets = sbi_mg_take_ints(m, total);
+    if (!fine->target_start || !fine->targets)
+        return 0;
+    total = 0;
+    for (int a = 0; a < coarse->row_count; a++) {
+        for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
+            planner->place[coarse->columns[q]] = q;
+        fine->target_start[a] = total;
+        for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
+            int i = fine->children[c];
+            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++)
+                fine->targets[total++] = planner->place[planner->mixed_columns[s]];
+        }
+    }
+    fine->target_start[coarse->row_count] = total;
+    return 1;
+}
+
+/* The level below `fine` from interpolation rows. */
+static int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows)
+{
+    sbi_mg_level *fine = m->levels + m->level_count - 1, *coarse = fine + 1;
+    sbi_mg_planner planner;
+    int made;
+    planner.allocator = &m->allocator;
+    planner.coarse_count = rows->coarse_count;
+    planner.mixed_columns = NULL;
+    planner.place = (int *)sbi_alloc(&m->allocator, (size_t)rows->coarse_count, sizeof(int));
+    made = planner.place && sbi_mg_take_parents(m, rows, fine) && sbi_mg_plan_mixed(m, &planner, fine) &&
+           sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_targets(m, &planner, fine, coarse);
+    sbi_free(&m->allocator, planner.place);
+    sbi_free(&m->allocator, planner.mixed_columns);
+    m->level_count += made;
+    return made;
+}
+
+/* ---- levels of the user -------------------------------------------------------------------------------- */
+
+static sb_result sbi_mg_check_level(const sb_multigrid_level *own, int index, int rows, sb_error *error)
+{
+    const sb_mapping *mapping = &own->mapping;
+    int entries;
+    if (own->node_count < 1 || !own->positions || !mapping->row_start || !mapping->nodes || !mapping->weights ||
+        mapping->row_count != rows)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level %d: needs nodes, positions and a mapping of %d rows", index,
+                        rows);
+    if (mapping->row_start[0] != 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level %d: rows start at %d, not at 0", index, mapping->row_start[0]);
+    for (int i = 0; i < rows; i++)
+        if (mapping->row_start[i + 1] < mapping->row_start[i])
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "level %d: row %d ends before it starts", index, i);
+    entries = mapping->row_start[rows];
+    for (int e = 0; e < entries; e++) {
+        if (mapping->nodes[e] < 0 || mapping->nodes[e] >= own->node_count)
+            return sbi_fail_node(error, SB_ERROR_INDEX, mapping->nodes[e], "level %d: node %d is outside 0 to %d", index,
+                                 mapping->nodes[e], own->node_count - 1);
+        if (!sb_is_finite(mapping->weights[e]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, mapping->nodes[e],
+                                 "level %d: a weight of node %d is not finite", index, mapping->nodes[e]);
+    }
+    for (int a = 0; a < own->node_count; a++)
+        if (!sb_v3_is_finite(own->positions[a]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, a, "level %d: node %d: position is not finite", index, a);
+    return SB_OK;
+}
+
+static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    const sb_mapping *mapping = &own->mapping;
+    size_t n = (size_t)mapping->row_count, entries = (size_t)mapping->row_start[n];
+    memset(rows, 0, sizeof *rows);
+    rows->coarse_count = own->node_count;
+    rows->start = (int *)sbi_alloc(allocator, n + 1, sizeof(int));
+    rows->nodes = (int *)sbi_alloc(allocator, entries, sizeof(int));
+    rows->weights = (float *)sbi_alloc(allocator, entries, sizeof(float));
+    rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)own->node_count, sizeof(sb_vec3));
+    if (!rows->start || !rows->nodes || !rows->weights || !rows->positions) {
+        sbi_mg_rows_free(allocator, rows);
+        return 0;
+    }
+    memcpy(rows->start, mapping->row_start, (n + 1) * sizeof(int));
+    memcpy(rows->nodes, mapping->nodes, entries * sizeof(int));
+    memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
+    for (size_t e = 0; e < entries; e++)
+        rows->weights[e] = (float)mapping->weights[e];
+    return 1;
+}
+
+/* The rows of a level of the user's that is in use. */
+static int sbi_mg_copy_used(const sbi_mg_level *level, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *coarse = level + 1;
+    sb_multigrid_level own;
+    size_t entries = (size_t)level->parent_start[level->row_count];
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    int made;
+    for (size_t e = 0; e < entries && weights; e++)
+        weights[e] = (sb_real)level->shares[e];
+    own.mapping.row_count = level->row_count;
+    own.mapping.row_start = level->parent_start;
+    own.mapping.nodes = level->parents;
+    own.mapping.weights = weights;
+    own.node_count = coarse->row_count;
+    own.positions = coarse->positions;
+    made = weights && sbi_mg_copy_level(&own, allocator, rows);
+    sbi_free(allocator, weights);
+    return made;
+}
+
+/* ---- creation ------------------------------------------------------------------------------------------ */
+
+static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
+}
+
+/* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
+ * much smaller. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
+                                  sbi_mg_rows *rows, sb_error *error)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    int own = m->level_count - 1, made;
+    memset(rows, 0, sizeof *rows);
+    if (own < setup->level_count) {
+        sb_result result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
+        if (result != SB_OK)
+            return result;
+        made = sbi_mg_copy_level(setup->levels + own, &m->allocator, rows);
+    } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
+        made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
+    } else {
+        if (own > 0 && level->row_count <= SBI_MG_DENSE)
+            return SB_OK;
+        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        if (made && rows->coarse_count > level->row_count / 2)
+            sbi_mg_rows_free(&m->allocator, rows);
+    }
+    return made ? SB_OK : sbi_mg_no_memory(m, error);
+}
+
+/* 1: the level just made is one of the user's; its positions are kept, so that it can be used again. */
+static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *rows)
+{
+    int index = m->level_count - 1;
+    sbi_mg_level *level = m->levels + index;
+    if (index > setup->level_count &&
+        !(setup->like && index < setup->like->level_count && setup->like->levels[index].positions))
+        return 1;
+    level->positions = (sb_vec3 *)sbi_mg_take(m, (size_t)level->row_count, sizeof(sb_vec3));
+    if (level->positions)
+        memcpy(level->positions, rows->positions, (size_t)level->row_count * sizeof(sb_vec3));
+    return level->positions != NULL;
+}
+
+/* Coarser levels until one is small enough, or does not get smaller. */
+static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
+{
+    sbi_mg_rows rows, last;
+    sb_result result = SB_OK;
+    memset(&last, 0, sizeof last);
+    while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
+        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+        if (!rows.start)
+            break;
+        sbi_mg_rows_free(&m->allocator, &last);
+        last = rows;
+        if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
+            result = sbi_mg_no_memory(m, error);
+    }
+    sbi_mg_rows_free(&m->allocator, &last);
+    return result;
+}
+
+static int sbi_mg_take_dense(sbi_multigrid *m)
+{
+    int rows = m->levels[m->level_count - 1].row_count;
+    size_t size = 3 * (size_t)rows;
+    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
+        return 1;
+    m->dense = (int)size;
+    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
+    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
+    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
+    return m->factor && m->pivot && m->solution;
+}
+
+SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
+                                       const sb_allocator *allocator, sbi_multigrid **out, sb_error *error)
+{
+    sbi_multigrid *m = (sbi_multigrid *)sbi_alloc_zeroed(allocator, 1, sizeof *m);
+    sb_result result = SB_OK;
+    if (!m)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a multigrid");
+    if (allocator)
+        m->allocator = *allocator;
+    m->jobs = setup->jobs;
+    m->bytes = sizeof *m;
+    m->level_count = 1;
+    m->degree = SBI_MG_DEGREE;
+    if (!sbi_mg_copy_pattern(m, pattern, m->levels))
+        result = sbi_mg_no_memory(m, error);
+    if (result == SB_OK)
+        result = sbi_mg_coarsen(m, setup, error);
+    if (result == SB_OK && !sbi_mg_take_dense(m))
+        result = sbi_mg_no_memory(m, error);
+    if (result != SB_OK) {
+        sbi_multigrid_free(m);
+        return result;
+    }
+    *out = m;
+    return SB_OK;
+}

@@ -1,0 +1,347 @@
+/* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
+#include "multigrid_level.h"
+
+#include <string.h>
+
+/* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
+ * motions and uniform strains of the finer level are then motions of the coarser one, too. */
+typedef struct sbi_lattice {
+    double low[3], extent[3]; /* m */
+    int cells[3];             /* 0 along an axis without extent */
+} sbi_lattice;
+
+/* Where a node lies: the corners of its tet that have a share. */
+typedef struct sbi_lattice_place {
+    int count;
+    int64_t points[4];
+    double weights[4];
+} sbi_lattice_place;
+
+static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
+
+/* Largest extent. */
+static double sbi_lattice_bound(const sb_vec3 *positions, int count, sbi_lattice *lattice)
+{
+    double largest = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double low = sbi_lattice_coordinate(positions[0], axis), high = low;
+        for (int i = 1; i < count; i++) {
+            double x = sbi_lattice_coordinate(positions[i], axis);
+            low = x < low ? x : low;
+            high = x > high ? x : high;
+        }
+        lattice->low[axis] = low;
+        lattice->extent[axis] = high - low;
+        largest = high - low > largest ? high - low : largest;
+    }
+    return largest;
+}
+
+/* Cells of about `edge` that fill the box. */
+static void sbi_lattice_cut(sbi_lattice *lattice, double edge)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        double cells = lattice->extent[axis] / edge + 0.5; /* not a number where there is no extent */
+        lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+    }
+}
+
+static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
+{
+    return ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
+}
+
+/* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
+static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double weight, sbi_lattice_place *place)
+{
+    if (weight < 1e-4)
+        return;
+    place->points[place->count] = sbi_lattice_point(lattice, at);
+    place->weights[place->count++] = weight;
+}
+
+static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 position)
+{
+    sbi_lattice_place place;
+    int at[3], order[3] = {0, 1, 2};
+    double share[3], sum = 0;
+    place.count = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        int cells = lattice->cells[axis];
+        double t = cells ? (sbi_lattice_coordinate(position, axis) - lattice->low[axis]) / lattice->extent[axis] * cells : 0;
+        at[axis] = (int)t;
+        if (cells && at[axis] >= cells)
+            at[axis] = cells - 1;
+        share[axis] = t - at[axis];
+    }
+    for (int a = 1; a < 3; a++) /* by falling share */
+        for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
+            int swap = order[b];
+            order[b] = order[b - 1];
+            order[b - 1] = swap;
+        }
+    sbi_lattice_add(lattice, at, 1 - share[order[0]], &place);
+    for (int k = 0; k < 3; k++) {
+        at[order[k]]++;
+        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), &place);
+    }
+    for (int k = 0; k < place.count; k++)
+        sum += place.weights[k];
+    for (int k = 0; k < place.count; k++)
+        place.weights[k] /= sum;
+    return place;
+}
+
+static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
+{
+    double x[3];
+    for (int axis = 0; axis < 3; axis++) {
+        int64_t points = lattice->cells[axis] + 1;
+        double share = lattice->cells[axis] ? (double)(point % points) / lattice->cells[axis] : 0;
+        x[axis] = lattice->low[axis] + share * lattice->extent[axis];
+        point /= points;
+    }
+    return sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
+}
+
+/* ---- points in use ------------------------------------------------------------------------------------- */
+
+/* Numbers points in the order they come: open addressing, a power of two of places. */
+typedef struct sbi_lattice_table {
+    size_t mask;
+    int64_t *points; /* [mask + 1] -1: free */
+    int *numbers;    /* [mask + 1] */
+    int count;
+} sbi_lattice_table;
+
+static int sbi_lattice_number(sbi_lattice_table *table, int64_t point)
+{
+    uint64_t hash = (uint64_t)point * UINT64_C(0x9E3779B97F4A7C15);
+    size_t at = (size_t)(hash >> 20) & table->mask;
+    while (table->points[at] >= 0 && table->points[at] != point)
+        at = (at + 1) & table->mask;
+    if (table->points[at] < 0) {
+        table->points[at] = point;
+        table->numbers[at] = table->count++;
+    }
+    return table->numbers[at];
+}
+
+static void sbi_lattice_forget(sbi_lattice_table *table)
+{
+    for (size_t k = 0; k <= table->mask; k++)
+        table->points[k] = -1;
+    table->count = 0;
+}
+
+/* 1: no more than `most` points are in use. */
+static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions, int count, int most,
+                            sbi_lattice_table *table)
+{
+    sbi_lattice_forget(table);
+    for (int i = 0; i < count && table->count <= most; i++) {
+        sbi_lattice_place place = sbi_lattice_find(lattice, positions[i]);
+        for (int k = 0; k < place.count; k++)
+            sbi_lattice_number(table, place.points[k]);
+    }
+    return table->count <= most;
+}
+
+/* The finest lattice of no more than `most` points, as far as halving finds it; one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sb_vec3 *positions, int count, int most,
+                               sbi_lattice_table *table)
+{
+    double good = largest, edge = largest / 2;
+    for (int k = 0; k < 16; k++, edge /= 2) {
+        sbi_lattice_cut(lattice, edge);
+        if (!sbi_lattice_fits(lattice, positions, count, most, table))
+            break;
+        good = edge;
+    }
+    for (int k = 0; k < 5; k++) {
+        double middle = (good + edge) / 2;
+        sbi_lattice_cut(lattice, middle);
+        if (sbi_lattice_fits(lattice, positions, count, most, table))
+            good = middle;
+        else
+            edge = middle;
+    }
+    sbi_lattice_cut(lattice, good);
+}
+
+/* ---- rows ---------------------------------------------------------------------------------------------- */
+
+typedef struct sbi_lattice_maker {
+    const sbi_mg_level *level;
+    const sb_vec3 *positions;
+    sbi_lattice lattice;
+    sbi_lattice_table table;
+    int point_count;
+    int64_t *points;   /* [point_count] */
+    int *list_start;   /* [point_count + 1] into list: the entries of the rows by point */
+    int *list;
+    int *owner;        /* [entries] row of each entry */
+    int *number;       /* [entries] coarse node of each entry, -1: not yet */
+    int *entry_of;     /* [rows] entry of a row in the list at work */
+    int *queue;        /* [rows] */
+} sbi_lattice_maker;
+
+/* 1: nothing but itself is coupled to the node; it needs no coarse level. */
+static int sbi_lattice_is_alone(const sbi_mg_level *level, int row)
+{
+    return level->row_start[row + 1] - level->row_start[row] == 1;
+}
+
+static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
+{
+    int entries = 0;
+    for (int i = 0; i < m->level->row_count; i++)
+        if (!sbi_lattice_is_alone(m->level, i))
+            entries += sbi_lattice_find(&m->lattice, m->positions[i]).count;
+    return entries;
+}
+
+static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
+{
+    int entries = 0;
+    sbi_lattice_forget(&m->table);
+    for (int i = 0; i < m->level->row_count; i++) {
+        sbi_lattice_place place = sbi_lattice_find(&m->lattice, m->positions[i]);
+        rows->start[i] = entries;
+        for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
+            rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
+            rows->weights[entries] = (float)place.weights[k];
+            m->points[rows->nodes[entries]] = place.points[k];
+            m->owner[entries] = i;
+            m->number[entries] = -1;
+        }
+    }
+    rows->start[m->level->row_count] = entries;
+    m->point_count = m->table.count;
+}
+
+/* Counting sort of the entries by point. */
+static void sbi_lattice_sort(sbi_lattice_maker *m, const sbi_mg_rows *rows, int entries)
+{
+    memset(m->list_start, 0, ((size_t)m->point_count + 1) * sizeof(int));
+    for (int e = 0; e < entries; e++)
+        m->list_start[rows->nodes[e] + 1]++;
+    for (int p = 0; p < m->point_count; p++)
+        m->list_start[p + 1] += m->list_start[p];
+    for (int e = 0; e < entries; e++)
+        m->list[m->list_start[rows->nodes[e]]++] = e;
+    for (int p = m->point_count; p > 0; p--)
+        m->list_start[p] = m->list_start[p - 1];
+    m->list_start[0] = 0;
+}
+
+/* Gives the entries of a point that can be reached from entry e, node by node of the point's own, one number. */
+static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int number)
+{
+    const sbi_mg_level *level = m->level;
+    int count = 0;
+    m->number[e] = number;
+    m->queue[count++] = m->owner[e];
+    for (int head = 0; head < count; head++) {
+        int i = m->queue[head];
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+            int j = level->columns[q], other = m->entry_of[j];
+            if (other < m->list_start[point] || other >= m->list_start[point + 1] || m->owner[m->list[other]] != j ||
+                m->number[m->list[other]] >= 0)
+                continue;
+            m->number[m->list[other]] = number;
+            m->queue[count++] = j;
+        }
+    }
+}
+
+/* Points whose nodes do not hang together (of parts, or of two lobes with a gap between them) become several coarse
+ * nodes in the same place: a coarse motion never reaches across a gap. Returns the number of coarse nodes. */
+static int sbi_lattice_split(sbi_lattice_maker *m)
+{
+    int count = 0;
+    for (int i = 0; i < m->level->row_count; i++)
+        m->entry_of[i] = -1;
+    for (int p = 0; p < m->point_count; p++) {
+        for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
+            m->entry_of[m->owner[m->list[s]]] = s;
+        for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
+            if (m->number[m->list[s]] < 0)
+                sbi_lattice_spread(m, p, m->list[s], count++);
+    }
+    return count;
+}
+
+static int sbi_lattice_take_rows(sbi_lattice_maker *m, const sb_allocator *allocator, int entries, sbi_mg_rows *rows)
+{
+    size_t n = (size_t)m->level->row_count, count = (size_t)entries;
+    rows->start = (int *)sbi_alloc(allocator, n + 1, sizeof(int));
+    rows->nodes = (int *)sbi_alloc(allocator, count, sizeof(int));
+    rows->weights = (float *)sbi_alloc(allocator, count, sizeof(float));
+    m->points = (int64_t *)sbi_alloc(allocator, count, sizeof(int64_t));
+    m->list_start = (int *)sbi_alloc(allocator, 4 * count + 2 * n + 1, sizeof(int));
+    if (!rows->start || !rows->nodes || !rows->weights || !m->points || !m->list_start)
+        return 0;
+    m->list = m->list_start + count + 1;
+    m->owner = m->list + count;
+    m->number = m->owner + count;
+    m->entry_of = m->number + count;
+    m->queue = m->entry_of + n;
+    return 1;
+}
+
+static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    int entries = sbi_lattice_count_entries(m), made;
+    if (!sbi_lattice_take_rows(m, allocator, entries, rows))
+        return 0;
+    sbi_lattice_fill(m, rows);
+    sbi_lattice_sort(m, rows, entries);
+    rows->coarse_count = sbi_lattice_split(m);
+    rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
+    made = rows->positions != NULL;
+    for (int e = 0; e < entries && made; e++) {
+        rows->positions[m->number[e]] = sbi_lattice_position(&m->lattice, m->points[rows->nodes[e]]);
+        rows->nodes[e] = m->number[e];
+    }
+    return made;
+}
+
+SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    sbi_free(allocator, rows->start);
+    sbi_free(allocator, rows->nodes);
+    sbi_free(allocator, rows->weights);
+    sbi_free(allocator, rows->positions);
+    memset(rows, 0, sizeof *rows);
+}
+
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+                           const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    sbi_lattice_maker m;
+    size_t places = 64;
+    double largest;
+    int made = 0;
+    memset(&m, 0, sizeof m);
+    memset(rows, 0, sizeof *rows);
+    m.level = level;
+    m.positions = positions;
+    while (places < 16 * (size_t)level->row_count)
+        places *= 2;
+    m.table.mask = places - 1;
+    m.table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
+    m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
+    if (m.table.points && m.table.numbers) {
+        largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
+        sbi_lattice_choose(&m.lattice, largest, positions, level->row_count, target, &m.table);
+        made = sbi_lattice_make_rows(&m, allocator, rows);
+    }
+    sbi_free(allocator, m.table.points);
+    sbi_free(allocator, m.table.numbers);
+    sbi_free(allocator, m.points);
+    sbi_free(allocator, m.list_start);
+    if (!made)
+        sbi_mg_rows_free(allocator, rows);
+    return made;
+}

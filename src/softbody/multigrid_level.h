@@ -1,0 +1,79 @@
+/* multigrid_level: what a level holds. Floor 2, internal to the multigrid. */
+#ifndef SB_MULTIGRID_LEVEL_H
+#define SB_MULTIGRID_LEVEL_H
+
+#include "multigrid.h"
+
+#define SBI_MG_UNIT 32767.0f
+
+enum {
+    SBI_MG_MAX_LEVELS = 16,
+    SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
+    SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
+    SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
+    SBI_MG_DENSE = 64         /* nodes of the coarsest level, whose matrix is factored */
+};
+
+/* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
+ * vectors have room for reading past their end.
+ *
+ * It is memory that limits a cycle, and most of it is the finest matrix. So that one is kept in 16 bits an entry, as
+ * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
+ * The vectors of level 0 are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The rounding is
+ * symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
+typedef struct sbi_mg_level {
+    int row_count, block_count;
+    sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
+    int *row_start, *columns; /* the pattern: columns ascend in each row */
+    int *diagonal;            /* [row_count] */
+    float *blocks;            /* [block_count][9], but for level 0 */
+    int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
+    float *scale;             /* [row_count][4] of level 0: S for free components and 0 for prescribed ones, then 1 / S */
+    float *inverse;           /* [row_count][12] of the diagonal blocks, rows of four, 0 in directions without stiffness */
+    float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
+    double *partial;          /* [tasks] sums of each task's rows */
+    double bound;             /* of the eigenvalues of D^-1 A */
+
+    /* the way to the next coarser level, when there is one */
+    int *parent_start, *parents; /* row i moves with parents[parent_start[i] ..] */
+    float *shares;               /* weights of the parents */
+    int *child_start, *children; /* the same from the coarser level's side: [its rows + 1] */
+    float *child_shares;
+    int *mixed_start;         /* [row_count + 1] into mixed: blocks of A P, row by row */
+    int *slots;               /* for each block of A and each parent of its column: where A P takes it in its row */
+    int *slot_start;          /* [row_count + 1] */
+    float *mixed;             /* [mixed_count][9] */
+    int *targets;             /* for each child of a coarser node and each block of its row of A P: where P^T (A P)
+                               * takes it in the coarser row */
+    size_t *target_start;     /* [coarser rows + 1] */
+} sbi_mg_level;
+
+struct sbi_multigrid {
+    sb_allocator allocator;
+    sb_jobs jobs;
+    int level_count;
+    sbi_mg_level levels[SBI_MG_MAX_LEVELS];
+    int degree;               /* of the Chebyshev smoother */
+    int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
+    double *factor;           /* [dense][dense] */
+    double *pivot, *solution; /* [dense] */
+    size_t bytes;
+    int array_count;
+    void *arrays[SBI_MG_MAX_ARRAYS];
+};
+
+/* Interpolation rows in the making, with arrays of their own. */
+typedef struct sbi_mg_rows {
+    int coarse_count;
+    int *start;               /* [rows + 1] */
+    int *nodes;
+    float *weights;
+    sb_vec3 *positions;       /* [coarse_count] */
+} sbi_mg_rows;
+
+SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
+/* Interpolation from a lattice of tets laid over the nodes, with about `target` nodes or fewer in use. 0: no memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+                           const sb_allocator *allocator, sbi_mg_rows *rows);
+
+#endif /* SB_MULTIGRID_LEVEL_H */

@@ -1,0 +1,399 @@
+/* race_plot TIMES MACHINE STEPS FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
+ * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine and bench_step print. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "examples/plot.h"
+
+enum { MOST_RESULTS = 2000, MOST_NAMES = 40, NAME = 64 };
+
+typedef struct result {
+    char system[NAME], solver[NAME];
+    int unknowns, threads, iterations;
+    double tolerance, setup, solve, residual;
+} result;
+
+typedef struct product {
+    char system[NAME];
+    int threads;
+    double ms, bytes, flops;
+} product;
+
+typedef struct machine {
+    double memory, cache, peak; /* GB/s, GB/s, Gflop/s */
+} machine;
+
+typedef struct step {
+    char name[NAME];
+    int threads;
+    double total, phases[5]; /* ms; the last is the rest */
+} step;
+
+static result results[MOST_RESULTS];
+static product products[MOST_RESULTS];
+static step steps[MOST_RESULTS];
+static machine machines[3]; /* by threads */
+static int result_count, product_count, step_count;
+
+/* ---- reading ---- */
+
+static FILE *open_or_stop(const char *path, const char *mode)
+{
+    FILE *file = fopen(path, mode);
+    if (!file) {
+        fprintf(stderr, "race_plot: %s cannot be opened\n", path);
+        exit(1);
+    }
+    return file;
+}
+
+/* hypre's settings take part as one: the best for each system, tolerance and number of threads. */
+static int merged_with(const result *a, const result *b)
+{
+    return strcmp(a->system, b->system) == 0 && strcmp(a->solver, b->solver) == 0 && a->threads == b->threads &&
+           a->tolerance == b->tolerance;
+}
+
+static void keep_result(result r)
+{
+    if (strncmp(r.solver, "hypre", 5) == 0)
+        strcpy(r.solver, "hypre-best");
+    for (int k = 0; k < result_count; k++)
+        if (merged_with(results + k, &r)) {
+            if (r.residual < 2 * r.tolerance && r.setup + r.solve < results[k].setup + results[k].solve)
+                results[k] = r;
+            return;
+        }
+    if (result_count < MOST_RESULTS)
+        results[result_count++] = r;
+}
+
+static void read_times(const char *path)
+{
+    FILE *file = open_or_stop(path, "r");
+    char line[512];
+    while (fgets(line, sizeof line, file)) {
+        result r;
+        if (sscanf(line, "race %63s %d %63s %d %lf %lf %lf %d %lf", r.system, &r.unknowns, r.solver, &r.threads,
+                   &r.tolerance, &r.setup, &r.solve, &r.iterations, &r.residual) == 9)
+            keep_result(r);
+    }
+    fclose(file);
+}
+
+static void read_machine(const char *path)
+{
+    FILE *file = open_or_stop(path, "r");
+    char line[512], what[NAME];
+    while (fgets(line, sizeof line, file)) {
+        int threads;
+        double value;
+        product p;
+        if (sscanf(line, "machine %63s %d %lf", what, &threads, &value) == 3 && (threads == 1 || threads == 2)) {
+            double *place = strcmp(what, "memory") == 0  ? &machines[threads].memory
+                            : strcmp(what, "cache") == 0 ? &machines[threads].cache
+                                                         : &machines[threads].peak;
+            *place = value;
+        } else if (sscanf(line, "product %63s %d %lf %lf %lf", p.system, &p.threads, &p.ms, &p.bytes, &p.flops) == 5 &&
+                   product_count < MOST_RESULTS) {
+            products[product_count++] = p;
+        }
+    }
+    fclose(file);
+}
+
+/* Steps solved to 1e-2: what a trainer runs. */
+static void read_steps(const char *path)
+{
+    FILE *file = open_or_stop(path, "r");
+    char line[512];
+    int threads = 1;
+    while (fgets(line, sizeof line, file)) {
+        step s;
+        double tolerance;
+        const char *bar = strchr(line, '|');
+        if (sscanf(line, "# threads %d", &threads) == 1 || !bar || line[0] == '#' ||
+            sscanf(line, "%63s %lf %*d %lf", s.name, &tolerance, &s.total) != 3 || tolerance != 1e-2 ||
+            sscanf(bar, "| %lf %lf %lf %lf", s.phases, s.phases + 1, s.phases + 2, s.phases + 3) != 4)
+            continue;
+        s.threads = threads;
+        s.phases[4] = fmax(0, s.total - s.phases[0] - s.phases[1] - s.phases[2] - s.phases[3]);
+        if (step_count < MOST_RESULTS)
+            steps[step_count++] = s;
+    }
+    fclose(file);
+}
+
+/* ---- names in order of appearance ---- */
+
+static int list_names(char (*names)[NAME], int solvers)
+{
+    int count = 0;
+    for (int k = 0; k < result_count; k++) {
+        const char *name = solvers ? results[k].solver : results[k].system;
+        int known = 0;
+        for (int i = 0; i < count; i++)
+            known |= strcmp(names[i], name) == 0;
+        if (!known && count < MOST_NAMES)
+            strcpy(names[count++], name);
+    }
+    return count;
+}
+
+static const result *find(const char *system, const char *solver, int threads, double tolerance)
+{
+    for (int k = 0; k < result_count; k++)
+        if (strcmp(results[k].system, system) == 0 && strcmp(results[k].solver, solver) == 0 &&
+            results[k].threads == threads && results[k].tolerance == tolerance)
+            return results + k;
+    return NULL;
+}
+
+/* The systems of the series in growing order; they are quadratic beams with nu = 0.45. */
+static int list_series(const char **names)
+{
+    static const char *const all[] = {"series_5k", "series_13k", "beam_tet10_9k", "series_137k", "series_310k"};
+    int count = 0;
+    for (int i = 0; i < 5; i++)
+        for (int k = 0; k < result_count; k++)
+            if (strcmp(results[k].system, all[i]) == 0) {
+                names[count++] = all[i];
+                break;
+            }
+    return count;
+}
+
+/* ---- tables ---- */
+
+/* Least total of our own solvers, or 0. */
+static double our_best(const char *system, int threads, double tolerance)
+{
+    double best = 0;
+    for (int k = 0; k < result_count; k++) {
+        const result *r = results + k;
+        double total = r->setup + r->solve;
+        if (strcmp(r->system, system) == 0 && strncmp(r->solver, "ours", 4) == 0 && r->threads == threads &&
+            r->tolerance == tolerance && (best == 0 || total < best))
+            best = total;
+    }
+    return best;
+}
+
+static void write_cell(FILE *file, const result *r)
+{
+    if (r)
+        fprintf(file, " %.1f + %.1f (%d) |", r->setup, r->solve, r->iterations);
+    else
+        fprintf(file, " |");
+}
+
+static void write_system(FILE *file, const char *system, char (*solvers)[NAME], int solver_count)
+{
+    int unknowns = 0;
+    for (int k = 0; k < result_count; k++)
+        if (strcmp(results[k].system, system) == 0)
+            unknowns = results[k].unknowns;
+    fprintf(file, "\n## %s, %d unknowns\n\n", system, unknowns);
+    fprintf(file, "| solver | one core, 1e-2 | 1e-6 | two cores, 1e-2 | 1e-6 | times our best total, two cores, 1e-2 | "
+                  "1e-6 |\n|---|---|---|---|---|---|---|\n");
+    for (int s = 0; s < solver_count; s++) {
+        const result *r[2][2];
+        int any = 0;
+        for (int threads = 1; threads <= 2; threads++)
+            for (int t = 0; t < 2; t++) {
+                r[threads - 1][t] = find(system, solvers[s], threads, t ? 1e-6 : 1e-2);
+                any |= r[threads - 1][t] != NULL;
+            }
+        if (!any)
+            continue;
+        fprintf(file, "| %s |", solvers[s]);
+        for (int k = 0; k < 4; k++)
+            write_cell(file, r[k / 2][k % 2]);
+        for (int t = 0; t < 2; t++) {
+            double best = our_best(system, 2, t ? 1e-6 : 1e-2);
+            if (r[1][t] && best > 0)
+                fprintf(file, " %.1f |", (r[1][t]->setup + r[1][t]->solve) / best);
+            else
+                fprintf(file, " |");
+        }
+        fprintf(file, "\n");
+    }
+}
+
+static void write_series(FILE *file, char (*solvers)[NAME], int solver_count)
+{
+    const char *names[5];
+    int count = list_series(names);
+    fprintf(file, "\n## Growth with size: iterations, and microseconds per unknown (set-up and solve), to 1e-6 on two "
+                  "cores\n\n| solver |");
+    for (int k = 0; k < count; k++)
+        fprintf(file, " %s |", names[k]);
+    fprintf(file, "\n|---|");
+    for (int k = 0; k < count; k++)
+        fprintf(file, "---|");
+    for (int s = 0; s < solver_count; s++) {
+        fprintf(file, "\n| %s |", solvers[s]);
+        for (int k = 0; k < count; k++) {
+            const result *r = find(names[k], solvers[s], 2, 1e-6);
+            if (r)
+                fprintf(file, " %d, %.2f |", r->iterations, 1e3 * (r->setup + r->solve) / r->unknowns);
+            else
+                fprintf(file, " |");
+        }
+    }
+    fprintf(file, "\n");
+}
+
+static void write_tables(const char *folder)
+{
+    static char systems[MOST_NAMES][NAME], solvers[MOST_NAMES][NAME];
+    int system_count = list_names(systems, 0), solver_count = list_names(solvers, 1);
+    char path[1024];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/race.md", folder);
+    file = open_or_stop(path, "w");
+    fprintf(file,
+            "# The race\n\nWritten by `make race`; do not edit. Systems of one implicit step of a cantilever under "
+            "gravity, from a zero start;\nall racers read the same files. Cells are set-up + solve in ms (iterations), "
+            "least times of a few runs, to a relative\nresidual that the harness checks itself. Set-up of CHOLMOD and "
+            "of ours-direct is the numeric factorisation alone. hypre:\nthe best of the settings in race_hypre.c for "
+            "each cell.\n\nTriad from memory %.1f and %.1f GB/s, from cache %.1f and %.1f GB/s, arithmetic %.1f and "
+            "%.1f Gflop/s on one and two\ncores.\n\n![time against unknowns](race_time.svg)\n\n"
+            "![share of each phase of a step](race_phases.svg)\n\n![position of the product](race_roofline.svg)\n",
+            machines[1].memory, machines[2].memory, machines[1].cache, machines[2].cache, machines[1].peak,
+            machines[2].peak);
+    for (int k = 0; k < system_count; k++)
+        write_system(file, systems[k], solvers, solver_count);
+    write_series(file, solvers, solver_count);
+    fclose(file);
+}
+
+/* ---- pictures ---- */
+
+static void save(const plot *p, const char *folder, const char *name)
+{
+    char path[1024];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    if (!plot_save_svg(p, path)) {
+        fprintf(stderr, "race_plot: %s cannot be written\n", path);
+        exit(1);
+    }
+}
+
+static void draw_times(const char *folder)
+{
+    static char solvers[MOST_NAMES][NAME];
+    static double x[2][PLOT_CURVES][5], y[2][PLOT_CURVES][5];
+    const char *names[5];
+    int solver_count = list_names(solvers, 1), count = list_series(names);
+    plot p;
+    plot_begin(&p, "Quadratic beams, two cores: set-up and solve");
+    for (int t = 0; t < 2; t++) {
+        plot_panel *panel = plot_add_panel(&p, t ? "to a residual of 1e-6" : "to a residual of 1e-2", "unknowns", "ms");
+        panel->log_x = panel->log_y = 1;
+        for (int s = 0; s < solver_count && s < PLOT_CURVES; s++) {
+            int points = 0;
+            for (int k = 0; k < count; k++) {
+                const result *r = find(names[k], solvers[s], 2, t ? 1e-6 : 1e-2);
+                if (!r)
+                    continue;
+                x[t][s][points] = r->unknowns;
+                y[t][s][points++] = r->setup + r->solve;
+            }
+            if (points > 0)
+                plot_add_curve(panel, solvers[s], x[t][s], y[t][s], points)->markers = 1;
+        }
+    }
+    save(&p, folder, "race_time.svg");
+}
+
+static void draw_roofline(const char *folder)
+{
+    enum { POINTS = 41 };
+    static double x[POINTS], roofs[2][2][POINTS], at[MOST_RESULTS][2];
+    static const char *const titles[2] = {"one core", "two cores"};
+    plot p;
+    plot_begin(&p, "The product y = A x under the roofs of the machine");
+    for (int i = 0; i < POINTS; i++)
+        x[i] = pow(10, -2 + 0.1 * i);
+    for (int threads = 1; threads <= 2; threads++) {
+        const machine *m = machines + threads;
+        plot_panel *panel = plot_add_panel(&p, titles[threads - 1], "flop per byte", "Gflop/s");
+        panel->log_x = panel->log_y = 1;
+        for (int i = 0; i < POINTS; i++) {
+            roofs[threads - 1][0][i] = fmin(m->peak, m->memory * x[i]);
+            roofs[threads - 1][1][i] = fmin(m->peak, m->cache * x[i]);
+        }
+        plot_add_curve(panel, "memory", x, roofs[threads - 1][0], POINTS);
+        plot_add_curve(panel, "cache", x, roofs[threads - 1][1], POINTS)->dashed = 1;
+        for (int k = 0; k < product_count && panel->curve_count < PLOT_CURVES; k++) {
+            const product *q = products + k;
+            if (q->threads != threads || strstr(q->system, "_49"))
+                continue;
+            at[k][0] = q->flops / q->bytes;
+            at[k][1] = 1e-6 * q->flops / q->ms;
+            plot_add_curve(panel, q->system, &at[k][0], &at[k][1], 1)->markers = 1;
+        }
+    }
+    save(&p, folder, "race_roofline.svg");
+}
+
+static void write_bar(FILE *file, const step *s, double y)
+{
+    char text[160];
+    double x = 240, width = 560;
+    snprintf(text, sizeof text, "%.63s, %d core%s", s->name, s->threads, s->threads > 1 ? "s" : "");
+    plot_write_label(file, x - 10, y + 14, "text-anchor=\"end\"", text);
+    for (int k = 0; k < 5; k++) {
+        double share = s->phases[k] / (s->phases[0] + s->phases[1] + s->phases[2] + s->phases[3] + s->phases[4]);
+        fprintf(file, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"18\" fill=\"%s\"/>\n", x, y, share * width,
+                plot_colour(k));
+        x += share * width;
+    }
+    snprintf(text, sizeof text, "%.2f ms", s->total);
+    plot_write_label(file, 812, y + 14, "", text);
+}
+
+/* One bar for each workload and number of cores. */
+static void draw_phases(const char *folder)
+{
+    static const char *const names[5] = {"forces", "tangent", "preconditioner", "solve", "rest"};
+    int height = 80 + 24 * step_count;
+    char path[1024];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/race_phases.svg", folder);
+    file = open_or_stop(path, "wb");
+    fprintf(file,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"900\" height=\"%d\" viewBox=\"0 0 900 %d\" "
+            "font-family=\"sans-serif\" font-size=\"12\" fill=\"#2c3440\">\n"
+            "<rect width=\"100%%\" height=\"100%%\" fill=\"white\"/>\n",
+            height, height);
+    plot_write_label(file, 20, 24, "font-size=\"17\" font-weight=\"bold\"",
+                     "Share of each phase of a whole step, solved to 1e-2");
+    for (int k = 0; k < 5; k++) {
+        fprintf(file, "<rect x=\"%d\" y=\"38\" width=\"14\" height=\"14\" fill=\"%s\"/>\n", 240 + 115 * k,
+                plot_colour(k));
+        plot_write_label(file, 260 + 115 * k, 50, "", names[k]);
+    }
+    for (int k = 0; k < step_count; k++)
+        write_bar(file, steps + k, 66 + 24 * k);
+    fputs("</svg>\n", file);
+    fclose(file);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc != 5) {
+        fprintf(stderr, "race_plot TIMES MACHINE STEPS FOLDER\n");
+        return 1;
+    }
+    read_times(argv[1]);
+    read_machine(argv[2]);
+    read_steps(argv[3]);
+    write_tables(argv[4]);
+    draw_times(argv[4]);
+    draw_phases(argv[4]);
+    draw_roofline(argv[4]);
+    return 0;
+}
