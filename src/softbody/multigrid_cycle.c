@@ -242,30 +242,67 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* packed = block times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the
- * range is cut off. */
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
+ * off. */
+SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
+{
+    float x = entry * factor;
+    x = x < SBI_MG_UNIT ? x : SBI_MG_UNIT; /* also where it is not a number */
+    x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT;
+    return (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
+}
+
 SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *packed)
 {
-    for (int k = 0; k < 9; k++) {
-        float x = block[k] * factor;
-        x = x > SBI_MG_UNIT ? SBI_MG_UNIT : x;
-        x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT; /* also where it is not a number */
-        packed[k] = (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
-    }
+#if SBI_MG_WIDE
+    __m256 x = _mm256_mul_ps(_mm256_loadu_ps(block), _mm256_set1_ps(factor));
+    __m256i rounded;
+    x = _mm256_max_ps(_mm256_min_ps(x, _mm256_set1_ps(SBI_MG_UNIT)), _mm256_set1_ps(-SBI_MG_UNIT));
+    rounded = _mm256_cvttps_epi32(_mm256_add_ps(x, _mm256_set1_ps(SBI_MG_UNIT + 1.5f)));
+    rounded = _mm256_sub_epi32(rounded, _mm256_set1_epi32(32768));
+    _mm_storeu_si128((__m128i *)(void *)packed,
+                     _mm_packs_epi32(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256(rounded, 1)));
+#else
+    for (int k = 0; k < 8; k++)
+        packed[k] = sbi_mg_round(block[k], factor);
+#endif
+    packed[8] = sbi_mg_round(block[8], factor);
 }
 
-/* Adds a block of A in column j to the row of A P at `mixed`; returns where the slots of the next block are. */
-SBI_FORCE_INLINE const int *sbi_mg_mix(const sbi_mg_level *level, int j, const float *block, const int *slot)
+SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
-    for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++)
-        sbi_mg_add_block(level->shares[k], block, level->mixed + 9 * (size_t)*slot++);
-    return slot;
+    for (int k = 0; k < 8; k++)
+        block[k] = (float)(from[k] * scale);
+    block[8] = (float)(from[8] * scale);
 }
 
-static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
+/* Where rows of A P are made. */
+typedef struct sbi_mg_mixer {
+    const int *parent_start, *slot;
+    const float *shares;
+    float *mixed;
+} sbi_mg_mixer;
+
+static sbi_mg_mixer sbi_mg_begin_mixing(const sbi_mg_level *level, int i)
 {
     int first = level->mixed_start[i], count = level->mixed_start[i + 1] - first;
+    sbi_mg_mixer mixer;
     memset(level->mixed + 9 * (size_t)first, 0, 9 * (size_t)count * sizeof(float));
+    mixer.parent_start = level->parent_start;
+    mixer.shares = level->shares;
+    mixer.slot = level->slots + level->slot_start[i];
+    mixer.mixed = level->mixed;
+    return mixer;
+}
+
+/* Adds a block of A in column j. */
+SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
+{
+    const int *slot = mixer->slot;
+    int last = mixer->parent_start[j + 1];
+    for (int k = mixer->parent_start[j]; k < last; k++)
+        sbi_mg_add_block(mixer->shares[k], block, mixer->mixed + 9 * (size_t)*slot++);
+    mixer->slot = slot;
 }
 
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
@@ -273,34 +310,34 @@ static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
 static void sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    sb_real scale = (sb_real)work->scale;
-    const float *own = level->scale + 4 * (size_t)i;
-    const int *slot = NULL;
-    if (level->mixed) {
-        sbi_mg_clear_mixed(level, i);
-        slot = level->slots + level->slot_start[i];
-    }
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
-        int j = level->columns[q];
+    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real scale = (sb_real)work->scale;
+    const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
+    const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
+    int16_t *packed = level->packed;
+    sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
+    if (mixes)
+        mixer = sbi_mg_begin_mixing(level, i);
+    for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
-        for (int k = 0; k < 9; k++)
-            block[k] = (float)(from[k] * scale);
-        sbi_mg_pack(block, own[3] * level->scale[4 * (size_t)j + 3] * SBI_MG_UNIT, level->packed + 9 * (size_t)q);
+        int j = columns[q];
+        sbi_mg_round_block(from[q], scale, block);
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
         for (int k = 0; k < 9 && j == i; k++)
-            block[k] = own[k / 3] > 0 ? block[k] : 0.0f;
-        if (level->mixed)
-            slot = sbi_mg_mix(level, j, block, slot);
+            block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
+        if (mixes)
+            sbi_mg_mix(&mixer, j, block);
     }
 }
 
 /* Row i of A P. */
 static void sbi_mg_mix_row(const sbi_mg_level *level, int i)
 {
-    const int *slot = level->slots + level->slot_start[i];
-    sbi_mg_clear_mixed(level, i);
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
-        slot = sbi_mg_mix(level, level->columns[q], level->blocks + 9 * (size_t)q, slot);
+    sbi_mg_mixer mixer = sbi_mg_begin_mixing(level, i);
+    const int *columns = level->columns, last = level->row_start[i + 1];
+    const float *blocks = level->blocks;
+    for (int q = level->row_start[i]; q < last; q++)
+        sbi_mg_mix(&mixer, columns[q], blocks + 9 * (size_t)q);
 }
 
 /* Row a of P^T (A P), from the finer level. */
@@ -308,11 +345,14 @@ static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *fin
 {
     const int *target = finer->targets + finer->target_start[a];
     int first = level->row_start[a], last = level->row_start[a + 1];
-    memset(level->blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
+    const float *mixed = finer->mixed;
+    float *blocks = level->blocks;
+    memset(blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
     for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
-        int i = finer->children[c];
-        for (int s = finer->mixed_start[i]; s < finer->mixed_start[i + 1]; s++)
-            sbi_mg_add_block(finer->child_shares[c], finer->mixed + 9 * (size_t)s, level->blocks + 9 * (size_t)*target++);
+        int i = finer->children[c], end = finer->mixed_start[i + 1];
+        float share = finer->child_shares[c];
+        for (int s = finer->mixed_start[i]; s < end; s++)
+            sbi_mg_add_block(share, mixed + 9 * (size_t)s, blocks + 9 * (size_t)*target++);
     }
 }
 
