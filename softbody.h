@@ -527,6 +527,7 @@
 #define sb_body_reactions sb_body_reactions_f32
 #define sb_body_external_forces sb_body_external_forces_f32
 #define sb_body_energy sb_body_energy_f32
+#define sb_body_multiply_stiffness sb_body_multiply_stiffness_f32
 #define sb_body_mass sb_body_mass_f32
 #define sb_body_momentum sb_body_momentum_f32
 #define sb_body_stress sb_body_stress_f32
@@ -4694,6 +4695,13 @@ typedef struct sb_energy {
                          * have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
+/* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes move
+ * by x (m). x and y: [node_count], not overlapping. K is the tangent that linearised steps take: of SB_COROTATED the
+ * rotations stay as they are, of other models it is the derivative of their forces, with Prony terms at once. Supports,
+ * loads and constraints have no say. SB_COROTATED tet4 and tet10 need no matrix for it: measured, that takes a tenth
+ * (tet10) to two fifths (tet4) of assembling one and multiplying. The state stays as it is, and nothing is allocated. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and
+ * SB_ERROR_INVERTED (error->element) leave y untouched; error may be NULL. */
+SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);
 SB_API sb_vec3 sb_body_momentum(const sb_body *body);
@@ -25534,7 +25542,7 @@ typedef struct sbi_assembly {
     sb_real *batch_moduli;         /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
     sb_real *batch_quats;          /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
     sb_real *saved_batch_quats;
-    sb_real *rotated;              /* [cell_count][q][n][3] sqrt(w mu) R g_a, and a real to spare */
+    sb_real *rotated;              /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
     sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
@@ -25567,6 +25575,10 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
+/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y: [node_count].
+ * Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched. For one product
+ * this is the faster way; for many with the same K it depends (see sb_body_multiply_stiffness). */
+SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
@@ -25641,6 +25653,8 @@ SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 
 /* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
+/* y += R C R^T x of these cells, with the rotations as they are. */
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);
 /* matrix = factor R C R^T with the rotations as they are. */
 SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
 
@@ -25658,6 +25672,12 @@ SBI_API int sbi_batch_fits(const sb_domain *domain)
     int is_tet4 = domain->element_type == SB_TET4 && domain->points_per_cell == 1;
     int is_tet10 = domain->element_type == SB_TET10 && domain->points_per_cell == 4;
     return (is_tet4 || is_tet10) && domain->cell_count < INT32_MAX / 256 - SB_POLAR_LANES; /* see sbi_batch_pair */
+}
+
+/* Else tet10; known at compile time when SB_ELEMENT is set. */
+static int sbi_batch_is_tet4(const sbi_assembly *assembly)
+{
+    return sbi_element_type_or_pinned(assembly->domain->element_type) == SB_TET4;
 }
 
 static size_t sbi_batch_count(const sb_domain *domain)
@@ -25796,14 +25816,14 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
-/* F = I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+/* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
-                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+                                            const int rest, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = k % 4 == 0 ? (sb_real)1 : (sb_real)0;
+            f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
     for (int a = 0; a < n - 1; a++)
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
@@ -25996,7 +26016,7 @@ static void sbi_batch_rotate_corners(sbi_assembly *assembly, int batch, const sb
         for (int k = 0; k < 9; k++)
             g[k][l] = assembly->domain->corner_gradients[12 * e + 3 + (size_t)k];
     }
-    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, corners);
+    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, 1, corners);
     sbi_batch_load_quats(assembly, batch, 0, 4, quats);
     sb_polar_batch(corners, quats, r);
     for (int p = 0; p < 4; p++) {
@@ -26012,7 +26032,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1,
+                              f + 9 * p);
     if (assembly->domain->single_rotation)
         sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
     else
@@ -26032,7 +26053,7 @@ static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_ve
     const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
     sbi_batch_rows d[9], f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, u, 4, d);
-    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, f);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 1, f);
     sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
     sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
@@ -26042,21 +26063,19 @@ static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_ve
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
-        if (assembly->domain->element_type == SB_TET4)
+        if (sbi_batch_is_tet4(assembly))
             sbi_batch_force_tet4(assembly, u, force, batch);
         else
             sbi_batch_force_tet10(assembly, u, force, batch);
 }
 
-/* ---- tangent: rotated gradients ---- */
+/* ---- product without a matrix ---- */
 
-/* h_a = sqrt(w mu) R g_a of a point of a batch. */
-SBI_FORCE_INLINE void sbi_batch_rotate_gradients(sbi_assembly *assembly, int batch, int p, const int n, const int q)
+/* Rotation matrices of a point of a batch, as the last force left them. */
+SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batch, int p, const int q,
+                                          sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
-    const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
-    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
-    sb_real *out = assembly->rotated + ((size_t)batch * SB_POLAR_LANES * (size_t)q + (size_t)p) * 3 * (size_t)n;
-    sbi_batch_rows quats[4], r[9], h[27];
+    sbi_batch_rows quats[4];
     if (q == 1)
         memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
     else
@@ -26064,18 +26083,95 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(sbi_assembly *assembly, int bat
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
         for (int k = 0; k < 9; k++)
-            r[k][l] = scale[l] * m.m[k / 3][k % 3];
+            r[k][l] = m.m[k / 3][k % 3];
     }
-    sbi_batch_apply(SBI_BATCH_ROWS(r), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q)), n, 0, h);
-    for (int l = 0; l < count; l++, out += 3 * n * q) {
-        sb_real sum[3] = {0, 0, 0};
-        for (int k = 0; k < 3 * (n - 1); k++) {
-            out[3 + k] = h[k][l];
-            sum[k % 3] += h[k][l];
+}
+
+/* w R (lambda tr(e) I + 2 mu e), e = sym(R^T dF), in place of dF. */
+SBI_FORCE_INLINE void sbi_batch_stress_change(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                              const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                              sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 turn, b, s;
+        sb_real volume;
+        for (int k = 0; k < 9; k++) {
+            turn.m[k / 3][k % 3] = r[k][l];
+            b.m[k / 3][k % 3] = f[k][l];
         }
+        b = sb_m3_tmul(turn, b);
+        volume = lambda[l] * (b.m[0][0] + b.m[1][1] + b.m[2][2]);
         for (int i = 0; i < 3; i++)
-            out[i] = -sum[i];
+            for (int j = 0; j < 3; j++)
+                s.m[i][j] = mu[l] * (b.m[i][j] + b.m[j][i]) + (i == j ? volume : (sb_real)0);
+        s = sb_m3_mul(turn, s);
+        for (int k = 0; k < 9; k++)
+            f[k][l] = s.m[k / 3][k % 3];
     }
+}
+
+SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch,
+                                               const int n, const int q)
+{
+    sbi_batch_rows d[27], sum[27], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, x, n, d);
+    memset(sum, 0, sizeof sum);
+    for (int p = 0; p < q; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
+        sb_real *g = sbi_batch_gradients_at(assembly, batch, p, n, q);
+        sbi_batch_rotations(assembly, batch, p, q, r);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
+        sbi_batch_stress_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
+        sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 1, sum);
+    }
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
+}
+
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
+{
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_multiply_cells(assembly, x, y, batch, 4, 1);
+        else
+            sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4);
+}
+
+/* ---- tangent: rotated gradients ---- */
+
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch; all nodes a when p goes through 0 .. q - 1. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n, const int q,
+                                                 sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
+{
+    const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
+    const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
+    sbi_batch_rows r[9], sum[3];
+    sbi_batch_rotations(assembly, batch, p, q, r);
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            r[k][l] *= scale[l];
+    memset(sum, 0, sizeof sum);
+    for (int a = 1; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
+                                 r[3 * i + 2][l] * g[3 * a - 1][l];
+                h[3 * (q * a + p) + i][l] = turned;
+                sum[i][l] -= turned;
+            }
+    memcpy(h + 3 * p, sum, sizeof sum);
+}
+
+/* The rotated gradients of the cells of a batch. */
+SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, const int n, const int q)
+{
+    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
+    sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
+    sbi_batch_rows h[120];
+    for (int p = 0; p < q; p++)
+        sbi_batch_rotate_gradients(assembly, batch, p, n, q, h);
+    for (int l = 0; l < count; l++, out += 3 * n * q)
+        for (int k = 0; k < 3 * n * q; k++)
+            out[k] = h[k][l];
 }
 
 typedef struct sbi_batch_job {
@@ -26090,11 +26186,10 @@ static void sbi_batch_rotate_chunk(void *user, int chunk)
     int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
-        if (assembly->domain->element_type == SB_TET4)
-            sbi_batch_rotate_gradients(assembly, batch, 0, 4, 1);
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_rotate(assembly, batch, 4, 1);
         else
-            for (int p = 0; p < 4; p++)
-                sbi_batch_rotate_gradients(assembly, batch, p, 10, 4);
+            sbi_batch_rotate(assembly, batch, 10, 4);
 }
 
 /* ---- tangent: rows ---- */
@@ -26123,13 +26218,13 @@ SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) {
 #endif
 
 /* s = sum over the points of a cell of h_a h_b^T. */
-SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int n, const int q, sbi_batch_row *s)
+SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
 {
     for (int i = 0; i < 3; i++)
         s[i] = sbi_batch_scale(a[i], b);
     for (int p = 1; p < q; p++)
         for (int i = 0; i < 3; i++)
-            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * n * p + i], b + 3 * n * p));
+            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
 }
 
 /* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
@@ -26146,7 +26241,7 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
         size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
         const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
         sbi_batch_row t[3];
-        sbi_batch_outer(h + 3 * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * (pair & 15), n, q, t);
+        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
         for (int i = 0; i < 3; i++) {
             s[i] = sbi_batch_add(s[i], t[i]);
             if (mixed)
@@ -26175,7 +26270,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
 static void sbi_batch_upper(void *user, int index)
 {
     const sbi_batch_job *job = (const sbi_batch_job *)user;
-    int is_tet4 = job->assembly->domain->element_type == SB_TET4;
+    int is_tet4 = sbi_batch_is_tet4(job->assembly);
     if (is_tet4 && job->assembly->mixed)
         sbi_batch_upper_rows(job, index, 4, 1, 1);
     else if (is_tet4)
@@ -26376,7 +26471,7 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 
 /* ---- chunks on threads ---- */
 
-typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY } sbi_assembly_work;
+typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY, SBI_WORK_PRODUCT } sbi_assembly_work;
 
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
@@ -26955,6 +27050,7 @@ static void sbi_assembly_chunk(void *user, int index)
     case SBI_WORK_FORCE: bad = sbi_chunk_force_any(job, begin, end); break;
     case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
     case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
+    case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->force, begin, end); break;
     }
     assembly->chunk_bad_cell[chunk] = bad;
 }
@@ -27229,6 +27325,17 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     return sbi_assembly_run(&job);
+}
+
+SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_PRODUCT, x);
+    if (!assembly->batched)
+        return 0;
+    job.force = y;
+    memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
+    sbi_assembly_run(&job);
+    return 1;
 }
 
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy)
@@ -29597,6 +29704,42 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic) || !sb_is_finite(sum.springs))
         return SB_ERROR_NOT_FINITE;
     *energy = sum;
+    return SB_OK;
+}
+
+/* y = K x with the rotations as they are; -1, or the first cell without a tangent. */
+static int sbi_body_stiffness_product(sb_body *body, const sb_vec3 *x, sb_vec3 *y)
+{
+    int bad;
+    if (sbi_assembly_multiply(&body->assembly, x, y))
+        return -1;
+    bad = sbi_assembly_tangent(&body->assembly, body->displacement, SB_TANGENT_QUASI, 1, &body->matrix);
+    if (bad < 0)
+        sb_matrix_multiply(&body->matrix, &x[0].x, &y[0].x, &body->jobs);
+    return bad;
+}
+
+SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error)
+{
+    int bad = -1, has_rotations;
+    if (!body || !x || !y)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_multiply_stiffness needs a body, x and y");
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(x[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the displacement of node %d is not finite", i);
+    has_rotations = body->force_current;
+    if (!has_rotations) { /* forces leave traces in the warm starts */
+        sbi_assembly_save_rotations(&body->assembly);
+        bad = sbi_assembly_force(&body->assembly, body->displacement, body->work);
+    }
+    if (bad < 0)
+        bad = sbi_body_stiffness_product(body, x, body->work2);
+    if (!has_rotations)
+        sbi_assembly_restore_rotations(&body->assembly);
+    if (bad >= 0)
+        return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    memcpy(y, body->work2, (size_t)body->domain.node_count * sizeof *y);
     return SB_OK;
 }
 
