@@ -148,7 +148,7 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 
 /* ---- chunks on threads ---- */
 
-typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY } sbi_assembly_work;
+typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY, SBI_WORK_PRODUCT } sbi_assembly_work;
 
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
@@ -727,6 +727,7 @@ static void sbi_assembly_chunk(void *user, int index)
     case SBI_WORK_FORCE: bad = sbi_chunk_force_any(job, begin, end); break;
     case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
     case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
+    case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->force, begin, end); break;
     }
     assembly->chunk_bad_cell[chunk] = bad;
 }
@@ -1001,6 +1002,17 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     return sbi_assembly_run(&job);
+}
+
+SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_PRODUCT, x);
+    if (!assembly->batched)
+        return 0;
+    job.force = y;
+    memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
+    sbi_assembly_run(&job);
+    return 1;
 }
 
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy)

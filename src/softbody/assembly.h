@@ -84,6 +84,10 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
+/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y: [node_count].
+ * Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched. For one product
+ * this is the faster way; for many with the same K it depends (see sb_body_multiply_stiffness). */
+SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);

@@ -12,6 +12,12 @@ SBI_API int sbi_batch_fits(const sb_domain *domain)
     return (is_tet4 || is_tet10) && domain->cell_count < INT32_MAX / 256 - SB_POLAR_LANES; /* see sbi_batch_pair */
 }
 
+/* Else tet10; known at compile time when SB_ELEMENT is set. */
+static int sbi_batch_is_tet4(const sbi_assembly *assembly)
+{
+    return sbi_element_type_or_pinned(assembly->domain->element_type) == SB_TET4;
+}
+
 static size_t sbi_batch_count(const sb_domain *domain)
 {
     return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
@@ -148,14 +154,14 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
-/* F = I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+/* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
-                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+                                            const int rest, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = k % 4 == 0 ? (sb_real)1 : (sb_real)0;
+            f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
     for (int a = 0; a < n - 1; a++)
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
@@ -348,7 +354,7 @@ static void sbi_batch_rotate_corners(sbi_assembly *assembly, int batch, const sb
         for (int k = 0; k < 9; k++)
             g[k][l] = assembly->domain->corner_gradients[12 * e + 3 + (size_t)k];
     }
-    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, corners);
+    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, 1, corners);
     sbi_batch_load_quats(assembly, batch, 0, 4, quats);
     sb_polar_batch(corners, quats, r);
     for (int p = 0; p < 4; p++) {
@@ -364,7 +370,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1,
+                              f + 9 * p);
     if (assembly->domain->single_rotation)
         sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
     else
@@ -384,7 +391,7 @@ static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_ve
     const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
     sbi_batch_rows d[9], f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, u, 4, d);
-    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, f);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 1, f);
     sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
     sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
@@ -394,10 +401,77 @@ static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_ve
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
-        if (assembly->domain->element_type == SB_TET4)
+        if (sbi_batch_is_tet4(assembly))
             sbi_batch_force_tet4(assembly, u, force, batch);
         else
             sbi_batch_force_tet10(assembly, u, force, batch);
+}
+
+/* ---- product without a matrix ---- */
+
+/* Rotation matrices of a point of a batch, as the last force left them. */
+SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batch, int p, const int q,
+                                          sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[4];
+    if (q == 1)
+        memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
+    else
+        sbi_batch_load_quats(assembly, batch, p, q, quats);
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = m.m[k / 3][k % 3];
+    }
+}
+
+/* w R (lambda tr(e) I + 2 mu e), e = sym(R^T dF), in place of dF. */
+SBI_FORCE_INLINE void sbi_batch_stress_change(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                              const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                              sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 turn, b, s;
+        sb_real volume;
+        for (int k = 0; k < 9; k++) {
+            turn.m[k / 3][k % 3] = r[k][l];
+            b.m[k / 3][k % 3] = f[k][l];
+        }
+        b = sb_m3_tmul(turn, b);
+        volume = lambda[l] * (b.m[0][0] + b.m[1][1] + b.m[2][2]);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                s.m[i][j] = mu[l] * (b.m[i][j] + b.m[j][i]) + (i == j ? volume : (sb_real)0);
+        s = sb_m3_mul(turn, s);
+        for (int k = 0; k < 9; k++)
+            f[k][l] = s.m[k / 3][k % 3];
+    }
+}
+
+SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch,
+                                               const int n, const int q)
+{
+    sbi_batch_rows d[27], sum[27], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, x, n, d);
+    memset(sum, 0, sizeof sum);
+    for (int p = 0; p < q; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
+        sb_real *g = sbi_batch_gradients_at(assembly, batch, p, n, q);
+        sbi_batch_rotations(assembly, batch, p, q, r);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
+        sbi_batch_stress_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
+        sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 1, sum);
+    }
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
+}
+
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
+{
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_multiply_cells(assembly, x, y, batch, 4, 1);
+        else
+            sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4);
 }
 
 /* ---- tangent: rotated gradients ---- */
@@ -408,16 +482,11 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
 {
     const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
     const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
-    sbi_batch_rows quats[4], r[9], sum[3];
-    if (q == 1)
-        memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
-    else
-        sbi_batch_load_quats(assembly, batch, p, q, quats);
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
-        for (int k = 0; k < 9; k++)
-            r[k][l] = scale[l] * m.m[k / 3][k % 3];
-    }
+    sbi_batch_rows r[9], sum[3];
+    sbi_batch_rotations(assembly, batch, p, q, r);
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            r[k][l] *= scale[l];
     memset(sum, 0, sizeof sum);
     for (int a = 1; a < n; a++)
         for (int i = 0; i < 3; i++)
@@ -455,7 +524,7 @@ static void sbi_batch_rotate_chunk(void *user, int chunk)
     int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
-        if (assembly->domain->element_type == SB_TET4)
+        if (sbi_batch_is_tet4(assembly))
             sbi_batch_rotate(assembly, batch, 4, 1);
         else
             sbi_batch_rotate(assembly, batch, 10, 4);
@@ -539,7 +608,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
 static void sbi_batch_upper(void *user, int index)
 {
     const sbi_batch_job *job = (const sbi_batch_job *)user;
-    int is_tet4 = job->assembly->domain->element_type == SB_TET4;
+    int is_tet4 = sbi_batch_is_tet4(job->assembly);
     if (is_tet4 && job->assembly->mixed)
         sbi_batch_upper_rows(job, index, 4, 1, 1);
     else if (is_tet4)

@@ -31,6 +31,8 @@ SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 
 /* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
+/* y += R C R^T x of these cells, with the rotations as they are. */
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);
 /* matrix = factor R C R^T with the rotations as they are. */
 SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
 

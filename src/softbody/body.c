@@ -1307,6 +1307,42 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     return SB_OK;
 }
 
+/* y = K x with the rotations as they are; -1, or the first cell without a tangent. */
+static int sbi_body_stiffness_product(sb_body *body, const sb_vec3 *x, sb_vec3 *y)
+{
+    int bad;
+    if (sbi_assembly_multiply(&body->assembly, x, y))
+        return -1;
+    bad = sbi_assembly_tangent(&body->assembly, body->displacement, SB_TANGENT_QUASI, 1, &body->matrix);
+    if (bad < 0)
+        sb_matrix_multiply(&body->matrix, &x[0].x, &y[0].x, &body->jobs);
+    return bad;
+}
+
+SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error)
+{
+    int bad = -1, has_rotations;
+    if (!body || !x || !y)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_multiply_stiffness needs a body, x and y");
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(x[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the displacement of node %d is not finite", i);
+    has_rotations = body->force_current;
+    if (!has_rotations) { /* forces leave traces in the warm starts */
+        sbi_assembly_save_rotations(&body->assembly);
+        bad = sbi_assembly_force(&body->assembly, body->displacement, body->work);
+    }
+    if (bad < 0)
+        bad = sbi_body_stiffness_product(body, x, body->work2);
+    if (!has_rotations)
+        sbi_assembly_restore_rotations(&body->assembly);
+    if (bad >= 0)
+        return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    memcpy(y, body->work2, (size_t)body->domain.node_count * sizeof *y);
+    return SB_OK;
+}
+
 SB_API sb_real sb_body_mass(const sb_body *body)
 {
     sb_real sum = 0;
