@@ -760,7 +760,8 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
  * stiffness along its line of action is taken into the system:
  *     (K + K_phi) du = -(f_int + f_phi),     f_phi = q A N_I phi' m,    K_phi = q A N_I N_J phi'' m m^T
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
- * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits.
+ * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge are
+ * relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
  *
  * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
  * dynamics: with its stiffness damping the same number of steps led to the same end.
@@ -816,7 +817,9 @@ typedef struct reg_match_def {
                                * landmarks it is not asked for */
     sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
                                * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2 */
+    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
+                               * of loads normal to the surface. 7 takes half the steps and holds on to what is near
+                               * from the beginning: better by a quarter where the surface was dragged along itself */
     sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
                                * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
@@ -1096,6 +1099,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
+                          * before; default 1e9 */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */
@@ -5382,12 +5387,14 @@ struct reg_match {
     sb_vec3 *targets;          /* [landmark_count], in the order of the def */
     sb_vec3 *pull;             /* [nodes] force of charges and landmarks (N) */
     sb_vec3 *trial;            /* [nodes] */
+    sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
     sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
 
     /* state */
     sb_real charge, reach;     /* Young's moduli; m */
     sb_real last_mean;         /* m */
+    sb_real relaxation;        /* share of the increment that the last step took; 0: that was not at full charge */
     int calm;                  /* steps running that the mean distance did not fall */
     reg_match_info info;
 };
@@ -5671,6 +5678,7 @@ static void regi_match_layout(reg_match *match, sbi_arena *arena)
     match->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)match->landmark_count, sizeof(sb_vec3));
     match->pull = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->trial = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    match->last = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->local = (sb_real *)sbi_arena_take(arena, 3 * width, 3 * width * sizeof(sb_real));
 }
 
@@ -5849,6 +5857,7 @@ REG_API void reg_match_restart(reg_match *match)
     match->charge = match->first_charge;
     match->reach = match->first_reach;
     match->last_mean = SB_REAL_MAX;
+    match->relaxation = 0;
     match->calm = 0;
 }
 
@@ -5864,6 +5873,7 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
     if (match->landmark_count)
         memcpy(match->targets, targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     match->last_mean = SB_REAL_MAX;
+    match->relaxation = 0;
     match->calm = 0;
     match->info.stop = REG_MATCH_RUNNING;
     return SB_OK;
@@ -6208,6 +6218,36 @@ REGI_API sb_result regi_match_move(reg_match *match)
 
 /* ---- control ---- */
 
+/* 1 when neither charge nor reach changes any more. */
+static int regi_match_is_full(const reg_match *match)
+{
+    return match->charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
+}
+
+/* Along the surface only the body holds a charge, and where that rests on an edge between two facets of the target each
+ * step turns it over to the other one: at full charge places would swing to and fro for ever. Aitken's relaxation takes
+ * the share of the increment at which the last two cancel out; all of it where they grow, since then something moved.
+ * Supports go where they are to be in any case. */
+static void regi_match_relax(reg_match *match)
+{
+    const sb_real least = (sb_real)0.1;
+    sb_body *b = match->body;
+    double fall = 0, square = 0;
+    sb_real share = 1;
+    for (int i = 0; i < b->domain.node_count && match->relaxation > 0; i++) {
+        sb_vec3 less = sb_v3_sub(match->last[i], b->increment[i]);
+        fall += (double)sb_v3_dot(match->last[i], less);
+        square += (double)sb_v3_dot(less, less);
+    }
+    if (fall > 0)
+        share = sb_max(least, sb_min(match->relaxation * (sb_real)(fall / square), 1));
+    for (int i = 0; i < b->domain.node_count; i++) {
+        match->last[i] = b->increment[i];
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], b->increment[i], sb_v3_scale(share, b->increment[i]));
+    }
+    match->relaxation = share;
+}
+
 /* q <- q clamp(I_int / I_phi), and a partial target's reach shrinks. */
 static void regi_match_raise(reg_match *match, double elastic, double electric)
 {
@@ -6221,8 +6261,7 @@ static void regi_match_raise(reg_match *match, double elastic, double electric)
 static void regi_match_judge(reg_match *match)
 {
     sb_real mean = match->info.mean_distance;
-    int full = match->info.charge >= match->last_charge && (!match->partial || match->reach <= match->last_reach);
-    match->calm = full && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
+    match->calm = regi_match_is_full(match) && mean >= (1 - match->settled) * match->last_mean ? match->calm + 1 : 0;
     if (!(mean >= match->last_mean))
         match->last_mean = mean;
     match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
@@ -6244,6 +6283,8 @@ static sb_result regi_match_try(reg_match *match)
     if (result == SB_OK)
         result = regi_match_solve(match);
     match->info.seconds_solve = regi_match_now(match) - assembled;
+    if (result == SB_OK && regi_match_is_full(match))
+        regi_match_relax(match);
     if (result == SB_OK)
         result = regi_match_move(match);
     if (result != SB_OK)
@@ -7513,6 +7554,7 @@ typedef struct regi_loads {
     sb_vec3 *force;        /* [nodes] found (N) */
     sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
     sb_vec3 *before;       /* [nodes] displacement at the beginning (m) */
+    double begun;          /* on the clock */
     reg_loads_info info;
 } regi_loads;
 
@@ -7526,6 +7568,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
+    def.max_seconds = 1e9;
     def.cookie = REGI_LOADS_COOKIE;
     return def;
 }
@@ -7542,6 +7585,8 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         !(def->floor > 0) || !sb_is_finite(def->floor))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g: out of range", (double)def->misfit,
                         (double)def->power, (double)def->floor);
+    if (!(def->max_seconds > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (def->match->body->load_count > 0 || def->match->body->elimination)
@@ -7971,6 +8016,14 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     return l->load_count > 0 ? SB_OK : sbi_fail(error, SB_ERROR_ARGUMENT, "all of the surface is held");
 }
 
+/* 1 when there is no time for a round that takes as long as those before, or a first one. */
+static int regi_loads_is_late(const regi_loads *l)
+{
+    double spent = l->def->clock ? l->def->clock() - l->begun : 0;
+    double round = l->info.rounds ? (l->info.seconds_response + l->info.seconds_dense) / l->info.rounds : 0;
+    return l->def->clock && spent + round >= l->def->max_seconds;
+}
+
 /* Rounds, and what they found; a failure puts the body back. */
 static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error)
 {
@@ -7981,7 +8034,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         return result;
     l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        if (l->info.change > (sb_real)1e-3 * l->match->size)
+        if (l->info.change > (sb_real)1e-3 * l->match->size && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
@@ -8000,7 +8053,6 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
 {
     regi_loads loads;
     sb_result result;
-    double begin;
     memset(&loads, 0, sizeof loads);
     loads.info.error.element = loads.info.error.node = -1;
     result = regi_loads_check(def, &loads.info.error);
@@ -8008,9 +8060,9 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
         loads.def = def;
         loads.match = def->match;
         loads.body = def->match->body;
-        begin = regi_loads_now(&loads);
+        loads.begun = regi_loads_now(&loads);
         result = regi_loads_find(&loads, forces, &loads.info.error);
-        loads.info.seconds = regi_loads_now(&loads) - begin;
+        loads.info.seconds = regi_loads_now(&loads) - loads.begun;
         sb_boundary_free(&loads.boundary);
         sb_direct_free(loads.direct);
         sbi_free(&def->allocator, loads.memory);

@@ -29399,7 +29399,8 @@ static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
             if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
                 continue;
             sbi_body_row_motion(body, row, part, r);
-            sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_row_motion(body, row, other, s);
             if (tied)
                 sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
             else
@@ -29498,13 +29499,9 @@ static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *eq
     }
 }
 
-/* Sums what holds each part: supports, springs, mappings and constraints. */
-static void sbi_body_gather_holds(const sb_body *body)
+static void sbi_body_hold_supports(const sb_body *body)
 {
-    size_t stride = 6 * (size_t)body->tie_count;
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    if (stride)
-        memset(body->tie_gram, 0, stride * stride * sizeof(double));
     for (int i = 0; i < body->domain.node_count; i++)
         for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
             if (body->fixed[i] >> axis & 1) {
@@ -29512,6 +29509,26 @@ static void sbi_body_gather_holds(const sb_body *body)
                 sbi_body_add_motion(body, i, axis, 1, r);
                 sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
             }
+}
+
+/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
+static int sbi_body_is_held_by_supports(const sb_body *body)
+{
+    double trace;
+    sbi_body_hold_supports(body);
+    for (int c = 0; c < body->component_count; c++)
+        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
+            return 0;
+    return 1;
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    sbi_body_hold_supports(body);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
     for (int l = 0; l < body->load_count; l++)
         sbi_body_hold_load(body, body->loads + l);
     if (body->elimination)
@@ -29526,6 +29543,8 @@ static void sbi_body_gather_holds(const sb_body *body)
 SBI_API int sbi_body_unsupported_node(const sb_body *body)
 {
     int loose = -1; /* number of a tied part that is free */
+    if (sbi_body_is_held_by_supports(body))
+        return -1;
     sbi_body_gather_holds(body);
     if (body->tie_count > 0) {
         size_t n = 6 * (size_t)body->tie_count;

@@ -220,6 +220,31 @@ static int load_model(work *w, const char *path)
     return status;
 }
 
+enum { MOST_POINTS = 50000 };
+
+/* Of a dense scan the means of small cubes do as well, in a twentieth of the time. */
+static int thin_target(work *w, const char *path)
+{
+    sb_vec3 low = w->cloud.points[0], high = low;
+    sb_real size;
+    sb_error error;
+    int count = w->cloud.count;
+    if (count <= MOST_POINTS)
+        return 0;
+    for (int i = 1; i < count; i++) {
+        sb_vec3 x = w->cloud.points[i];
+        low = sb_v3(sb_min(low.x, x.x), sb_min(low.y, x.y), sb_min(low.z, x.z));
+        high = sb_v3(sb_max(high.x, x.x), sb_max(high.y, x.y), sb_max(high.z, x.z));
+    }
+    size = sb_v3_norm(sb_v3_sub(high, low)) / 200; /* a round organ has some 40,000 of such */
+    if (!(size > 0))
+        return 0;
+    if (reg_cloud_thin(&w->cloud, size, &w->cloud, &error) != SB_OK)
+        return complain_error(path, &error);
+    printf("%s: %d points, thinned to %d by cubes of %.3g mm\n", path, count, w->cloud.count, 1e3 * (double)size);
+    return 0;
+}
+
 /* A surface when the file has one, else its points. */
 static int load_target(work *w, const char *path)
 {
@@ -241,6 +266,8 @@ static int load_target(work *w, const char *path)
     }
     if (reg_cloud_load(&w->cloud, path, REAL(w->set->scale), NULL, &error) != SB_OK)
         return complain_error(path, &error);
+    if (thin_target(w, path))
+        return EXIT_USAGE;
     if (!w->cloud.normals && w->cloud.count > 3 && !w->set->partial &&
         reg_cloud_estimate_normals(&w->cloud, 12, NULL, NULL, &error) != SB_OK)
         return complain_error(path, &error);
@@ -550,7 +577,7 @@ int main(int argc, char **argv)
         {"--poisson", "NU", OPTION_NUMBER, NULL, &set.poisson, NULL, 0, 0.499, "Poisson's ratio"},
         {"--cells", "N", OPTION_INTEGER, &set.cells, NULL, NULL, 2, 200, "surfaces as model: cells along the longest side"},
         {"--steps", "N", OPTION_INTEGER, &set.steps, NULL, NULL, 1, 1e6, "most iterations"},
-        {"--seconds", "T", OPTION_NUMBER, NULL, &set.seconds, NULL, 1e-6, 1e9, "most time of the iterations"},
+        {"--seconds", "T", OPTION_NUMBER, NULL, &set.seconds, NULL, 1e-6, 1e9, "most time of the rigid start, and of what follows"},
         {"--help", NULL, OPTION_FLAG, &set.help, NULL, NULL, 0, 0, "this text"},
     };
     const int count = (int)(sizeof options / sizeof options[0]);

@@ -38,6 +38,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
+                          * before; default 1e9 */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */
