@@ -864,8 +864,9 @@ REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, 
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
 
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
- * SB_ERROR_INVERTED (element named), SB_ERROR_DIVERGED, SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED when too little of
- * the surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
+ * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ has less
+ * than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the surface is near the
+ * target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
  * may move between steps: matching then follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
@@ -1021,8 +1022,8 @@ REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_e
 REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
- * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, and what sb_body_solve_static says. Allocates
- * nothing. The same bits for any number of threads. */
+ * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
+ * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for any number of threads. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
  * SB_OK, and info->stop says which. Errors as of a step. */
@@ -5390,6 +5391,7 @@ struct reg_match {
     sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
     sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
+    sb_real volume;            /* of the organ at rest (m^3) */
 
     /* state */
     sb_real charge, reach;     /* Young's moduli; m */
@@ -5786,7 +5788,8 @@ static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_e
     match->settled = def->settled;
     match->max_seconds = def->max_seconds;
     match->landmark_count = def->landmark_count;
-    share = sb_mesh_volume(&mesh) / ((sb_real)mesh.element_count * match->size * match->size * match->size);
+    match->volume = sb_mesh_volume(&mesh);
+    share = match->volume / ((sb_real)mesh.element_count * match->size * match->size * match->size);
     match->landmark_stiffness = def->landmark_stiffness * match->young * match->size * sb_exp(sb_log(share) / 3);
     return SB_OK;
 }
@@ -6267,6 +6270,19 @@ static void regi_match_judge(reg_match *match)
     match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
 }
 
+/* Of a point, a flat patch or a target in another unit the charges make what no organ looks like. */
+static sb_result regi_match_check_shape(reg_match *match)
+{
+    sb_mesh mesh = regi_match_mesh(match->body);
+    double share;
+    mesh.nodes = match->body->position;
+    share = (double)(sb_mesh_volume(&mesh) / match->volume);
+    if (share > 0.25 && share < 4)
+        return SB_OK;
+    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size", share);
+}
+
 static sb_result regi_match_try(reg_match *match)
 {
     double begin = regi_match_now(match), looked, assembled, electric = regi_match_look(match);
@@ -6277,7 +6293,9 @@ static sb_result regi_match_try(reg_match *match)
     if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
         return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
                         "target and faces as it does: align them first", 100 * (double)match->info.active);
-    result = regi_match_assemble(match, &elastic);
+    result = regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
+    if (result == SB_OK)
+        result = regi_match_assemble(match, &elastic);
     assembled = regi_match_now(match);
     match->info.seconds_system = assembled - looked;
     if (result == SB_OK)
@@ -6408,6 +6426,7 @@ struct reg_nicp {
 
     int vertex_count, source_count, sample_count, landmark_count;
     double total_area;         /* m^2 */
+    sb_real volume;            /* of the organ, or its grid, at rest (m^3) */
     void *memory;              /* the one block behind the arrays below */
     sb_vec3 *vertices;         /* [vertex_count] (m) now */
     int *source_of;            /* [vertex_count] the source that stands for it; -1: none does */
@@ -6427,6 +6446,8 @@ struct reg_nicp {
     reg_nicp_info info;
 };
 
+/* The body's mesh at rest, borrowed. */
+REGI_API sb_mesh regi_nicp_mesh(const sb_body *body);
 /* Writes where rows are now: points[row_count] (m). */
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
 
@@ -6611,7 +6632,7 @@ static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_alloc
     return SB_OK;
 }
 
-static sb_mesh regi_nicp_mesh(const sb_body *body)
+REGI_API sb_mesh regi_nicp_mesh(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
@@ -6857,6 +6878,7 @@ static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, 
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
                       : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
+    nicp->volume = sb_mesh_volume(&mesh);
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
     nicp->reach = def->reach * nicp->size;
@@ -7444,6 +7466,19 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
     nicp->info.landmark_distance = most;
 }
 
+/* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
+static sb_result regi_nicp_check_shape(reg_nicp *nicp)
+{
+    sb_mesh mesh = regi_nicp_mesh(nicp->body);
+    double share;
+    mesh.nodes = nicp->body->position;
+    share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
+    if (share > 0.25 && share < 4)
+        return SB_OK;
+    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size", share);
+}
+
 static sb_result regi_nicp_try(reg_nicp *nicp)
 {
     double begin = regi_nicp_now(nicp), paired;
@@ -7452,7 +7487,9 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     if (nicp->body->observe) /* a replay would not know of the lines */
         return sbi_fail(&nicp->info.error, SB_ERROR_UNSUPPORTED, "the body is being recorded now");
     regi_nicp_read_landmarks(nicp);
-    result = regi_nicp_pair(nicp, stiffness);
+    result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
+    if (result == SB_OK)
+        result = regi_nicp_pair(nicp, stiffness);
     paired = regi_nicp_now(nicp);
     nicp->info.seconds_pairs = paired - begin;
     if (result == SB_OK)

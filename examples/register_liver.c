@@ -274,6 +274,43 @@ static int load_target(work *w, const char *path)
     return 0;
 }
 
+/* Standard deviations (m) of points along their principal axes, the largest first. */
+static sb_vec3 principal_spread(const sb_vec3 *points, int count)
+{
+    sb_vec3 mean = sb_v3(0, 0, 0), squares;
+    sb_mat3 sum = sb_m3_zero(), axes;
+    for (int i = 0; i < count; i++)
+        mean = sb_v3_madd(mean, 1 / (sb_real)(i + 1), sb_v3_sub(points[i], mean));
+    for (int i = 0; i < count; i++) {
+        sb_vec3 d = sb_v3_sub(points[i], mean);
+        sum = sb_m3_add(sum, sb_m3_outer(d, d));
+    }
+    sb_m3_eigen(sum, &squares, &axes);
+    squares = sb_v3_scale(1 / (sb_real)count, squares);
+    return sb_v3(sb_sqrt(sb_max(squares.x, 0)), sb_sqrt(sb_max(squares.y, 0)), sb_sqrt(sb_max(squares.z, 0)));
+}
+
+/* Targets that cannot be what was seen of the organ, for which every method has some answer. */
+static int check_target(const work *w, const char *path)
+{
+    const double flat = 1e-4;
+    int partial = w->set->partial || w->has_target; /* a surface tells by itself */
+    sb_vec3 seen = w->has_target ? principal_spread(w->target.nodes, w->target.node_count)
+                                 : principal_spread(w->cloud.points, w->cloud.count);
+    sb_vec3 organ = principal_spread(w->model.nodes, w->model.node_count);
+    double share = (double)(seen.x / organ.x);
+    char message[160];
+    if (!((double)seen.y > flat * (double)seen.x))
+        return complain(path, "all points lie in one place or line: they do not show an organ");
+    if (!partial && !((double)seen.z > flat * (double)seen.x))
+        return complain(path, "all points lie in one plane: they can only show a part of an organ (--partial)");
+    if (share < 5 && share > (partial ? 0.02 : 0.2))
+        return 0;
+    snprintf(message, sizeof message, "is %.3g times as large as the model: are both in one unit (--scale)%s?", share,
+             partial || share > 1 ? "" : ", is it a part (--partial)");
+    return complain(path, message);
+}
+
 static int load_landmarks(work *w)
 {
     rows table;
@@ -368,6 +405,8 @@ static int load_all(work *w, const char *const files[2])
     int status = load_model(w, files[0]);
     if (!status)
         status = load_target(w, files[1]);
+    if (!status)
+        status = check_target(w, files[1]);
     if (!status && w->set->landmarks)
         status = load_landmarks(w);
     if (!status && w->set->fix)

@@ -113,8 +113,9 @@ REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, 
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
 
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
- * SB_ERROR_INVERTED (element named), SB_ERROR_DIVERGED, SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED when too little of
- * the surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
+ * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ has less
+ * than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the surface is near the
+ * target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
  * may move between steps: matching then follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
