@@ -760,8 +760,8 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
  * stiffness along its line of action is taken into the system:
  *     (K + K_phi) du = -(f_int + f_phi),     f_phi = q A N_I phi' m,    K_phi = q A N_I N_J phi'' m m^T
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
- * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge are
- * relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
+ * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge
+ * are relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
  *
  * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
  * dynamics: with its stiffness damping the same number of steps led to the same end.
@@ -864,9 +864,9 @@ REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, 
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
 
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
- * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ has less
- * than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the surface is near the
- * target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
+ * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
+ * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
+ * surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
  * may move between steps: matching then follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
@@ -1023,7 +1023,8 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalt
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for any number of threads. */
+ * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for
+ * any number of threads. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
  * SB_OK, and info->stop says which. Errors as of a step. */

@@ -578,8 +578,8 @@ static void print_heading(const work *w, int pattern)
 static void print_score(const char *name, const score *s)
 {
     printf("  %-13s %7.3f %7.3f %7.2f | %7.3f %7.2f %8.3f | %7.3f %7.2f | %6.3f %6.3f %6.3f  %s\n", name, s->mean,
-           s->median, s->most, s->surface_mean, s->surface_most, s->distance, s->marker_mean, s->marker_most, s->seconds_start,
-           s->seconds_setup, s->seconds_run, s->stop);
+           s->median, s->most, s->surface_mean, s->surface_most, s->distance, s->marker_mean, s->marker_most,
+           s->seconds_start, s->seconds_setup, s->seconds_run, s->stop);
 }
 
 static int run_method(work *w, int pattern, method how)

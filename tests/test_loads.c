@@ -401,5 +401,6 @@ static void test_partial_livers(void)
 }
 
 CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"a landmark", test_landmark},
-            {"refusals", test_refusals}, {"nothing to find", test_nothing}, {"time cap", test_time_cap}, {"failing allocations", test_memory},
-            {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});
+            {"refusals", test_refusals}, {"nothing to find", test_nothing}, {"time cap", test_time_cap},
+            {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
+            {"livers, partial surfaces", test_partial_livers});
