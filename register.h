@@ -783,8 +783,8 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
  * stiffness along its line of action is taken into the system:
  *     (K + K_phi) du = -(f_int + f_phi),     f_phi = q A N_I phi' m,    K_phi = q A N_I N_J phi'' m m^T
  * One step solves this once and then raises the charge by the ratio of elastic to electric energy, held within bounds:
- * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge are
- * relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
+ * q grows from a gentle pull, by which the organ finds its way, to a firm one, by which it fits. Steps at full charge
+ * are relaxed (Aitken), or charges that rest on edges between the target's facets would swing to and fro for ever.
  *
  * Steps are quasi-static. K_phi and the slow growth of the charge give the stability that the thesis gets from Newmark
  * dynamics: with its stiffness damping the same number of steps led to the same end.
@@ -887,8 +887,9 @@ REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, 
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
 
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
- * SB_ERROR_INVERTED (element named), SB_ERROR_DIVERGED, SB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED when too little of
- * the surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
+ * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
+ * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
+ * surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
  * may move between steps: matching then follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
@@ -1044,8 +1045,9 @@ REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_e
 REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
- * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, and what sb_body_solve_static says. Allocates
- * nothing. The same bits for any number of threads. */
+ * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
+ * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for
+ * any number of threads. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
  * SB_OK, and info->stop says which. Errors as of a step. */
@@ -1124,6 +1126,8 @@ typedef struct reg_loads_def {
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
                           * place, as share of its size, >= 0; default 0: held nodes are where they are to be */
+    double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
+                          * before; default 1e9 */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */
@@ -5847,6 +5851,7 @@ struct reg_match {
     sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
     sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
+    sb_real volume;            /* of the organ at rest (m^3) */
 
     /* state */
     sb_real charge, reach;     /* Young's moduli; m */
@@ -6243,7 +6248,8 @@ static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_e
     match->settled = def->settled;
     match->max_seconds = def->max_seconds;
     match->landmark_count = def->landmark_count;
-    share = sb_mesh_volume(&mesh) / ((sb_real)mesh.element_count * match->size * match->size * match->size);
+    match->volume = sb_mesh_volume(&mesh);
+    share = match->volume / ((sb_real)mesh.element_count * match->size * match->size * match->size);
     match->landmark_stiffness = def->landmark_stiffness * match->young * match->size * sb_exp(sb_log(share) / 3);
     return SB_OK;
 }
@@ -6724,6 +6730,19 @@ static void regi_match_judge(reg_match *match)
     match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
 }
 
+/* Of a point, a flat patch or a target in another unit the charges make what no organ looks like. */
+static sb_result regi_match_check_shape(reg_match *match)
+{
+    sb_mesh mesh = regi_match_mesh(match->body);
+    double share;
+    mesh.nodes = match->body->position;
+    share = (double)(sb_mesh_volume(&mesh) / match->volume);
+    if (share > 0.25 && share < 4)
+        return SB_OK;
+    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size", share);
+}
+
 static sb_result regi_match_try(reg_match *match)
 {
     double begin = regi_match_now(match), looked, assembled, electric = regi_match_look(match);
@@ -6734,7 +6753,9 @@ static sb_result regi_match_try(reg_match *match)
     if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
         return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
                         "target and faces as it does: align them first", 100 * (double)match->info.active);
-    result = regi_match_assemble(match, &elastic);
+    result = regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
+    if (result == SB_OK)
+        result = regi_match_assemble(match, &elastic);
     assembled = regi_match_now(match);
     match->info.seconds_system = assembled - looked;
     if (result == SB_OK)
@@ -6865,6 +6886,7 @@ struct reg_nicp {
 
     int vertex_count, source_count, sample_count, landmark_count;
     double total_area;         /* m^2 */
+    sb_real volume;            /* of the organ, or its grid, at rest (m^3) */
     void *memory;              /* the one block behind the arrays below */
     sb_vec3 *vertices;         /* [vertex_count] (m) now */
     int *source_of;            /* [vertex_count] the source that stands for it; -1: none does */
@@ -6884,6 +6906,8 @@ struct reg_nicp {
     reg_nicp_info info;
 };
 
+/* The body's mesh at rest, borrowed. */
+REGI_API sb_mesh regi_nicp_mesh(const sb_body *body);
 /* Writes where rows are now: points[row_count] (m). */
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
 
@@ -7068,7 +7092,7 @@ static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_alloc
     return SB_OK;
 }
 
-static sb_mesh regi_nicp_mesh(const sb_body *body)
+REGI_API sb_mesh regi_nicp_mesh(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
@@ -7314,6 +7338,7 @@ static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, 
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
                       : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
+    nicp->volume = sb_mesh_volume(&mesh);
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
     nicp->reach = def->reach * nicp->size;
@@ -7901,6 +7926,19 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
     nicp->info.landmark_distance = most;
 }
 
+/* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
+static sb_result regi_nicp_check_shape(reg_nicp *nicp)
+{
+    sb_mesh mesh = regi_nicp_mesh(nicp->body);
+    double share;
+    mesh.nodes = nicp->body->position;
+    share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
+    if (share > 0.25 && share < 4)
+        return SB_OK;
+    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size", share);
+}
+
 static sb_result regi_nicp_try(reg_nicp *nicp)
 {
     double begin = regi_nicp_now(nicp), paired;
@@ -7909,7 +7947,9 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     if (nicp->body->observe) /* a replay would not know of the lines */
         return sbi_fail(&nicp->info.error, SB_ERROR_UNSUPPORTED, "the body is being recorded now");
     regi_nicp_read_landmarks(nicp);
-    result = regi_nicp_pair(nicp, stiffness);
+    result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
+    if (result == SB_OK)
+        result = regi_nicp_pair(nicp, stiffness);
     paired = regi_nicp_now(nicp);
     nicp->info.seconds_pairs = paired - begin;
     if (result == SB_OK)
@@ -8017,6 +8057,7 @@ typedef struct regi_loads {
     sb_real likely[REGI_LOADS_POSE];     /* sd of the pose: m, rad */
     sb_real pose[REGI_LOADS_POSE], next[REGI_LOADS_POSE]; /* reached, and found in this round: m, rad */
     sb_real *pose_rows;    /* [sample_count][POSE] a sample's motion with the whole organ, in sd */
+    double begun;          /* on the clock */
     reg_loads_info info;
 } regi_loads;
 
@@ -8031,6 +8072,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
     def.pose = 0;
+    def.max_seconds = 1e9;
     def.cookie = REGI_LOADS_COOKIE;
     return def;
 }
@@ -8047,6 +8089,8 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, pose %g: out of range",
                         (double)def->misfit, (double)def->power, (double)def->floor, (double)def->pose);
+    if (!(def->max_seconds > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (def->match->body->load_count > 0 || def->match->body->elimination)
@@ -8552,6 +8596,14 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     return l->load_count > 0 ? SB_OK : sbi_fail(error, SB_ERROR_ARGUMENT, "all of the surface is held");
 }
 
+/* 1 when there is no time for a round that takes as long as those before, or a first one. */
+static int regi_loads_is_late(const regi_loads *l)
+{
+    double spent = l->def->clock ? l->def->clock() - l->begun : 0;
+    double round = l->info.rounds ? (l->info.seconds_response + l->info.seconds_dense) / l->info.rounds : 0;
+    return l->def->clock && spent + round >= l->def->max_seconds;
+}
+
 /* Rounds, and what they found; a failure puts the body back. */
 static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error)
 {
@@ -8562,7 +8614,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         return result;
     l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        if (l->info.change > (sb_real)1e-3 * l->match->size)
+        if (l->info.change > (sb_real)1e-3 * l->match->size && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
@@ -8582,7 +8634,6 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
 {
     regi_loads loads;
     sb_result result;
-    double begin;
     memset(&loads, 0, sizeof loads);
     loads.info.error.element = loads.info.error.node = -1;
     result = regi_loads_check(def, &loads.info.error);
@@ -8590,9 +8641,9 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
         loads.def = def;
         loads.match = def->match;
         loads.body = def->match->body;
-        begin = regi_loads_now(&loads);
+        loads.begun = regi_loads_now(&loads);
         result = regi_loads_find(&loads, forces, &loads.info.error);
-        loads.info.seconds = regi_loads_now(&loads) - begin;
+        loads.info.seconds = regi_loads_now(&loads) - loads.begun;
         sb_boundary_free(&loads.boundary);
         sb_direct_free(loads.direct);
         sbi_free(&def->allocator, loads.memory);

@@ -480,6 +480,12 @@
 #define sb_direct_update sb_direct_update_f32
 #define sb_direct_solve sb_direct_solve_f32
 #define sb_direct_get_info sb_direct_get_info_f32
+#define sb_domain_create sb_domain_create_f32
+#define sb_domain_free sb_domain_free_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
+#define sb_solver_auto sb_solver_auto_f32
+#define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
@@ -494,10 +500,6 @@
 #define sb_pcg_workspace_create sb_pcg_workspace_create_f32
 #define sb_pcg_workspace_free sb_pcg_workspace_free_f32
 #define sb_pcg_solve sb_pcg_solve_f32
-#define sb_domain_create sb_domain_create_f32
-#define sb_domain_free sb_domain_free_f32
-#define sb_mapping_apply sb_mapping_apply_f32
-#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_default_grid_def sb_default_grid_def_f32
 #define sb_grid_create sb_grid_create_f32
 #define sb_grid_free sb_grid_free_f32
@@ -512,6 +514,7 @@
 #define sb_body_element_count sb_body_element_count_f32
 #define sb_body_point_count sb_body_point_count_f32
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
+#define sb_body_solver sb_body_solver_f32
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32
@@ -531,6 +534,7 @@
 #define sb_body_reactions sb_body_reactions_f32
 #define sb_body_external_forces sb_body_external_forces_f32
 #define sb_body_energy sb_body_energy_f32
+#define sb_body_multiply_stiffness sb_body_multiply_stiffness_f32
 #define sb_body_mass sb_body_mass_f32
 #define sb_body_momentum sb_body_momentum_f32
 #define sb_body_stress sb_body_stress_f32
@@ -4202,185 +4206,6 @@ SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
 
 #endif /* SB_DIRECT_H */
 
-/* ==== src/softbody/precond.h ==== */
-/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, factorised sparse approximate
- * inverses, a complete factor; each with a coarse space of rigid motions, and fit to be made once and turned with the
- * body. Floor 2. */
-#ifndef SB_PRECOND_H
-#define SB_PRECOND_H
-
-
-/* What smooths: z = M^-1 r of one application. */
-typedef enum sb_precond_kind {
-    SB_PRECOND_NONE = 0,         /* z = r */
-    SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
-    SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
-    SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
-    SB_PRECOND_AUTO = 4,         /* the library's choice: SB_PRECOND_IC0 */
-    SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
-                                  * application use all threads; 1.5 times the iterations of IC0, ten times its set-up */
-    SB_PRECOND_CHOLESKY = 6      /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
-                                  * as warping makes them */
-} sb_precond_kind;
-
-enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
-
-typedef struct sb_preconditioner_def {
-    sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
-    const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
-    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
-    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 halves the iterations, takes about four times the
-                      * memory, and a hundred times the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
-} sb_preconditioner_def;
-
-/* What a preconditioner resolved to and how its last update went. */
-typedef struct sb_preconditioner_info {
-    sb_precond_kind kind; /* never SB_PRECOND_AUTO */
-    int piece_count;      /* rigid pieces in use, 0: no coarse space */
-    int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive; FSAI: the
-                           * largest that a row needed */
-    size_t bytes;         /* memory held */
-} sb_preconditioner_info;
-
-/* The preconditioner of one matrix pattern. The smoother works in single precision: it only has to point the
- * right way, and it is memory that limits its speed.
- *
- * The coarse space. Smoothers are blind to motions that vary slowly over the mesh, and those are what gravity
- * and a tool cause. So the nodes are cut into compact pieces, each free to move rigidly (6 unknowns), and the
- * piece motions Q = Z (Z^T A Z)^-1 Z^T are solved exactly around every smoothing:
- *     z = S r + Q (r - A S r)          [A-DEF2 of Tang, Nabben, Vuik, Erlangga 2009]
- * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first
- * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
-typedef struct sb_preconditioner sb_preconditioner;
-
-/* The defaults named at the fields. */
-SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
-
-/* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
- * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *out stays. */
-SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error);
-SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
-
-/* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
- * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
- * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
- * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
- * error the preconditioner must be updated again before use.
- * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
- * following updates, and after a run of successful ones tries half of it. */
-SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, sb_error *error);
-
-/* z = M^-1 r; both [row_count][3], not overlapping. Uses the preconditioner's scratch: one call at a time. */
-SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z);
-
-/* Turns the smoother of the last update (or load) with the body instead of making it anew:
- *     M^-1 = R S R^T on the free components, the inverse diagonal on those prescribed now
- * with R of the nodes' rotations since then; the coarse space is that of the matrix. The tangent of a bent body is
- * nearly that of the unbent one turned, so that M made at rest serves through large motions. Positive definite whatever
- * the rotations.
- * matrix     what is to be solved now, of the same pattern
- * rotations  [row_count] unit quaternions, as sb_body_nodal_rotations gives; NULL: none
- * positions  as in sb_preconditioner_update
- * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion) or
- * SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
- * over the matrix; allocates nothing. */
-SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const sb_matrix *matrix,
-                                        const sb_quat *rotations, const sb_vec3 *positions, sb_error *error);
-
-/* ---- kept in memory -------------------------------------------------------------------------------------
- * What an update made, to be shipped with an organ: loaded, it needs no factorisation, only a warp. The bytes are
- * little-endian everywhere: "SBPRECND", version (4 bytes), bytes of sb_real (4), bytes in all (8), the make, the
- * values, checksum of all bytes before it (8). */
-
-/* Bytes that sb_preconditioner_save writes; 0: more than size_t holds. */
-SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
-/* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
- * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer, or never updated (then untouched). */
-SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
-/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern; it is without coarse
- * space until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
- * cut short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
- * (another kind or pattern), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
-SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
-                                        sb_error *error);
-
-SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner);
-
-/* ---- internal ------------------------------------------------------------------------------------------ */
-
-
-#endif /* SB_PRECOND_H */
-
-/* ==== src/softbody/pcg.h ==== */
-/* pcg: preconditioned conjugate gradients. Floor 2. */
-#ifndef SB_PCG_H
-#define SB_PCG_H
-
-
-typedef struct sb_pcg_options {
-    double tolerance; /* stop when |rhs - A x| <= tolerance |rhs|, >= 0; default 1e-6 (float builds: 1e-3) */
-    int max_iterations;  /* bound of the work, >= 0; default 1000 */
-    const sb_jobs *jobs; /* NULL (default): inline; the result is the same for any number of threads */
-} sb_pcg_options;
-
-typedef struct sb_pcg_info {
-    int iterations;         /* products with A in search directions */
-    double residual;        /* |rhs - A x| / |rhs| of the returned x */
-    int residual_is_true;   /* 1: computed from x; 0: by the recurrence, which drifts by epsilon |A| |x| */
-    int negative_curvature; /* 1: a direction with p.Ap <= 0 ended the solve: A is not positive definite */
-    int capped;             /* 1: max_iterations ended the solve */
-} sb_pcg_info;
-
-/* Vectors of one solve, to be kept between solves. Not for two solves at a time. */
-typedef struct sb_pcg_workspace {
-    int row_count;
-    sb_real *start, *residual, *search, *direction, *product; /* [row_count][3] */
-    double *partial;                                          /* [chunks][2] sums of each chunk of rows */
-    void *memory;
-    sb_allocator allocator;
-} sb_pcg_workspace;
-
-/* The defaults named at the fields. */
-SB_API sb_pcg_options sb_default_pcg_options(void);
-
-/* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave
- * *workspace untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
-                                         sb_pcg_workspace *workspace, sb_error *error);
-SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
-
-/* Solves A x = rhs for a symmetric positive definite A.
- * preconditioner  up to date with A; NULL: none
- * rhs             [row_count][3]
- * x               [row_count][3] in: the start; out: the solution. rhs = 0 gives x = 0 whatever the start
- * options         NULL: defaults
- * info            filled in every case but SB_ERROR_ARGUMENT; may be NULL
- * Returns SB_OK;
- *   SB_ERROR_NOT_CONVERGED  the cap was reached, or rounding stops progress (info->capped tells which); x is
- *                           the last
- *                           iterate, good enough for a real-time step that had no time for more
- *   SB_ERROR_INDEFINITE     p.Ap <= 0 (info->negative_curvature) or a preconditioner that is not positive
- *                           definite;
- *                           x is the last iterate before
- *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
- *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
- * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
- * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
- * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
- * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
- * threads. */
-SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                              sb_pcg_info *info);
-
-#endif /* SB_PCG_H */
-
 /* ==== src/softbody/domain.h ==== */
 /* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
 #ifndef SB_DOMAIN_H
@@ -4464,6 +4289,224 @@ SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_ve
 
 
 #endif /* SB_DOMAIN_H */
+
+/* ==== src/softbody/multigrid.h ==== */
+/* multigrid: V-cycles over levels made from the matrix alone. Floor 2.
+ *
+ * Level 0 is the matrix itself. A coarser level has fewer nodes and weights P that interpolate its displacements to the
+ * nodes of the level above it; its matrix is P^T A P (Galerkin). So rotations, materials, supports, loads and
+ * constraints need no second look: whatever is in the matrix is on every level. */
+#ifndef SB_MULTIGRID_H
+#define SB_MULTIGRID_H
+
+
+/* A coarser level of one's own. Its displacements u give those of the finer level's nodes: node i of the finer one
+ * moves by sum_k weights[k] u[nodes[k]], row_start[i] <= k < row_start[i + 1] (a row may be empty: such a node does
+ * not follow). Weights that sum to 1 and reproduce positions (barycentric coordinates) make good levels. */
+typedef struct sb_multigrid_level {
+    sb_mapping mapping;       /* row_count = nodes of the finer level */
+    int node_count;           /* nodes of this level, >= 1 */
+    const sb_vec3 *positions; /* [node_count] (m) */
+} sb_multigrid_level;
+
+/* ---- internal ------------------------------------------------------------------------------------------ */
+
+
+#endif /* SB_MULTIGRID_H */
+
+/* ==== src/softbody/precond.h ==== */
+/* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, factorised sparse approximate
+ * inverses, a complete factor; each with a coarse space of rigid motions, and fit to be made once and turned with the
+ * body. Floor 2. */
+#ifndef SB_PRECOND_H
+#define SB_PRECOND_H
+
+
+/* What smooths: z = M^-1 r of one application. */
+typedef enum sb_precond_kind {
+    SB_PRECOND_NONE = 0,         /* z = r */
+    SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
+    SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
+    SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
+    SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
+    SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
+                                  * application use all threads; 1.5 times the iterations of IC0, ten times its set-up */
+    SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
+                                  * as warping makes them */
+    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
+} sb_precond_kind;
+
+enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
+
+typedef struct sb_preconditioner_def {
+    sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
+    const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 halves the iterations, takes about four times the
+                      * memory, and a hundred times the set-up */
+    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
+    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
+                                       * made below the last. Default NULL: all are made from positions */
+    int level_count;
+} sb_preconditioner_def;
+
+/* What a preconditioner resolved to and how its last update went. */
+typedef struct sb_preconditioner_info {
+    sb_precond_kind kind; /* never SB_PRECOND_AUTO */
+    int piece_count;      /* rigid pieces in use, 0: no coarse space */
+    int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
+    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive; FSAI: the
+                           * largest that a row needed */
+    int level_count;      /* of multigrid, the matrix included; otherwise 0 */
+    size_t bytes;         /* memory held */
+} sb_preconditioner_info;
+
+/* The preconditioner of one matrix pattern. The smoother works in single precision: it only has to point the
+ * right way, and it is memory that limits its speed.
+ *
+ * The coarse space. Smoothers are blind to motions that vary slowly over the mesh, and those are what gravity
+ * and a tool cause. So the nodes are cut into compact pieces, each free to move rigidly (6 unknowns), and the
+ * piece motions Q = Z (Z^T A Z)^-1 Z^T are solved exactly around every smoothing:
+ *     z = S r + Q (r - A S r)          [A-DEF2 of Tang, Nabben, Vuik, Erlangga 2009]
+ * On a slender beam this divides the iterations by five for the price of a small dense system. PCG's first
+ * residual has to satisfy Z^T r = 0, which sb_pcg_solve sees to. */
+typedef struct sb_preconditioner sb_preconditioner;
+
+/* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
+ * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
+ * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
+ * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
+ * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
+/* Name of a kind, as "multigrid"; never NULL. */
+SB_API const char *sb_precond_string(sb_precond_kind kind);
+
+/* The defaults named at the fields. */
+SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
+
+/* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
+ * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *out stays. */
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error);
+SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
+
+/* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
+ * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
+ * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
+ * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
+ * error the preconditioner must be updated again before use.
+ * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
+ * following updates, and after a run of successful ones tries half of it. */
+SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
+                                          const sb_vec3 *positions, sb_error *error);
+
+/* z = M^-1 r; both [row_count][3], not overlapping. Uses the preconditioner's scratch: one call at a time. */
+SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z);
+
+/* Turns the smoother of the last update (or load) with the body instead of making it anew:
+ *     M^-1 = R S R^T on the free components, the inverse diagonal on those prescribed now
+ * with R of the nodes' rotations since then; the coarse space is that of the matrix. The tangent of a bent body is
+ * nearly that of the unbent one turned, so that M made at rest serves through large motions. Positive definite whatever
+ * the rotations.
+ * matrix     what is to be solved now, of the same pattern
+ * rotations  [row_count] unit quaternions, as sb_body_nodal_rotations gives; NULL: none
+ * positions  as in sb_preconditioner_update
+ * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion),
+ * SB_ERROR_UNSUPPORTED (multigrid: update it) or SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
+ * over the matrix; allocates nothing. */
+SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const sb_matrix *matrix,
+                                        const sb_quat *rotations, const sb_vec3 *positions, sb_error *error);
+
+/* ---- kept in memory -------------------------------------------------------------------------------------
+ * What an update made, to be shipped with an organ: loaded, it needs no factorisation, only a warp. Not of multigrid
+ * (SB_ERROR_UNSUPPORTED), whose updates are cheap. The bytes are
+ * little-endian everywhere: "SBPRECND", version (4 bytes), bytes of sb_real (4), bytes in all (8), the make, the
+ * values, checksum of all bytes before it (8). */
+
+/* Bytes that sb_preconditioner_save writes; 0: more than size_t holds, or multigrid. */
+SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
+/* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
+ * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer, or never updated (then untouched). */
+SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
+/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern; it is without coarse
+ * space until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
+ * cut short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
+ * (another kind or pattern), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
+SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
+                                        sb_error *error);
+
+SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner);
+
+/* ---- internal ------------------------------------------------------------------------------------------ */
+
+
+#endif /* SB_PRECOND_H */
+
+/* ==== src/softbody/pcg.h ==== */
+/* pcg: preconditioned conjugate gradients. Floor 2. */
+#ifndef SB_PCG_H
+#define SB_PCG_H
+
+
+typedef struct sb_pcg_options {
+    double tolerance; /* stop when |rhs - A x| <= tolerance |rhs|, >= 0; default 1e-6 (float builds: 1e-3) */
+    int max_iterations;  /* bound of the work, >= 0; default 1000 */
+    const sb_jobs *jobs; /* NULL (default): inline; the result is the same for any number of threads */
+} sb_pcg_options;
+
+typedef struct sb_pcg_info {
+    int iterations;         /* products with A in search directions */
+    double residual;        /* |rhs - A x| / |rhs| of the returned x */
+    int residual_is_true;   /* 1: computed from x; 0: by the recurrence, which drifts by epsilon |A| |x| */
+    int negative_curvature; /* 1: a direction with p.Ap <= 0 ended the solve: A is not positive definite */
+    int capped;             /* 1: max_iterations ended the solve */
+} sb_pcg_info;
+
+/* Vectors of one solve, to be kept between solves. Not for two solves at a time. */
+typedef struct sb_pcg_workspace {
+    int row_count;
+    sb_real *start, *residual, *search, *direction, *product; /* [row_count][3] */
+    double *partial;                                          /* [chunks][2] sums of each chunk of rows */
+    void *memory;
+    sb_allocator allocator;
+} sb_pcg_workspace;
+
+/* The defaults named at the fields. */
+SB_API sb_pcg_options sb_default_pcg_options(void);
+
+/* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave
+ * *workspace untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
+                                         sb_pcg_workspace *workspace, sb_error *error);
+SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
+
+/* Solves A x = rhs for a symmetric positive definite A.
+ * preconditioner  up to date with A; NULL: none
+ * rhs             [row_count][3]
+ * x               [row_count][3] in: the start; out: the solution. rhs = 0 gives x = 0 whatever the start
+ * options         NULL: defaults
+ * info            filled in every case but SB_ERROR_ARGUMENT; may be NULL
+ * Returns SB_OK;
+ *   SB_ERROR_NOT_CONVERGED  the cap was reached, or rounding stops progress (info->capped tells which); x is
+ *                           the last
+ *                           iterate, good enough for a real-time step that had no time for more
+ *   SB_ERROR_INDEFINITE     p.Ap <= 0 (info->negative_curvature) or a preconditioner that is not positive
+ *                           definite;
+ *                           x is the last iterate before
+ *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
+ *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
+ * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
+ * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
+ * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
+ * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
+ * threads. */
+SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                              sb_pcg_info *info);
+
+#endif /* SB_PCG_H */
 
 /* ==== src/softbody/grid.h ==== */
 /* grid: regular hexahedral grids round bodies whose surface cuts the cells (immersed boundary). Floor 2. */
@@ -4656,7 +4699,11 @@ typedef struct sb_body_def {
     sb_vec3 gravity;                  /* m/s^2; default 0 */
     sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
-    sb_precond_kind preconditioner;   /* default SB_PRECOND_AUTO */
+    sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
+                                       * sb_body_solver tells what it chose */
+    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
+                                       * NULL: made from the nodes' places */
+    int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                        * choose theirs from newton_tolerance */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
@@ -4684,6 +4731,10 @@ SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
 SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
+
+/* What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
+ * sb_precond_string names it. */
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body);
 
 /* ---- properties: may change between steps ----
  * Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
@@ -4748,6 +4799,13 @@ typedef struct sb_energy {
                          * have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
+/* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes move
+ * by x (m). x and y: [node_count], not overlapping. K is the tangent that linearised steps take: of SB_COROTATED the
+ * rotations stay as they are, of other models it is the derivative of their forces, with Prony terms at once. Supports,
+ * loads and constraints have no say. SB_COROTATED tet4 and tet10 need no matrix for it: measured, that takes a tenth
+ * (tet10) to two fifths (tet4) of assembling one and multiplying. The state stays as it is, and nothing is allocated. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and
+ * SB_ERROR_INVERTED (error->element) leave y untouched; error may be NULL. */
+SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);
 SB_API sb_vec3 sb_body_momentum(const sb_body *body);
@@ -5572,26 +5630,6 @@ SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
 /* Whoever filled them says so. */
 SBI_API void sbi_direct_take_values(sb_direct *direct);
 
-/* ==== src/softbody/precond.h, internal ==== */
-/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
- * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
-SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
-/* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
-SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                     double size);
-/* Rows of the pattern it was made for. */
-SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
-
-/* What updates remember of the ones before: all that is not made anew from the matrix. */
-typedef struct sbi_precond_memory {
-    double shift;
-    int successes, wait;
-} sbi_precond_memory;
-SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
-/* The memory must be valid. */
-SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
-SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
-
 /* ==== src/softbody/domain.h, internal ==== */
 /* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
  * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
@@ -5612,6 +5650,54 @@ SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
  * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load);
+
+/* ==== src/softbody/multigrid.h, internal ==== */
+typedef struct sbi_multigrid sbi_multigrid;
+
+typedef struct sbi_multigrid_setup {
+    const sb_vec3 *positions;         /* [row_count] (m) of the finest nodes */
+    const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
+    int level_count;
+    const sbi_multigrid *like;        /* take the user's levels from here instead, or NULL */
+    sb_jobs jobs;
+} sbi_multigrid_setup;
+
+/* Makes levels and plans for matrices of the pattern, with all memory they ever need. Values are not read. The setup
+ * must be valid but for its levels: SB_ERROR_ARGUMENT, SB_ERROR_INDEX or SB_ERROR_NOT_FINITE name what is wrong with
+ * one. Freed with sbi_multigrid_free; refers to neither setup nor pattern. */
+SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
+                                       const sb_allocator *allocator, sbi_multigrid **out, sb_error *error);
+SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid);
+/* Takes over the values of a symmetric matrix of the pattern times `scale`, a power of two that brings its diagonal
+ * near 1. Returns -1, or the node whose diagonal block is not positive definite. Allocates nothing. */
+SBI_API int sbi_multigrid_update(sbi_multigrid *multigrid, const sb_matrix *matrix, double scale);
+/* z = M^-1 r of the scaled matrix; r is taken times `scale`, z times `back`; both [row_count][3]. */
+SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_real scale, sb_real *z, sb_real back);
+SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
+SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
+
+/* ==== src/softbody/precond.h, internal ==== */
+/* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
+ * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
+SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+/* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
+                                     double size);
+/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+/* Rows of the pattern it was made for. */
+SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
+
+/* What updates remember of the ones before: all that is not made anew from the matrix. */
+typedef struct sbi_precond_memory {
+    double shift;
+    int successes, wait;
+} sbi_precond_memory;
+SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner);
+/* The memory must be valid. */
+SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
+SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/load.h, internal ==== */
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
@@ -22449,6 +22535,1649 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
     return SB_OK;
 }
 
+/* ==== src/softbody/multigrid_level.h ==== */
+/* multigrid_level: what a level holds. Floor 2, internal to the multigrid. */
+#ifndef SB_MULTIGRID_LEVEL_H
+#define SB_MULTIGRID_LEVEL_H
+
+
+#define SBI_MG_UNIT 32767.0f
+
+enum {
+    SBI_MG_MAX_LEVELS = 16,
+    SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
+    SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
+    SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
+    SBI_MG_DENSE = 64         /* nodes of the coarsest level, whose matrix is factored */
+};
+
+/* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
+ * vectors have room for reading past their end.
+ *
+ * It is memory that limits a cycle, and most of it is the finest matrix. So that one is kept in 16 bits an entry, as
+ * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
+ * The vectors of level 0 are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The rounding is
+ * symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
+typedef struct sbi_mg_level {
+    int row_count, block_count;
+    sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
+    int *row_start, *columns; /* the pattern: columns ascend in each row */
+    int *diagonal;            /* [row_count] */
+    float *blocks;            /* [block_count][9], but for level 0 */
+    int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
+    float *scale;             /* [row_count][4] of level 0: S for free components and 0 for prescribed ones, then 1 / S */
+    float *inverse;           /* [row_count][12] of the diagonal blocks, rows of four, 0 in directions without stiffness */
+    float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
+    double *partial;          /* [tasks] sums of each task's rows */
+    double bound;             /* of the eigenvalues of D^-1 A */
+
+    /* the way to the next coarser level, when there is one */
+    int *parent_start, *parents; /* row i moves with parents[parent_start[i] ..] */
+    float *shares;               /* weights of the parents */
+    int *child_start, *children; /* the same from the coarser level's side: [its rows + 1] */
+    float *child_shares;
+    int *mixed_start;         /* [row_count + 1] into mixed: blocks of A P, row by row */
+    int *slots;               /* for each block of A and each parent of its column: where A P takes it in its row */
+    int *slot_start;          /* [row_count + 1] */
+    float *mixed;             /* [mixed_count][9] */
+    int *targets;             /* for each child of a coarser node and each block of its row of A P: where P^T (A P)
+                               * takes it in the coarser row */
+    size_t *target_start;     /* [coarser rows + 1] */
+} sbi_mg_level;
+
+struct sbi_multigrid {
+    sb_allocator allocator;
+    sb_jobs jobs;
+    int level_count;
+    sbi_mg_level levels[SBI_MG_MAX_LEVELS];
+    int degree;               /* of the Chebyshev smoother */
+    int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
+    double *factor;           /* [dense][dense] */
+    double *pivot, *solution; /* [dense] */
+    size_t bytes;
+    int array_count;
+    void *arrays[SBI_MG_MAX_ARRAYS];
+};
+
+/* Interpolation rows in the making, with arrays of their own. */
+typedef struct sbi_mg_rows {
+    int coarse_count;
+    int *start;               /* [rows + 1] */
+    int *nodes;
+    float *weights;
+    sb_vec3 *positions;       /* [coarse_count] */
+} sbi_mg_rows;
+
+SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
+/* Interpolation from a lattice of tets laid over the nodes, with about `target` nodes or fewer in use. 0: no memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+                           const sb_allocator *allocator, sbi_mg_rows *rows);
+
+#endif /* SB_MULTIGRID_LEVEL_H */
+
+/* ==== src/softbody/multigrid_lattice.c ==== */
+/* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
+
+#include <string.h>
+
+/* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
+ * motions and uniform strains of the finer level are then motions of the coarser one, too. */
+typedef struct sbi_lattice {
+    double low[3], extent[3]; /* m */
+    int cells[3];             /* 0 along an axis without extent */
+} sbi_lattice;
+
+/* Where a node lies: the corners of its tet that have a share. */
+typedef struct sbi_lattice_place {
+    int count;
+    int64_t points[4];
+    double weights[4];
+} sbi_lattice_place;
+
+static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
+
+/* Largest extent. */
+static double sbi_lattice_bound(const sb_vec3 *positions, int count, sbi_lattice *lattice)
+{
+    double largest = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double low = sbi_lattice_coordinate(positions[0], axis), high = low;
+        for (int i = 1; i < count; i++) {
+            double x = sbi_lattice_coordinate(positions[i], axis);
+            low = x < low ? x : low;
+            high = x > high ? x : high;
+        }
+        lattice->low[axis] = low;
+        lattice->extent[axis] = high - low;
+        largest = high - low > largest ? high - low : largest;
+    }
+    return largest;
+}
+
+/* Cells of about `edge` that fill the box. */
+static void sbi_lattice_cut(sbi_lattice *lattice, double edge)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        double cells = lattice->extent[axis] / edge + 0.5; /* not a number where there is no extent */
+        lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+    }
+}
+
+static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
+{
+    return ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
+}
+
+/* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
+static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double weight, sbi_lattice_place *place)
+{
+    if (weight < 1e-4)
+        return;
+    place->points[place->count] = sbi_lattice_point(lattice, at);
+    place->weights[place->count++] = weight;
+}
+
+static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 position)
+{
+    sbi_lattice_place place;
+    int at[3], order[3] = {0, 1, 2};
+    double share[3], sum = 0;
+    place.count = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        int cells = lattice->cells[axis];
+        double t = cells ? (sbi_lattice_coordinate(position, axis) - lattice->low[axis]) / lattice->extent[axis] * cells : 0;
+        at[axis] = (int)t;
+        if (cells && at[axis] >= cells)
+            at[axis] = cells - 1;
+        share[axis] = t - at[axis];
+    }
+    for (int a = 1; a < 3; a++) /* by falling share */
+        for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
+            int swap = order[b];
+            order[b] = order[b - 1];
+            order[b - 1] = swap;
+        }
+    sbi_lattice_add(lattice, at, 1 - share[order[0]], &place);
+    for (int k = 0; k < 3; k++) {
+        at[order[k]]++;
+        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), &place);
+    }
+    for (int k = 0; k < place.count; k++)
+        sum += place.weights[k];
+    for (int k = 0; k < place.count; k++)
+        place.weights[k] /= sum;
+    return place;
+}
+
+static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
+{
+    double x[3];
+    for (int axis = 0; axis < 3; axis++) {
+        int64_t points = lattice->cells[axis] + 1;
+        double share = lattice->cells[axis] ? (double)(point % points) / lattice->cells[axis] : 0;
+        x[axis] = lattice->low[axis] + share * lattice->extent[axis];
+        point /= points;
+    }
+    return sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
+}
+
+/* ---- points in use ------------------------------------------------------------------------------------- */
+
+/* Numbers points in the order they come: open addressing, a power of two of places. */
+typedef struct sbi_lattice_table {
+    size_t mask;
+    int64_t *points; /* [mask + 1] -1: free */
+    int *numbers;    /* [mask + 1] */
+    int count;
+} sbi_lattice_table;
+
+static int sbi_lattice_number(sbi_lattice_table *table, int64_t point)
+{
+    uint64_t hash = (uint64_t)point * UINT64_C(0x9E3779B97F4A7C15);
+    size_t at = (size_t)(hash >> 20) & table->mask;
+    while (table->points[at] >= 0 && table->points[at] != point)
+        at = (at + 1) & table->mask;
+    if (table->points[at] < 0) {
+        table->points[at] = point;
+        table->numbers[at] = table->count++;
+    }
+    return table->numbers[at];
+}
+
+static void sbi_lattice_forget(sbi_lattice_table *table)
+{
+    for (size_t k = 0; k <= table->mask; k++)
+        table->points[k] = -1;
+    table->count = 0;
+}
+
+/* 1: no more than `most` points are in use. */
+static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions, int count, int most,
+                            sbi_lattice_table *table)
+{
+    sbi_lattice_forget(table);
+    for (int i = 0; i < count && table->count <= most; i++) {
+        sbi_lattice_place place = sbi_lattice_find(lattice, positions[i]);
+        for (int k = 0; k < place.count; k++)
+            sbi_lattice_number(table, place.points[k]);
+    }
+    return table->count <= most;
+}
+
+/* The finest lattice of no more than `most` points, as far as halving finds it; one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sb_vec3 *positions, int count, int most,
+                               sbi_lattice_table *table)
+{
+    double good = largest, edge = largest / 2;
+    for (int k = 0; k < 16; k++, edge /= 2) {
+        sbi_lattice_cut(lattice, edge);
+        if (!sbi_lattice_fits(lattice, positions, count, most, table))
+            break;
+        good = edge;
+    }
+    for (int k = 0; k < 5; k++) {
+        double middle = (good + edge) / 2;
+        sbi_lattice_cut(lattice, middle);
+        if (sbi_lattice_fits(lattice, positions, count, most, table))
+            good = middle;
+        else
+            edge = middle;
+    }
+    sbi_lattice_cut(lattice, good);
+}
+
+/* ---- rows ---------------------------------------------------------------------------------------------- */
+
+typedef struct sbi_lattice_maker {
+    const sbi_mg_level *level;
+    const sb_vec3 *positions;
+    sbi_lattice lattice;
+    sbi_lattice_table table;
+    int point_count;
+    int64_t *points;   /* [point_count] */
+    int *list_start;   /* [point_count + 1] into list: the entries of the rows by point */
+    int *list;
+    int *owner;        /* [entries] row of each entry */
+    int *number;       /* [entries] coarse node of each entry, -1: not yet */
+    int *entry_of;     /* [rows] entry of a row in the list at work */
+    int *queue;        /* [rows] */
+} sbi_lattice_maker;
+
+/* 1: nothing but itself is coupled to the node; it needs no coarse level. */
+static int sbi_lattice_is_alone(const sbi_mg_level *level, int row)
+{
+    return level->row_start[row + 1] - level->row_start[row] == 1;
+}
+
+static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
+{
+    int entries = 0;
+    for (int i = 0; i < m->level->row_count; i++)
+        if (!sbi_lattice_is_alone(m->level, i))
+            entries += sbi_lattice_find(&m->lattice, m->positions[i]).count;
+    return entries;
+}
+
+static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
+{
+    int entries = 0;
+    sbi_lattice_forget(&m->table);
+    for (int i = 0; i < m->level->row_count; i++) {
+        sbi_lattice_place place = sbi_lattice_find(&m->lattice, m->positions[i]);
+        rows->start[i] = entries;
+        for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
+            rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
+            rows->weights[entries] = (float)place.weights[k];
+            m->points[rows->nodes[entries]] = place.points[k];
+            m->owner[entries] = i;
+            m->number[entries] = -1;
+        }
+    }
+    rows->start[m->level->row_count] = entries;
+    m->point_count = m->table.count;
+}
+
+/* Counting sort of the entries by point. */
+static void sbi_lattice_sort(sbi_lattice_maker *m, const sbi_mg_rows *rows, int entries)
+{
+    memset(m->list_start, 0, ((size_t)m->point_count + 1) * sizeof(int));
+    for (int e = 0; e < entries; e++)
+        m->list_start[rows->nodes[e] + 1]++;
+    for (int p = 0; p < m->point_count; p++)
+        m->list_start[p + 1] += m->list_start[p];
+    for (int e = 0; e < entries; e++)
+        m->list[m->list_start[rows->nodes[e]]++] = e;
+    for (int p = m->point_count; p > 0; p--)
+        m->list_start[p] = m->list_start[p - 1];
+    m->list_start[0] = 0;
+}
+
+/* Gives the entries of a point that can be reached from entry e, node by node of the point's own, one number. */
+static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int number)
+{
+    const sbi_mg_level *level = m->level;
+    int count = 0;
+    m->number[e] = number;
+    m->queue[count++] = m->owner[e];
+    for (int head = 0; head < count; head++) {
+        int i = m->queue[head];
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+            int j = level->columns[q], other = m->entry_of[j];
+            if (other < m->list_start[point] || other >= m->list_start[point + 1] || m->owner[m->list[other]] != j ||
+                m->number[m->list[other]] >= 0)
+                continue;
+            m->number[m->list[other]] = number;
+            m->queue[count++] = j;
+        }
+    }
+}
+
+/* Points whose nodes do not hang together (of parts, or of two lobes with a gap between them) become several coarse
+ * nodes in the same place: a coarse motion never reaches across a gap. Returns the number of coarse nodes. */
+static int sbi_lattice_split(sbi_lattice_maker *m)
+{
+    int count = 0;
+    for (int i = 0; i < m->level->row_count; i++)
+        m->entry_of[i] = -1;
+    for (int p = 0; p < m->point_count; p++) {
+        for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
+            m->entry_of[m->owner[m->list[s]]] = s;
+        for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
+            if (m->number[m->list[s]] < 0)
+                sbi_lattice_spread(m, p, m->list[s], count++);
+    }
+    return count;
+}
+
+static int sbi_lattice_take_rows(sbi_lattice_maker *m, const sb_allocator *allocator, int entries, sbi_mg_rows *rows)
+{
+    size_t n = (size_t)m->level->row_count, count = (size_t)entries;
+    rows->start = (int *)sbi_alloc(allocator, n + 1, sizeof(int));
+    rows->nodes = (int *)sbi_alloc(allocator, count, sizeof(int));
+    rows->weights = (float *)sbi_alloc(allocator, count, sizeof(float));
+    m->points = (int64_t *)sbi_alloc(allocator, count, sizeof(int64_t));
+    m->list_start = (int *)sbi_alloc(allocator, 4 * count + 2 * n + 1, sizeof(int));
+    if (!rows->start || !rows->nodes || !rows->weights || !m->points || !m->list_start)
+        return 0;
+    m->list = m->list_start + count + 1;
+    m->owner = m->list + count;
+    m->number = m->owner + count;
+    m->entry_of = m->number + count;
+    m->queue = m->entry_of + n;
+    return 1;
+}
+
+static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    int entries = sbi_lattice_count_entries(m), made;
+    if (!sbi_lattice_take_rows(m, allocator, entries, rows))
+        return 0;
+    sbi_lattice_fill(m, rows);
+    sbi_lattice_sort(m, rows, entries);
+    rows->coarse_count = sbi_lattice_split(m);
+    rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
+    made = rows->positions != NULL;
+    for (int e = 0; e < entries && made; e++) {
+        rows->positions[m->number[e]] = sbi_lattice_position(&m->lattice, m->points[rows->nodes[e]]);
+        rows->nodes[e] = m->number[e];
+    }
+    return made;
+}
+
+SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    sbi_free(allocator, rows->start);
+    sbi_free(allocator, rows->nodes);
+    sbi_free(allocator, rows->weights);
+    sbi_free(allocator, rows->positions);
+    memset(rows, 0, sizeof *rows);
+}
+
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+                           const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    sbi_lattice_maker m;
+    size_t places = 64;
+    double largest;
+    int made = 0;
+    memset(&m, 0, sizeof m);
+    memset(rows, 0, sizeof *rows);
+    m.level = level;
+    m.positions = positions;
+    while (places < 16 * (size_t)level->row_count)
+        places *= 2;
+    m.table.mask = places - 1;
+    m.table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
+    m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
+    if (m.table.points && m.table.numbers) {
+        largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
+        sbi_lattice_choose(&m.lattice, largest, positions, level->row_count, target, &m.table);
+        made = sbi_lattice_make_rows(&m, allocator, rows);
+    }
+    sbi_free(allocator, m.table.points);
+    sbi_free(allocator, m.table.numbers);
+    sbi_free(allocator, m.points);
+    sbi_free(allocator, m.list_start);
+    if (!made)
+        sbi_mg_rows_free(allocator, rows);
+    return made;
+}
+
+/* ==== src/softbody/multigrid.c ==== */
+/* multigrid: levels and the plans of their updates. */
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    SBI_MG_RATIO = 16, /* a level has at most a sixteenth of the nodes above it: edges two and a half times as long */
+    SBI_MG_DEGREE = 3
+};
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+/* An array of the object on a cache line boundary; NULL when there is no memory. */
+static void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
+{
+    size_t bytes = 128; /* alignment, and room to read past the end */
+    void *raw;
+    if (m->array_count == SBI_MG_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
+        return NULL;
+    raw = sbi_alloc(&m->allocator, bytes, 1);
+    if (!raw)
+        return NULL;
+    m->arrays[m->array_count++] = raw;
+    m->bytes += bytes;
+    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
+}
+
+static int *sbi_mg_take_ints(sbi_multigrid *m, size_t count) { return (int *)sbi_mg_take(m, count, sizeof(int)); }
+
+/* Zeroed, so that what is read past either end is a number. */
+static float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
+{
+    float *floats = NULL;
+    if (count <= ((size_t)-1 / sizeof(float) - 32) / width)
+        floats = (float *)sbi_mg_take(m, count * width + 16, sizeof(float));
+    if (!floats)
+        return NULL;
+    memset(floats, 0, (count * width + 32) * sizeof(float));
+    return floats + 16;
+}
+
+SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
+{
+    sb_allocator allocator;
+    if (!multigrid)
+        return;
+    allocator = multigrid->allocator;
+    for (int k = 0; k < multigrid->array_count; k++)
+        sbi_free(&allocator, multigrid->arrays[k]);
+    sbi_free(&allocator, multigrid);
+}
+
+SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid) { return multigrid->level_count; }
+SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->bytes; }
+
+/* ---- one level ----------------------------------------------------------------------------------------- */
+
+/* Values and vectors of a level whose counts are set. */
+static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
+{
+    size_t rows = (size_t)level->row_count;
+    if (level == m->levels) {
+        level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
+        level->scale = sbi_mg_take_floats(m, rows, 4);
+    } else {
+        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
+    }
+    level->inverse = sbi_mg_take_floats(m, rows, 12);
+    level->x = sbi_mg_take_floats(m, rows, 4);
+    level->r = sbi_mg_take_floats(m, rows, 4);
+    level->d = sbi_mg_take_floats(m, rows, 4);
+    level->e = sbi_mg_take_floats(m, rows, 4);
+    level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
+    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r && level->d && level->e && level->partial;
+}
+
+static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
+{
+    size_t rows = (size_t)pattern->row_count, blocks = (size_t)pattern->block_count;
+    level->row_count = pattern->row_count;
+    level->block_count = pattern->block_count;
+    level->row_start = sbi_mg_take_ints(m, rows + 1);
+    level->columns = sbi_mg_take_ints(m, blocks);
+    level->diagonal = sbi_mg_take_ints(m, rows);
+    if (!level->row_start || !level->columns || !level->diagonal)
+        return 0;
+    memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
+    memcpy(level->columns, pattern->columns, blocks * sizeof(int));
+    memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
+    return sbi_mg_take_values(m, level);
+}
+
+/* Takes over interpolation rows, and lists them from the coarser side, children ascending. */
+static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_level *level)
+{
+    size_t n = (size_t)level->row_count, coarse = (size_t)rows->coarse_count, entries = (size_t)rows->start[n];
+    level->parent_start = sbi_mg_take_ints(m, n + 1);
+    level->parents = sbi_mg_take_ints(m, entries);
+    level->shares = sbi_mg_take_floats(m, entries, 1);
+    level->child_start = sbi_mg_take_ints(m, coarse + 2);
+    level->children = sbi_mg_take_ints(m, entries);
+    level->child_shares = sbi_mg_take_floats(m, entries, 1);
+    if (!level->parent_start || !level->parents || !level->shares || !level->child_start || !level->children ||
+        !level->child_shares)
+        return 0;
+    memcpy(level->parent_start, rows->start, (n + 1) * sizeof(int));
+    memcpy(level->parents, rows->nodes, entries * sizeof(int));
+    memcpy(level->shares, rows->weights, entries * sizeof(float));
+    memset(level->child_start, 0, (coarse + 2) * sizeof(int));
+    for (size_t e = 0; e < entries; e++)
+        level->child_start[rows->nodes[e] + 2]++;
+    for (size_t a = 0; a < coarse; a++)
+        level->child_start[a + 2] += level->child_start[a + 1];
+    for (int i = 0; i < level->row_count; i++)
+        for (int e = rows->start[i]; e < rows->start[i + 1]; e++) {
+            int place = level->child_start[rows->nodes[e] + 1]++;
+            level->children[place] = i;
+            level->child_shares[place] = rows->weights[e];
+        }
+    return 1;
+}
+
+/* ---- plans --------------------------------------------------------------------------------------------- */
+
+/* Scratch of the plans. */
+typedef struct sbi_mg_planner {
+    const sb_allocator *allocator;
+    int coarse_count;
+    int *place;         /* [max(row_count, coarse_count)] of a coarse node in the row at work */
+    int *mixed_columns; /* [mixed_count] coarse node of each block of A P */
+} sbi_mg_planner;
+
+/* Rows of A P: every block of A has a place in its row for each parent of its column. Returns their number; with
+ * slots, writes them and the columns. */
+static size_t sbi_mg_walk_mixed(const sbi_mg_planner *planner, const sbi_mg_level *level, int *slots)
+{
+    size_t total = 0, slot = 0;
+    int *place = planner->place;
+    for (int a = 0; a < planner->coarse_count; a++)
+        place[a] = -1;
+    for (int i = 0; i < level->row_count; i++) {
+        size_t first = total;
+        if (slots)
+            level->mixed_start[i] = (int)total;
+        if (slots)
+            level->slot_start[i] = (int)slot;
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+            int j = level->columns[q];
+            for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++, slot++) {
+                int a = level->parents[k];
+                if (place[a] < (int)first) {
+                    if (slots)
+                        planner->mixed_columns[total] = a;
+                    place[a] = (int)total++;
+                }
+                if (slots)
+                    slots[slot] = place[a];
+                if (total >= INT_MAX || slot >= INT_MAX)
+                    return (size_t)-1;
+            }
+        }
+    }
+    return total;
+}
+
+static size_t sbi_mg_count_slots(const sbi_mg_level *level)
+{
+    size_t slots = 0;
+    for (int q = 0; q < level->block_count; q++)
+        slots += (size_t)(level->parent_start[level->columns[q] + 1] - level->parent_start[level->columns[q]]);
+    return slots;
+}
+
+static int sbi_mg_plan_mixed(sbi_multigrid *m, sbi_mg_planner *planner, sbi_mg_level *level)
+{
+    size_t rows = (size_t)level->row_count, mixed = sbi_mg_walk_mixed(planner, level, NULL);
+    if (mixed == (size_t)-1)
+        return 0;
+    level->mixed_start = sbi_mg_take_ints(m, rows + 1);
+    level->slot_start = sbi_mg_take_ints(m, rows + 1);
+    level->slots = sbi_mg_take_ints(m, sbi_mg_count_slots(level));
+    level->mixed = sbi_mg_take_floats(m, mixed, 9);
+    planner->mixed_columns = (int *)sbi_alloc(planner->allocator, mixed, sizeof(int));
+    if (!level->mixed_start || !level->slot_start || !level->slots || !level->mixed || !planner->mixed_columns)
+        return 0;
+    sbi_mg_walk_mixed(planner, level, level->slots);
+    level->mixed_start[rows] = (int)mixed;
+    return 1;
+}
+
+/* Visits the columns of each row of P^T A P once, the row itself included. Without columns: counts them in fill[row].
+ * With columns: appends the row's number to the rows of its columns; the pattern is symmetric, so that these are the
+ * rows wanted, ascending. Returns the number of blocks. */
+static size_t sbi_mg_walk_coarse(const sbi_mg_planner *planner, const sbi_mg_level *fine, int *fill, int *columns)
+{
+    size_t total = 0;
+    int *seen = planner->place;
+    for (int a = 0; a < planner->coarse_count; a++)
+        seen[a] = -1;
+    for (int a = 0; a < planner->coarse_count; a++) {
+        size_t before = total;
+        seen[a] = a;
+        total++;
+        if (columns)
+            columns[fill[a]++] = a;
+        for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
+            int i = fine->children[c];
+            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++) {
+                int b = planner->mixed_columns[s];
+                if (seen[b] == a)
+                    continue;
+                seen[b] = a;
+                total++;
+                if (columns)
+                    columns[fill[b]++] = a;
+            }
+        }
+        if (!columns)
+            fill[a] = (int)(total - before);
+    }
+    return total;
+}
+
+static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, const sbi_mg_level *fine,
+                              sbi_mg_level *coarse)
+{
+    size_t rows = (size_t)planner->coarse_count, blocks;
+    coarse->row_count = planner->coarse_count;
+    coarse->row_start = sbi_mg_take_ints(m, rows + 1);
+    coarse->diagonal = sbi_mg_take_ints(m, rows);
+    if (!coarse->row_start || !coarse->diagonal)
+        return 0;
+    coarse->row_start[0] = 0;
+    blocks = sbi_mg_walk_coarse(planner, fine, coarse->row_start + 1, NULL);
+    if (blocks > INT_MAX)
+        return 0;
+    coarse->block_count = (int)blocks;
+    coarse->columns = sbi_mg_take_ints(m, blocks);
+    if (!coarse->columns)
+        return 0;
+    for (size_t a = 0; a < rows; a++)
+        coarse->row_start[a + 1] += coarse->row_start[a];
+    memcpy(coarse->diagonal, coarse->row_start, rows * sizeof(int));
+    sbi_mg_walk_coarse(planner, fine, coarse->diagonal, coarse->columns);
+    for (int a = 0; a < coarse->row_count; a++)
+        for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
+            if (coarse->columns[q] == a)
+                coarse->diagonal[a] = q;
+    return sbi_mg_take_values(m, coarse);
+}
+
+/* Where each block of A P goes in P^T (A P). */
+static int sbi_mg_plan_targets(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
+                               const sbi_mg_level *coarse)
+{
+    size_t total = 0;
+    for (int c = 0; c < fine->child_start[coarse->row_count]; c++)
+        total += (size_t)(fine->mixed_start[fine->children[c] + 1] - fine->mixed_start[fine->children[c]]);
+    fine->target_start = (size_t *)sbi_mg_take(m, (size_t)coarse->row_count + 1, sizeof(size_t));
+    fine->targets = sbi_mg_take_ints(m, total);
+    if (!fine->target_start || !fine->targets)
+        return 0;
+    total = 0;
+    for (int a = 0; a < coarse->row_count; a++) {
+        for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
+            planner->place[coarse->columns[q]] = q;
+        fine->target_start[a] = total;
+        for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
+            int i = fine->children[c];
+            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++)
+                fine->targets[total++] = planner->place[planner->mixed_columns[s]];
+        }
+    }
+    fine->target_start[coarse->row_count] = total;
+    return 1;
+}
+
+/* The level below `fine` from interpolation rows. */
+static int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows)
+{
+    sbi_mg_level *fine = m->levels + m->level_count - 1, *coarse = fine + 1;
+    sbi_mg_planner planner;
+    int made;
+    planner.allocator = &m->allocator;
+    planner.coarse_count = rows->coarse_count;
+    planner.mixed_columns = NULL;
+    planner.place = (int *)sbi_alloc(&m->allocator, (size_t)rows->coarse_count, sizeof(int));
+    made = planner.place && sbi_mg_take_parents(m, rows, fine) && sbi_mg_plan_mixed(m, &planner, fine) &&
+           sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_targets(m, &planner, fine, coarse);
+    sbi_free(&m->allocator, planner.place);
+    sbi_free(&m->allocator, planner.mixed_columns);
+    m->level_count += made;
+    return made;
+}
+
+/* ---- levels of the user -------------------------------------------------------------------------------- */
+
+static sb_result sbi_mg_check_level(const sb_multigrid_level *own, int index, int rows, sb_error *error)
+{
+    const sb_mapping *mapping = &own->mapping;
+    int entries;
+    if (own->node_count < 1 || !own->positions || !mapping->row_start || !mapping->nodes || !mapping->weights ||
+        mapping->row_count != rows)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level %d: needs nodes, positions and a mapping of %d rows", index,
+                        rows);
+    if (mapping->row_start[0] != 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level %d: rows start at %d, not at 0", index, mapping->row_start[0]);
+    for (int i = 0; i < rows; i++)
+        if (mapping->row_start[i + 1] < mapping->row_start[i])
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "level %d: row %d ends before it starts", index, i);
+    entries = mapping->row_start[rows];
+    for (int e = 0; e < entries; e++) {
+        if (mapping->nodes[e] < 0 || mapping->nodes[e] >= own->node_count)
+            return sbi_fail_node(error, SB_ERROR_INDEX, mapping->nodes[e], "level %d: node %d is outside 0 to %d", index,
+                                 mapping->nodes[e], own->node_count - 1);
+        if (!sb_is_finite(mapping->weights[e]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, mapping->nodes[e],
+                                 "level %d: a weight of node %d is not finite", index, mapping->nodes[e]);
+    }
+    for (int a = 0; a < own->node_count; a++)
+        if (!sb_v3_is_finite(own->positions[a]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, a, "level %d: node %d: position is not finite", index, a);
+    return SB_OK;
+}
+
+static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    const sb_mapping *mapping = &own->mapping;
+    size_t n = (size_t)mapping->row_count, entries = (size_t)mapping->row_start[n];
+    memset(rows, 0, sizeof *rows);
+    rows->coarse_count = own->node_count;
+    rows->start = (int *)sbi_alloc(allocator, n + 1, sizeof(int));
+    rows->nodes = (int *)sbi_alloc(allocator, entries, sizeof(int));
+    rows->weights = (float *)sbi_alloc(allocator, entries, sizeof(float));
+    rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)own->node_count, sizeof(sb_vec3));
+    if (!rows->start || !rows->nodes || !rows->weights || !rows->positions) {
+        sbi_mg_rows_free(allocator, rows);
+        return 0;
+    }
+    memcpy(rows->start, mapping->row_start, (n + 1) * sizeof(int));
+    memcpy(rows->nodes, mapping->nodes, entries * sizeof(int));
+    memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
+    for (size_t e = 0; e < entries; e++)
+        rows->weights[e] = (float)mapping->weights[e];
+    return 1;
+}
+
+/* The rows of a level of the user's that is in use. */
+static int sbi_mg_copy_used(const sbi_mg_level *level, const sb_allocator *allocator, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *coarse = level + 1;
+    sb_multigrid_level own;
+    size_t entries = (size_t)level->parent_start[level->row_count];
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, entries, sizeof(sb_real));
+    int made;
+    for (size_t e = 0; e < entries && weights; e++)
+        weights[e] = (sb_real)level->shares[e];
+    own.mapping.row_count = level->row_count;
+    own.mapping.row_start = level->parent_start;
+    own.mapping.nodes = level->parents;
+    own.mapping.weights = weights;
+    own.node_count = coarse->row_count;
+    own.positions = coarse->positions;
+    made = weights && sbi_mg_copy_level(&own, allocator, rows);
+    sbi_free(allocator, weights);
+    return made;
+}
+
+/* ---- creation ------------------------------------------------------------------------------------------ */
+
+static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
+}
+
+/* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
+ * much smaller. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
+                                  sbi_mg_rows *rows, sb_error *error)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    int own = m->level_count - 1, made;
+    memset(rows, 0, sizeof *rows);
+    if (own < setup->level_count) {
+        sb_result result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
+        if (result != SB_OK)
+            return result;
+        made = sbi_mg_copy_level(setup->levels + own, &m->allocator, rows);
+    } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
+        made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
+    } else {
+        if (own > 0 && level->row_count <= SBI_MG_DENSE)
+            return SB_OK;
+        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        if (made && rows->coarse_count > level->row_count / 2)
+            sbi_mg_rows_free(&m->allocator, rows);
+    }
+    return made ? SB_OK : sbi_mg_no_memory(m, error);
+}
+
+/* 1: the level just made is one of the user's; its positions are kept, so that it can be used again. */
+static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *rows)
+{
+    int index = m->level_count - 1;
+    sbi_mg_level *level = m->levels + index;
+    if (index > setup->level_count &&
+        !(setup->like && index < setup->like->level_count && setup->like->levels[index].positions))
+        return 1;
+    level->positions = (sb_vec3 *)sbi_mg_take(m, (size_t)level->row_count, sizeof(sb_vec3));
+    if (level->positions)
+        memcpy(level->positions, rows->positions, (size_t)level->row_count * sizeof(sb_vec3));
+    return level->positions != NULL;
+}
+
+/* Coarser levels until one is small enough, or does not get smaller. */
+static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
+{
+    sbi_mg_rows rows, last;
+    sb_result result = SB_OK;
+    memset(&last, 0, sizeof last);
+    while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
+        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+        if (!rows.start)
+            break;
+        sbi_mg_rows_free(&m->allocator, &last);
+        last = rows;
+        if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
+            result = sbi_mg_no_memory(m, error);
+    }
+    sbi_mg_rows_free(&m->allocator, &last);
+    return result;
+}
+
+static int sbi_mg_take_dense(sbi_multigrid *m)
+{
+    int rows = m->levels[m->level_count - 1].row_count;
+    size_t size = 3 * (size_t)rows;
+    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
+        return 1;
+    m->dense = (int)size;
+    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
+    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
+    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
+    return m->factor && m->pivot && m->solution;
+}
+
+SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
+                                       const sb_allocator *allocator, sbi_multigrid **out, sb_error *error)
+{
+    sbi_multigrid *m = (sbi_multigrid *)sbi_alloc_zeroed(allocator, 1, sizeof *m);
+    sb_result result = SB_OK;
+    if (!m)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a multigrid");
+    if (allocator)
+        m->allocator = *allocator;
+    m->jobs = setup->jobs;
+    m->bytes = sizeof *m;
+    m->level_count = 1;
+    m->degree = SBI_MG_DEGREE;
+    if (!sbi_mg_copy_pattern(m, pattern, m->levels))
+        result = sbi_mg_no_memory(m, error);
+    if (result == SB_OK)
+        result = sbi_mg_coarsen(m, setup, error);
+    if (result == SB_OK && !sbi_mg_take_dense(m))
+        result = sbi_mg_no_memory(m, error);
+    if (result != SB_OK) {
+        sbi_multigrid_free(m);
+        return result;
+    }
+    *out = m;
+    return SB_OK;
+}
+
+/* ==== src/softbody/multigrid_cycle.c ==== */
+/* multigrid_cycle: values of the levels, and the V-cycle. */
+
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && defined(__AVX2__)
+#include <immintrin.h>
+#endif
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+/* ---- blocks of nine floats ----------------------------------------------------------------------------- */
+
+/* Eight floats as one vector where the processor has them. Plain code beside it gives the same bits. */
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && defined(__AVX2__)
+#define SBI_MG_WIDE 1
+typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias));
+typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
+#define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
+#define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
+#if defined(__clang__)
+#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
+#else
+typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
+#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
+#endif
+#else
+#define SBI_MG_WIDE 0
+#endif
+
+/* to += factor from, nine floats. */
+SBI_FORCE_INLINE void sbi_mg_add_block(float factor, const float *from, float *to)
+{
+#if SBI_MG_WIDE
+    SBI_MG_PUT(to, SBI_MG_AT(to) + factor * SBI_MG_AT(from));
+    to[8] += factor * from[8];
+#else
+    for (int k = 0; k < 9; k++)
+        to[k] += factor * from[k];
+#endif
+}
+
+/* Sums of a row of blocks times v: one for each place of the blocks, so that none waits for another and all forms of
+ * the code give the same bits. The ninth place is the last lane of a vector that begins one float before x, y, z. */
+#if SBI_MG_WIDE
+SBI_FORCE_INLINE void sbi_mg_finish(sbi_mg_eight sum, sbi_mg_four last, float out[4])
+{
+    out[0] = sum[0] + sum[1] + sum[2];
+    out[1] = sum[3] + sum[4] + sum[5];
+    out[2] = sum[6] + sum[7] + last[3];
+    out[3] = 0;
+}
+
+SBI_FORCE_INLINE void sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v,
+                                        float out[4])
+{
+    sbi_mg_eight sum = {0, 0, 0, 0, 0, 0, 0, 0};
+    sbi_mg_four last = {0, 0, 0, 0};
+    for (; column < end; column++, block += 9) {
+        const float *from = v + 4 * (size_t)*column;
+        sbi_mg_eight x = SBI_MG_AT(from);
+        sum += SBI_MG_AT(block) * SBI_MG_TURN(x);
+        last += *(const sbi_mg_four *)(const void *)(block + 5) * *(const sbi_mg_four *)(const void *)(from - 1);
+    }
+    sbi_mg_finish(sum, last, out);
+}
+
+/* sum += block times v, eight places of it and the ninth. Compilers do not find the first conversion by themselves. */
+SBI_FORCE_INLINE void sbi_mg_add_packed(const int16_t *block, const float *from, sbi_mg_eight *sum, sbi_mg_four *last)
+{
+    __m256i eight = _mm256_cvtepi16_epi32(_mm_loadu_si128((const __m128i *)(const void *)block));
+    __m128i four = _mm_cvtepi16_epi32(_mm_loadl_epi64((const __m128i *)(const void *)(block + 5)));
+    sbi_mg_eight x = SBI_MG_AT(from);
+    *sum += (sbi_mg_eight)_mm256_cvtepi32_ps(eight) * SBI_MG_TURN(x);
+    *last += (sbi_mg_four)_mm_cvtepi32_ps(four) * *(const sbi_mg_four *)(const void *)(from - 1);
+}
+
+SBI_FORCE_INLINE void sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v,
+                                        float out[4])
+{
+    sbi_mg_eight even = {0, 0, 0, 0, 0, 0, 0, 0}, odd = even;
+    sbi_mg_four even_last = {0, 0, 0, 0}, odd_last = even_last;
+    for (; column + 1 < end; column += 2, block += 18) {
+        sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
+        sbi_mg_add_packed(block + 9, v + 4 * (size_t)column[1], &odd, &odd_last);
+    }
+    if (column < end)
+        sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
+    sbi_mg_finish((even + odd) * (1 / SBI_MG_UNIT), (even_last + odd_last) * (1 / SBI_MG_UNIT), out);
+}
+#else
+SBI_FORCE_INLINE void sbi_mg_finish(const float s[9], float factor, float out[4])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = s[3 * k] * factor + s[3 * k + 1] * factor + s[3 * k + 2] * factor;
+    out[3] = 0;
+}
+
+SBI_FORCE_INLINE void sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v,
+                                        float out[4])
+{
+    float s[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    for (; column < end; column++, block += 9) {
+        const float *from = v + 4 * (size_t)*column;
+        for (int k = 0; k < 9; k++)
+            s[k] += block[k] * from[k % 3];
+    }
+    sbi_mg_finish(s, 1, out);
+}
+
+SBI_FORCE_INLINE void sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v,
+                                        float out[4])
+{
+    float s[2][9] = {{0, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 0, 0, 0, 0, 0}}; /* even and odd blocks */
+    int odd = 0;
+    for (; column < end; column++, block += 9, odd ^= 1) {
+        const float *from = v + 4 * (size_t)*column;
+        for (int k = 0; k < 9; k++)
+            s[odd][k] += (float)block[k] * from[k % 3];
+    }
+    for (int k = 0; k < 9; k++)
+        s[0][k] += s[1][k];
+    sbi_mg_finish(s[0], 1 / SBI_MG_UNIT, out);
+}
+#endif
+
+/* out = row i of A times v. */
+SBI_FORCE_INLINE void sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v, float out[4])
+{
+    const int *column = level->columns + level->row_start[i], *end = level->columns + level->row_start[i + 1];
+    size_t first = 9 * (size_t)level->row_start[i];
+    if (level->packed)
+        sbi_mg_sum_packed(level->packed + first, column, end, v, out);
+    else
+        sbi_mg_sum_floats(level->blocks + first, column, end, v, out);
+}
+
+/* out = D_i^-1 v */
+SBI_FORCE_INLINE void sbi_mg_relax(const float *inverse, const float *v, float out[4])
+{
+    for (int k = 0; k < 4; k++)
+        out[k] = inverse[k] * v[0] + inverse[4 + k] * v[1] + inverse[8 + k] * v[2]; /* symmetric */
+}
+
+/* ---- tasks --------------------------------------------------------------------------------------------- */
+
+/* What the tasks of one level see. */
+typedef struct sbi_mg_work {
+    sbi_multigrid *m;
+    sbi_mg_level *level;      /* whose rows the tasks are, */
+    sbi_mg_level *finer;      /* and the one above it or NULL */
+    const sb_matrix *matrix;  /* of level 0, in updates */
+    double scale;
+    const sb_real *in;
+    sb_real *out;
+    sb_real factor;
+    float keep, add;          /* of a Chebyshev step: d' = keep d + add D^-1 r */
+    int first_after;          /* 1: the step after a coarser level's, whose motion is in e */
+    int last;                 /* 1: only the residual is wanted */
+    float alpha, beta;        /* of the estimate of the bound */
+} sbi_mg_work;
+
+static int sbi_mg_end(const sbi_mg_level *level, int task)
+{
+    int first = task * SBI_MG_ROWS;
+    return level->row_count - first < SBI_MG_ROWS ? level->row_count : first + SBI_MG_ROWS;
+}
+
+static int sbi_mg_tasks(const sbi_mg_level *level)
+{
+    return level->row_count / SBI_MG_ROWS + (level->row_count % SBI_MG_ROWS != 0);
+}
+
+static void sbi_mg_run(sbi_mg_work *work, sb_task task)
+{
+    sbi_run(work->level->row_count < SBI_MG_THREADED ? NULL : &work->m->jobs, task, work, sbi_mg_tasks(work->level));
+}
+
+static double sbi_mg_sum(const sbi_mg_level *level)
+{
+    double sum = 0;
+    for (int t = 0; t < sbi_mg_tasks(level); t++)
+        sum += level->partial[t];
+    return sum;
+}
+
+/* ---- update -------------------------------------------------------------------------------------------- */
+
+/* Inverse of a symmetric block where it has stiffness, 0 elsewhere, by sweeps; returns how many directions have. */
+static int sbi_mg_invert(const float *block, float *inverse)
+{
+    double a[9];
+    int kept = 0;
+    for (int k = 0; k < 9; k++)
+        a[k] = (double)block[k];
+    for (int k = 0; k < 3; k++) {
+        double pivot = a[4 * k], least = 64 * (double)FLT_EPSILON * (double)block[4 * k];
+        int keep = pivot > 0 && pivot > least; /* false for NaN */
+        for (int i = 0; i < 9; i++)
+            if (keep && i / 3 != k && i % 3 != k)
+                a[i] -= a[3 * (i / 3) + k] * a[3 * k + i % 3] / pivot;
+        for (int i = 0; i < 3; i++)
+            if (i != k) {
+                a[3 * i + k] = keep ? a[3 * i + k] / pivot : 0;
+                a[3 * k + i] = keep ? a[3 * k + i] / pivot : 0;
+            }
+        a[4 * k] = keep ? -1 / pivot : 0;
+        kept += keep;
+    }
+    for (int k = 0; k < 12; k++)
+        inverse[k] = k % 4 < 3 ? (float)-a[3 * (k / 4) + k % 4] : 0.0f;
+    return kept;
+}
+
+/* S of a node of level 0, and the inverse of its scaled diagonal block; 0 when that is not positive definite. */
+static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
+{
+    const sbi_mg_level *level = work->level;
+    const sb_real *block = work->matrix->blocks[level->diagonal[i]];
+    float *scale = level->scale + 4 * (size_t)i, scaled[9];
+    double largest = 0, inverse;
+    for (int k = 0; k < 9; k += 4)
+        largest = (double)block[k] > largest ? (double)block[k] : largest;
+    if (!(largest > 0))
+        return 0;
+    largest *= work->scale;
+    inverse = 1 / sqrt(largest);
+    for (int k = 0; k < 3; k++)
+        scale[k] = work->matrix->fixed[i] >> k & 1 ? 0.0f : (float)sqrt(largest);
+    scale[3] = (float)inverse;
+    for (int k = 0; k < 9; k++)
+        scaled[k] = (float)((double)block[k] * work->scale / largest);
+    return sbi_mg_invert(scaled, level->inverse + 12 * (size_t)i) == 3;
+}
+
+static void sbi_mg_diagonal_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    int bad = -1;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(work->level, task); i++)
+        if (!sbi_mg_load_diagonal(work, i) && bad < 0)
+            bad = i;
+    work->level->partial[task] = bad;
+}
+
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
+ * off. */
+SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
+{
+    float x = entry * factor;
+    x = x < SBI_MG_UNIT ? x : SBI_MG_UNIT; /* also where it is not a number */
+    x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT;
+    return (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
+}
+
+SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *packed)
+{
+#if SBI_MG_WIDE
+    __m256 x = _mm256_mul_ps(_mm256_loadu_ps(block), _mm256_set1_ps(factor));
+    __m256i rounded;
+    x = _mm256_max_ps(_mm256_min_ps(x, _mm256_set1_ps(SBI_MG_UNIT)), _mm256_set1_ps(-SBI_MG_UNIT));
+    rounded = _mm256_cvttps_epi32(_mm256_add_ps(x, _mm256_set1_ps(SBI_MG_UNIT + 1.5f)));
+    rounded = _mm256_sub_epi32(rounded, _mm256_set1_epi32(32768));
+    _mm_storeu_si128((__m128i *)(void *)packed,
+                     _mm_packs_epi32(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256(rounded, 1)));
+#else
+    for (int k = 0; k < 8; k++)
+        packed[k] = sbi_mg_round(block[k], factor);
+#endif
+    packed[8] = sbi_mg_round(block[8], factor);
+}
+
+SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
+{
+    for (int k = 0; k < 8; k++)
+        block[k] = (float)(from[k] * scale);
+    block[8] = (float)(from[8] * scale);
+}
+
+/* Where rows of A P are made. */
+typedef struct sbi_mg_mixer {
+    const int *parent_start, *slot;
+    const float *shares;
+    float *mixed;
+} sbi_mg_mixer;
+
+static sbi_mg_mixer sbi_mg_begin_mixing(const sbi_mg_level *level, int i)
+{
+    int first = level->mixed_start[i], count = level->mixed_start[i + 1] - first;
+    sbi_mg_mixer mixer;
+    memset(level->mixed + 9 * (size_t)first, 0, 9 * (size_t)count * sizeof(float));
+    mixer.parent_start = level->parent_start;
+    mixer.shares = level->shares;
+    mixer.slot = level->slots + level->slot_start[i];
+    mixer.mixed = level->mixed;
+    return mixer;
+}
+
+/* Adds a block of A in column j. */
+SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
+{
+    const int *slot = mixer->slot;
+    int last = mixer->parent_start[j + 1];
+    for (int k = mixer->parent_start[j]; k < last; k++)
+        sbi_mg_add_block(mixer->shares[k], block, mixer->mixed + 9 * (size_t)*slot++);
+    mixer->slot = slot;
+}
+
+/* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
+ * does not reach the coarser level. */
+static void sbi_mg_load_row(const sbi_mg_work *work, int i)
+{
+    const sbi_mg_level *level = work->level;
+    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real scale = (sb_real)work->scale;
+    const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
+    const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
+    int16_t *packed = level->packed;
+    sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
+    if (mixes)
+        mixer = sbi_mg_begin_mixing(level, i);
+    for (int q = level->row_start[i]; q < last; q++) {
+        float block[9];
+        int j = columns[q];
+        sbi_mg_round_block(from[q], scale, block);
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
+        for (int k = 0; k < 9 && j == i; k++)
+            block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
+        if (mixes)
+            sbi_mg_mix(&mixer, j, block);
+    }
+}
+
+/* Row i of A P. */
+static void sbi_mg_mix_row(const sbi_mg_level *level, int i)
+{
+    sbi_mg_mixer mixer = sbi_mg_begin_mixing(level, i);
+    const int *columns = level->columns, last = level->row_start[i + 1];
+    const float *blocks = level->blocks;
+    for (int q = level->row_start[i]; q < last; q++)
+        sbi_mg_mix(&mixer, columns[q], blocks + 9 * (size_t)q);
+}
+
+/* Row a of P^T (A P), from the finer level. */
+static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *finer, int a)
+{
+    const int *target = finer->targets + finer->target_start[a];
+    int first = level->row_start[a], last = level->row_start[a + 1];
+    const float *mixed = finer->mixed;
+    float *blocks = level->blocks;
+    memset(blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
+    for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
+        int i = finer->children[c], end = finer->mixed_start[i + 1];
+        float share = finer->child_shares[c];
+        for (int s = finer->mixed_start[i]; s < end; s++)
+            sbi_mg_add_block(share, mixed + 9 * (size_t)s, blocks + 9 * (size_t)*target++);
+    }
+}
+
+static void sbi_mg_load_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(work->level, task); i++)
+        sbi_mg_load_row(work, i);
+}
+
+/* Rows of a coarser level with all that the next one needs of them. */
+static void sbi_mg_gather_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    const sbi_mg_level *level = work->level;
+    for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
+        sbi_mg_gather_row(level, work->finer, a);
+        sbi_mg_invert(level->blocks + 9 * (size_t)level->diagonal[a], level->inverse + 12 * (size_t)a);
+        if (level->mixed)
+            sbi_mg_mix_row(level, a);
+    }
+}
+
+/* ---- bound of the smoother ----------------------------------------------------------------------------- */
+
+/* r = a fixed vector without pattern, d = D^-1 r; r.d */
+static void sbi_mg_bound_begin_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    double sum = 0;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i;
+        for (int k = 0; k < 3; k++) {
+            uint32_t bits = ((uint32_t)i * 3u + (uint32_t)k + 1u) * 2654435761u;
+            bits = (bits ^ (bits >> 15)) * 2246822519u;
+            r[k] = (float)(bits >> 8) * (1.0f / 8388608.0f) - 1.0f;
+            if (level->blocks)
+                r[k] *= level->blocks[9 * (size_t)level->diagonal[i] + 4 * (size_t)k];
+        }
+        r[3] = d[3] = 0;
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, d);
+        sum += (double)r[0] * (double)d[0] + (double)r[1] * (double)d[1] + (double)r[2] * (double)d[2];
+    }
+    level->partial[task] = sum;
+}
+
+/* e = A d; d.e */
+static void sbi_mg_bound_product_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    double sum = 0;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *e = level->e + 4 * (size_t)i;
+        const float *d = level->d + 4 * (size_t)i;
+        sbi_mg_multiply_row(level, i, level->d, e);
+        sum += (double)d[0] * (double)e[0] + (double)d[1] * (double)e[1] + (double)d[2] * (double)e[2];
+    }
+    level->partial[task] = sum;
+}
+
+/* r -= alpha e, x = D^-1 r; r.x */
+static void sbi_mg_bound_residual_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    double sum = 0;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *r = level->r + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
+        const float *e = level->e + 4 * (size_t)i;
+        for (int k = 0; k < 3; k++)
+            r[k] -= work->alpha * e[k];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, x);
+        sum += (double)r[0] * (double)x[0] + (double)r[1] * (double)x[1] + (double)r[2] * (double)x[2];
+    }
+    level->partial[task] = sum;
+}
+
+/* d = x + beta d */
+static void sbi_mg_bound_direction_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (size_t k = 4 * SBI_MG_ROWS * (size_t)task; k < 4 * (size_t)sbi_mg_end(level, task); k++)
+        level->d[k] = level->x[k] + work->beta * level->d[k];
+}
+
+/* Largest eigenvalue of a symmetric tridiagonal matrix: bisection with Sturm's count. */
+static double sbi_mg_largest_eigenvalue(const double *diagonal, const double *side, int count)
+{
+    double low = 0, high = 0;
+    for (int k = 0; k < count; k++) {
+        double reach = diagonal[k] + (k ? fabs(side[k - 1]) : 0) + (k + 1 < count ? fabs(side[k]) : 0);
+        high = reach > high ? reach : high;
+        low = diagonal[k] > low ? diagonal[k] : low;
+    }
+    for (int step = 0; step < 20; step++) {
+        double middle = (low + high) / 2, pivot = middle - diagonal[0];
+        int below = pivot > 0; /* pivots of middle I - T: all positive when middle is above every eigenvalue */
+        for (int k = 1; k < count && below; k++) {
+            pivot = middle - diagonal[k] - side[k - 1] * side[k - 1] / pivot;
+            below = pivot > 0;
+        }
+        if (below)
+            high = middle;
+        else
+            low = middle;
+    }
+    return high;
+}
+
+/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin. Five
+ * steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
+ * bound. */
+static void sbi_mg_estimate_bound(sbi_mg_work *work)
+{
+    enum { STEPS = 5 };
+    sbi_mg_level *level = work->level;
+    double diagonal[STEPS], side[STEPS], rz, last_alpha = 0, last_beta = 0;
+    int steps = 0;
+    sbi_mg_run(work, sbi_mg_bound_begin_task);
+    rz = sbi_mg_sum(level);
+    while (steps < STEPS && rz > 0) {
+        double curvature, alpha, next;
+        sbi_mg_run(work, sbi_mg_bound_product_task);
+        curvature = sbi_mg_sum(level);
+        if (!(curvature > 0))
+            break;
+        alpha = rz / curvature;
+        work->alpha = (float)alpha;
+        sbi_mg_run(work, sbi_mg_bound_residual_task);
+        next = sbi_mg_sum(level);
+        diagonal[steps] = 1 / alpha + (steps ? last_beta / last_alpha : 0);
+        last_beta = next / rz;
+        last_alpha = alpha;
+        side[steps] = next > 0 ? sqrt(last_beta) / alpha : 0;
+        rz = next;
+        work->beta = (float)last_beta;
+        if (++steps < STEPS)
+            sbi_mg_run(work, sbi_mg_bound_direction_task);
+    }
+    level->bound = steps ? 1.2 * sbi_mg_largest_eigenvalue(diagonal, side, steps) : 1;
+}
+
+/* ---- the coarsest level -------------------------------------------------------------------------------- */
+
+/* Cholesky factor R^T R in the upper triangle; directions without stiffness are left out. */
+static void sbi_mg_factor_dense(sbi_multigrid *m)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    size_t n = (size_t)m->dense;
+    double *a = m->factor;
+    memset(a, 0, n * n * sizeof(double));
+    for (int i = 0; i < level->row_count; i++)
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
+            for (size_t k = 0; k < 9; k++)
+                a[(3 * (size_t)i + k / 3) * n + 3 * (size_t)level->columns[q] + k % 3] =
+                    (double)level->blocks[9 * (size_t)q + k];
+    for (size_t k = 0; k < n; k++) /* single precision: what is smaller is rounding */
+        m->solution[k] = 16 * (double)FLT_EPSILON * a[k * n + k];
+    for (size_t k = 0; k < n; k++) {
+        double *row = a + k * n, pivot = row[k];
+        m->pivot[k] = pivot > 0 && pivot > m->solution[k] ? 1 / sqrt(pivot) : 0;
+        for (size_t j = k; j < n; j++)
+            row[j] *= m->pivot[k];
+        for (size_t i = k + 1; i < n; i++) {
+            double *other = a + i * n, factor = row[i];
+            if (factor == 0)
+                continue;
+            for (size_t j = i; j < n; j++)
+                other[j] -= factor * row[j];
+        }
+    }
+}
+
+/* x = A^-1 r of the coarsest level. */
+static void sbi_mg_solve_dense(sbi_multigrid *m)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    size_t n = (size_t)m->dense;
+    double *v = m->solution;
+    for (size_t k = 0; k < n; k++)
+        v[k] = (double)level->r[4 * (k / 3) + k % 3];
+    for (size_t k = 0; k < n; k++) {
+        const double *row = m->factor + k * n;
+        double value = v[k] *= m->pivot[k];
+        for (size_t j = k + 1; j < n; j++)
+            v[j] -= value * row[j];
+    }
+    for (size_t k = n; k-- > 0;) {
+        const double *row = m->factor + k * n;
+        double sums[4] = {0, 0, 0, 0}, value = v[k];
+        size_t j = k + 1;
+        for (; j + 4 <= n; j += 4)
+            for (size_t lane = 0; lane < 4; lane++)
+                sums[lane] += row[j + lane] * v[j + lane];
+        for (; j < n; j++)
+            sums[0] += row[j] * v[j];
+        value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        v[k] = value * m->pivot[k];
+    }
+    for (size_t k = 0; k < n; k++)
+        level->x[4 * (k / 3) + k % 3] = (float)v[k];
+}
+
+SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
+{
+    sbi_mg_work work;
+    memset(&work, 0, sizeof work);
+    work.m = m;
+    work.matrix = matrix;
+    work.scale = scale;
+    for (int l = 0; l < m->level_count; l++) {
+        int coarsest = l + 1 == m->level_count;
+        work.level = m->levels + l;
+        work.finer = l ? m->levels + l - 1 : NULL;
+        sbi_mg_run(&work, l ? sbi_mg_gather_task : sbi_mg_diagonal_task);
+        for (int t = 0; l == 0 && t < sbi_mg_tasks(work.level); t++)
+            if (work.level->partial[t] >= 0)
+                return (int)work.level->partial[t];
+        if (l == 0)
+            sbi_mg_run(&work, sbi_mg_load_task);
+        if (!coarsest || !m->dense)
+            sbi_mg_estimate_bound(&work);
+    }
+    if (m->dense)
+        sbi_mg_factor_dense(m);
+    return -1;
+}
+
+/* ---- the cycle ----------------------------------------------------------------------------------------- */
+
+/* r = in, and the first step of the smoother from 0: x = d = add D^-1 r. */
+static void sbi_mg_begin_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
+        for (size_t k = 0; k < 3; k++)
+            r[k] = (float)(work->in[3 * (size_t)i + k] * work->factor) * level->scale[4 * (size_t)i + 3];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, z);
+        for (int k = 0; k < 4; k++)
+            x[k] = d[k] = work->add * z[k];
+    }
+}
+
+/* r = P^T r of the finer level, and the same first step. */
+static void sbi_mg_restrict_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    const sbi_mg_level *finer = work->finer;
+    for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
+        float *r = level->r + 4 * (size_t)a, *d = level->d + 4 * (size_t)a, *x = level->x + 4 * (size_t)a;
+        float sum[4] = {0, 0, 0, 0}, z[4];
+        for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
+            size_t i = 4 * (size_t)finer->children[c];
+            float share = finer->child_shares[c];
+            for (size_t k = 0; k < 4; k++)
+                sum[k] += share * finer->r[i + k] * (finer->scale ? finer->scale[i + k] : 1.0f);
+        }
+        sbi_mg_relax(level->inverse + 12 * (size_t)a, sum, z);
+        for (int k = 0; k < 4; k++) {
+            r[k] = sum[k];
+            x[k] = d[k] = work->add * z[k];
+        }
+    }
+}
+
+/* e = P x of the coarser level: tasks of the finer one. */
+static void sbi_mg_prolong_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    const float *x = (level + 1)->x;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float sum[4] = {0, 0, 0, 0};
+        for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++)
+            for (size_t k = 0; k < 4; k++)
+                sum[k] += level->shares[p] * x[4 * (size_t)level->parents[p] + k];
+        for (size_t k = 0; k < 4; k++)
+            level->e[4 * (size_t)i + k] = sum[k] * (level->scale ? level->scale[4 * (size_t)i + k] : 1.0f);
+    }
+}
+
+/* A step of the smoother: r -= A d, d' = keep d + add D^-1 r, x += d'. After a coarser level's solution, which is in e:
+ * r -= A e, d' = add D^-1 r, x += e + d'. The last before a coarser level: r -= A d only. */
+static void sbi_mg_step_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    const int first_after = work->first_after;
+    const float *from = first_after ? level->e : level->d, keep = work->keep, add = work->add;
+    float *to = first_after ? level->d : level->e;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *r = level->r + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, product[4], z[4];
+        const float *own = from + 4 * (size_t)i;
+        float *next = to + 4 * (size_t)i;
+        sbi_mg_multiply_row(level, i, from, product);
+        for (int k = 0; k < 4; k++)
+            r[k] -= product[k];
+        if (work->last)
+            continue;
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, z);
+        for (int k = 0; k < 4; k++) {
+            next[k] = keep * own[k] + add * z[k];
+            x[k] += first_after ? own[k] + next[k] : next[k];
+        }
+    }
+}
+
+/* Chebyshev polynomials of the fourth kind (Lottes 2022): the best smoother for eigenvalues up to `bound`, without a
+ * guess at where the coarser levels take over. */
+static void sbi_mg_set_step(sbi_mg_work *work, int step)
+{
+    double k = (double)step, bound = work->level->bound;
+    work->keep = step ? (float)((2 * k - 1) / (2 * k + 3)) : 0.0f;
+    work->add = step ? (float)((8 * k + 4) / ((2 * k + 3) * bound)) : (float)(4 / (3 * bound));
+}
+
+static void sbi_mg_steps(sbi_mg_work *work, int first, int last)
+{
+    for (int step = first; step < last; step++) {
+        float *swap = work->level->d;
+        sbi_mg_set_step(work, step);
+        work->first_after = step == 0;
+        sbi_mg_run(work, sbi_mg_step_task);
+        if (work->first_after)
+            continue;
+        work->level->d = work->level->e;
+        work->level->e = swap;
+    }
+    work->first_after = 0;
+}
+
+/* x = the part of A^-1 r that the levels from l on find; down and up again. */
+static void sbi_mg_descend(sbi_mg_work *work, int l)
+{
+    sbi_multigrid *m = work->m;
+    int coarsest = l + 1 == m->level_count;
+    work->level = m->levels + l;
+    work->finer = l ? work->level - 1 : NULL;
+    sbi_mg_set_step(work, 0);
+    sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
+    if (coarsest && m->dense) {
+        sbi_mg_solve_dense(m);
+        return;
+    }
+    sbi_mg_steps(work, 1, m->degree);
+    if (coarsest)
+        return;
+    work->last = 1;
+    sbi_mg_run(work, sbi_mg_step_task);
+    work->last = 0;
+    sbi_mg_descend(work, l + 1);
+    work->level = m->levels + l;
+    sbi_mg_run(work, sbi_mg_prolong_task);
+    sbi_mg_steps(work, 0, m->degree);
+}
+
+static void sbi_mg_write_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    const sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++)
+        for (size_t k = 0; k < 3; k++)
+            work->out[3 * (size_t)i + k] =
+                (sb_real)(level->x[4 * (size_t)i + k] * level->scale[4 * (size_t)i + 3]) * work->factor;
+}
+
+SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real scale, sb_real *z, sb_real back)
+{
+    sbi_mg_work work;
+    memset(&work, 0, sizeof work);
+    work.m = m;
+    work.in = r;
+    work.out = z;
+    work.factor = scale;
+    sbi_mg_descend(&work, 0);
+    work.level = m->levels;
+    work.factor = back;
+    sbi_mg_run(&work, sbi_mg_write_task);
+}
+
 /* ==== src/softbody/float4.h ==== */
 /* float4: four floats as one vector. Floor 0, internal.
  *
@@ -23086,7 +24815,8 @@ enum {
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
-    SBI_PRECOND_MAX_PIECES = 64
+    SBI_PRECOND_MAX_PIECES = 64,
+    SBI_PRECOND_MULTIGRID_ROWS = 5000
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -23117,6 +24847,7 @@ struct sb_preconditioner {
     sb_allocator allocator;
     sb_jobs jobs;
     sb_precond_kind kind;
+    int power;
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
     int ready;           /* 1: updated or loaded */
@@ -23137,6 +24868,7 @@ struct sb_preconditioner {
     int attempts, successes, wait;
     double shift;
     sbi_fsai fsai;
+    sbi_multigrid *multigrid;
     sb_direct *direct;  /* Cholesky */
     sb_real *exact;     /* [row_count][3] what it solves, and the solution */
     /* warping: M^-1 = R S R^T on the free components, with the inverse diagonal on those prescribed now */
@@ -23174,8 +24906,8 @@ SBI_API double sbi_precond_power(double size);
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
-/* result += Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone */
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result);
+/* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
+SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
 #endif /* SB_PRECOND_STATE_H */
 
@@ -23220,6 +24952,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
         return;
     allocator = preconditioner->allocator;
     sb_direct_free(preconditioner->direct);
+    sbi_multigrid_free(preconditioner->multigrid);
     sbi_fsai_free(&allocator, &preconditioner->fsai);
     for (int k = 0; k < preconditioner->array_count; k++)
         sbi_free(&allocator, preconditioner->arrays[k]);
@@ -23507,11 +25240,13 @@ static void sbi_precond_rows_task(void *user, int chunk)
     sbi_fsai_multiply(&p->fsai, p->result, p->middle, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
 }
 
-/* result = G^T middle */
+/* result = G^T middle, turned */
 static void sbi_precond_columns_task(void *user, int chunk)
 {
     sb_preconditioner *p = ((const sbi_precond_job *)user)->p;
     sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
+    if (p->turned)
+        sbi_precond_leave_task(user, chunk);
 }
 
 /* middle = (I + L)^-1 r, result = D^-1 middle. */
@@ -23621,7 +25356,7 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
         sbi_precond_forward(p, job->r, (sb_real)job->scale);
         sbi_precond_backward(p);
     }
-    if (p->turned)
+    if (p->turned && p->kind != SB_PRECOND_FSAI) /* which turns its rows as it makes them */
         sbi_precond_run(job, sbi_precond_leave_task);
 }
 
@@ -23644,13 +25379,18 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         memcpy(z, r, 3 * (size_t)p->row_count * sizeof(sb_real));
         return;
     }
+    if (p->kind == SB_PRECOND_MULTIGRID) {
+        sbi_multigrid_apply(p->multigrid, r, (sb_real)job.scale, z, (sb_real)(p->matrix_scale / job.scale));
+        return;
+    }
     if (p->kind == SB_PRECOND_CHOLESKY)
         sbi_precond_solve_exact(p, r, (sb_real)job.scale);
     else
         sbi_precond_smooth(p, &job);
+    job.with_result = 1;
     if (p->coarse.ready)
-        sbi_precond_correct(p, r, job.scale, 1);
-    if (p->kind == SB_PRECOND_CHOLESKY && !p->coarse.ready)
+        sbi_precond_correct(&job);
+    else if (p->kind == SB_PRECOND_CHOLESKY)
         sbi_precond_write_exact(p, z, job.scale);
     else
         sbi_precond_run(&job, sbi_precond_write_task);
@@ -23662,8 +25402,7 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_
     if (!p->coarse.ready)
         return 0;
     memset(p->result, 0, (size_t)p->row_count * 4 * sizeof(float));
-    sbi_precond_correct(p, r, job.scale, 0);
-    sbi_precond_run(&job, sbi_precond_write_task);
+    sbi_precond_correct(&job);
     return 1;
 }
 
@@ -23689,10 +25428,30 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
     return def;
 }
 
+SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
+{
+    return pattern && pattern->row_count >= SBI_PRECOND_MULTIGRID_ROWS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+}
+
+SB_API const char *sb_precond_string(sb_precond_kind kind)
+{
+    switch (kind) {
+    case SB_PRECOND_NONE: return "none";
+    case SB_PRECOND_BLOCK_JACOBI: return "block Jacobi";
+    case SB_PRECOND_SSOR: return "SSOR";
+    case SB_PRECOND_IC0: return "incomplete Cholesky";
+    case SB_PRECOND_AUTO: return "automatic";
+    case SB_PRECOND_FSAI: return "sparse approximate inverse";
+    case SB_PRECOND_CHOLESKY: return "complete Cholesky";
+    case SB_PRECOND_MULTIGRID: return "multigrid";
+    default: return "unknown";
+    }
+}
+
 static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
-    if (!def->positions || def->kind == SB_PRECOND_NONE)
+    if (!def->positions || def->kind == SB_PRECOND_NONE || def->kind == SB_PRECOND_MULTIGRID)
         return 0;
     if (def->piece_count != SB_PRECOND_PIECES_AUTO)
         return def->piece_count;
@@ -23706,13 +25465,17 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
 {
     if (!def || !pattern || pattern->row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
-    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_CHOLESKY)
+    if ((int)def->kind < SB_PRECOND_NONE || (int)def->kind > SB_PRECOND_MULTIGRID)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "unknown preconditioner kind %d", (int)def->kind);
     if (def->power < 1 || def->power > SB_PRECOND_MAX_POWER)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "power %d is outside 1 to %d", def->power, SB_PRECOND_MAX_POWER);
     if (def->piece_count < SB_PRECOND_PIECES_AUTO || def->piece_count > pattern->row_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "piece_count %d is outside 0 to %d", def->piece_count,
                         pattern->row_count);
+    if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
+    if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)
         if (!sb_v3_is_finite(def->positions[i]))
             return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d: position is not finite", i);
@@ -23754,24 +25517,49 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
     return result;
 }
 
-static sb_result sbi_precond_make(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a,
+                                           sb_error *error)
 {
     size_t rows = (size_t)a->row_count;
     int pieces = sbi_precond_pieces(def, a->row_count);
-    sb_result result;
-    if (p->kind == SB_PRECOND_NONE)
-        return SB_OK;
+    sb_result result = SB_OK;
     p->middle = sbi_precond_take_floats(p, rows, 4);
     p->result = sbi_precond_take_floats(p, rows, 4);
     p->turns = sbi_precond_take_floats(p, rows, 12);
     p->held = sbi_precond_take_floats(p, rows, 4);
     p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
     if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
-        return SB_ERROR_MEMORY;
-    result = sbi_precond_make_kind(p, def, a);
+        result = SB_ERROR_MEMORY;
+    if (result == SB_OK)
+        result = sbi_precond_make_kind(p, def, a);
     if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
         result = SB_ERROR_MEMORY;
+    if (result != SB_OK)
+        return sbi_fail(error, result, "no memory for a preconditioner of %d rows", a->row_count);
+    return SB_OK;
+}
+
+static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preconditioner_def *def,
+                                            const sb_matrix *pattern, const sb_preconditioner *like, sb_error *error)
+{
+    sbi_multigrid_setup setup;
+    sb_result result;
+    setup.positions = def->positions;
+    setup.levels = def->levels;
+    setup.level_count = def->level_count;
+    setup.like = like ? like->multigrid : NULL;
+    setup.jobs = def->jobs;
+    result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
+    if (result == SB_OK)
+        p->bytes += sbi_multigrid_bytes(p->multigrid);
     return result;
+}
+
+static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, const sb_matrix *pattern)
+{
+    if (def->kind != SB_PRECOND_AUTO)
+        return def->kind;
+    return def->positions ? sb_solver_auto(pattern) : SB_PRECOND_IC0;
 }
 
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
@@ -23784,9 +25572,9 @@ static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
     return hash;
 }
 
-SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
+static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                    const sb_preconditioner *like, const sb_allocator *allocator,
+                                    sb_preconditioner **out, sb_error *error)
 {
     sb_preconditioner *p;
     sb_result result = sbi_precond_check(def, pattern, error);
@@ -23800,21 +25588,43 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
     if (allocator)
         p->allocator = *allocator;
     p->jobs = def->jobs;
+    p->power = def->power;
     p->bytes = sizeof *p;
-    p->kind = def->kind == SB_PRECOND_AUTO ? SB_PRECOND_IC0 : def->kind;
+    p->kind = sbi_precond_resolve(def, pattern);
     p->row_count = pattern->row_count;
     p->block_count = pattern->block_count;
     p->lower_count = (pattern->block_count - pattern->row_count) / 2;
     p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
-    result = sbi_precond_make(p, def, pattern);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        result = sbi_precond_make_multigrid(p, def, pattern, like, error);
+    else if (p->kind != SB_PRECOND_NONE)
+        result = sbi_precond_make_smoother(p, def, pattern, error);
     if (result != SB_OK) {
         sb_preconditioner_free(p);
-        return sbi_fail(error, result, "no memory for a preconditioner of %d rows", pattern->row_count);
+        return result;
     }
     *out = p;
     return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
+                                          const sb_allocator *allocator, sb_preconditioner **out,
+                                          sb_error *error)
+{
+    return sbi_precond_create(def, pattern, NULL, allocator, out, error);
+}
+
+SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
+                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+{
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    def.kind = like->kind;
+    def.positions = positions;
+    def.jobs = like->jobs;
+    def.power = like->power;
+    return sbi_precond_create(&def, pattern, like, allocator, out, error);
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -23855,6 +25665,8 @@ static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *
         return sb_direct_update(p->direct, a, error);
     if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
         bad = sbi_precond_invert_diagonals(p, a);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        bad = sbi_multigrid_update(p->multigrid, a, p->matrix_scale);
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: diagonal block is not positive definite", bad);
     if (p->kind == SB_PRECOND_SSOR)
@@ -23918,6 +25730,8 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
                                         const sb_vec3 *positions, sb_error *error)
 {
     sb_result result = sbi_precond_check_matrix(p, matrix, positions, error);
+    if (result == SB_OK && p->kind == SB_PRECOND_MULTIGRID)
+        result = sbi_fail(error, SB_ERROR_UNSUPPORTED, "multigrid is not turned, but updated");
     if (result == SB_OK && !p->ready)
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is nothing to turn: the preconditioner was never updated");
     if (result == SB_OK)
@@ -23963,6 +25777,7 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     info.piece_count = preconditioner->coarse.piece_count;
     info.attempts = preconditioner->attempts;
     info.shift = preconditioner->shift;
+    info.level_count = preconditioner->multigrid ? sbi_multigrid_levels(preconditioner->multigrid) : 0;
     info.bytes = preconditioner->bytes;
     return info;
 }
@@ -24388,37 +26203,34 @@ static void sbi_precond_restrict_task(void *user, int piece)
                                job->p->coarse.solution + 6 * piece);
 }
 
-/* result += Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
+/* z = result + Z solution: shift + w x d = shift + (w x e_x) d_x + (w x e_y) d_y + (w x e_z) d_z */
 static void sbi_precond_prolong_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     const sbi_precond_coarse *c = &job->p->coarse;
     const double *s = c->solution + 6 * piece;
+    sb_real back = (sb_real)(job->p->matrix_scale / job->scale);
     float wx = (float)s[3], wy = (float)s[4], wz = (float)s[5];
     sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
     sbi_float4 by_x = sbi_f4_make(0, wz, -wy), by_y = sbi_f4_make(-wz, 0, wx), by_z = sbi_f4_make(wy, -wx, 0);
     for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
         size_t i = (size_t)c->piece_nodes[k];
         const float *arm = c->arms + 4 * i;
-        float *result = job->p->result + 4 * i;
         sbi_float4 move = sbi_f4_add(shift, sbi_f4_scale(arm[0], by_x));
         move = sbi_f4_add(move, sbi_f4_scale(arm[1], by_y));
         move = sbi_f4_mul(sbi_f4_add(move, sbi_f4_scale(arm[2], by_z)), sbi_f4_load(c->free + 4 * i));
-        sbi_f4_store(result, sbi_f4_add(sbi_f4_load(result), move));
+        move = sbi_f4_add(sbi_f4_load(job->p->result + 4 * i), move);
+        for (int axis = 0; axis < 3; axis++)
+            job->z[3 * i + (size_t)axis] = (sb_real)SBI_F4(move, axis) * back;
     }
 }
 
-SBI_API void sbi_precond_correct(sb_preconditioner *p, const sb_real *r, double scale, int with_result)
+SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 {
-    sbi_precond_job job;
-    memset(&job, 0, sizeof job);
-    job.p = p;
-    job.r = r;
-    job.scale = scale;
-    job.with_result = with_result;
-    sbi_run(&p->jobs, sbi_precond_restrict_task, &job, p->coarse.piece_count);
-    sbi_precond_solve_coarse(&p->coarse);
-    sbi_run(&p->jobs, sbi_precond_prolong_task, &job, p->coarse.piece_count);
+    sbi_precond_job mine = *job;
+    sbi_run(&job->p->jobs, sbi_precond_restrict_task, &mine, job->p->coarse.piece_count);
+    sbi_precond_solve_coarse(&job->p->coarse);
+    sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
 #undef SBI_F4
@@ -24618,6 +26430,8 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner)
 {
     sbi_precond_walk walk;
+    if (preconditioner->kind == SB_PRECOND_MULTIGRID)
+        return 0;
     memset(&walk, 0, sizeof walk);
     walk.pass = SBI_PRECOND_MEASURE;
     sbi_precond_pass_over((sb_preconditioner *)(uintptr_t)preconditioner, &walk);
@@ -24631,6 +26445,8 @@ SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner,
     sbi_precond_walk walk;
     if (!preconditioner || !buffer || !preconditioner->ready)
         return SB_ERROR_ARGUMENT;
+    if (preconditioner->kind == SB_PRECOND_MULTIGRID)
+        return SB_ERROR_UNSUPPORTED;
     needed = sb_preconditioner_saved_size(preconditioner);
     if (needed == 0 || size < needed)
         return SB_ERROR_ARGUMENT;
@@ -24649,6 +26465,8 @@ SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const
     sb_result result;
     if (!preconditioner || !buffer)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_preconditioner_load needs a preconditioner and bytes");
+    if (preconditioner->kind == SB_PRECOND_MULTIGRID)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "multigrid is not loaded, but updated");
     result = sbi_image_check((const unsigned char *)buffer, size, SBI_PRECOND_MAGIC, SBI_PRECOND_VERSION,
                              "preconditioner", error);
     if (result != SB_OK)
@@ -26865,6 +28683,10 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
+/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y: [node_count].
+ * Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched. For one product
+ * this is the faster way; for many with the same K it depends (see sb_body_multiply_stiffness). */
+SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
@@ -26939,6 +28761,8 @@ SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 
 /* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
+/* y += R C R^T x of these cells, with the rotations as they are. */
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);
 /* matrix = factor R C R^T with the rotations as they are. */
 SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
 
@@ -26956,6 +28780,12 @@ SBI_API int sbi_batch_fits(const sb_domain *domain)
     int is_tet4 = domain->element_type == SB_TET4 && domain->points_per_cell == 1;
     int is_tet10 = domain->element_type == SB_TET10 && domain->points_per_cell == 4;
     return (is_tet4 || is_tet10) && domain->cell_count < INT32_MAX / 256 - SB_POLAR_LANES; /* see sbi_batch_pair */
+}
+
+/* Else tet10; known at compile time when SB_ELEMENT is set. */
+static int sbi_batch_is_tet4(const sbi_assembly *assembly)
+{
+    return sbi_element_type_or_pinned(assembly->domain->element_type) == SB_TET4;
 }
 
 static size_t sbi_batch_count(const sb_domain *domain)
@@ -27094,14 +28924,14 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
-/* F = I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+/* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
-                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+                                            const int rest, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = k % 4 == 0 ? (sb_real)1 : (sb_real)0;
+            f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
     for (int a = 0; a < n - 1; a++)
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
@@ -27294,7 +29124,7 @@ static void sbi_batch_rotate_corners(sbi_assembly *assembly, int batch, const sb
         for (int k = 0; k < 9; k++)
             g[k][l] = assembly->domain->corner_gradients[12 * e + 3 + (size_t)k];
     }
-    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, corners);
+    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, 1, corners);
     sbi_batch_load_quats(assembly, batch, 0, 4, quats);
     sb_polar_batch(corners, quats, r);
     for (int p = 0; p < 4; p++) {
@@ -27310,7 +29140,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1,
+                              f + 9 * p);
     if (assembly->domain->single_rotation)
         sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
     else
@@ -27330,7 +29161,7 @@ static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_ve
     const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
     sbi_batch_rows d[9], f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, u, 4, d);
-    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, f);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 1, f);
     sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
     sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
@@ -27340,10 +29171,77 @@ static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_ve
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
-        if (assembly->domain->element_type == SB_TET4)
+        if (sbi_batch_is_tet4(assembly))
             sbi_batch_force_tet4(assembly, u, force, batch);
         else
             sbi_batch_force_tet10(assembly, u, force, batch);
+}
+
+/* ---- product without a matrix ---- */
+
+/* Rotation matrices of a point of a batch, as the last force left them. */
+SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batch, int p, const int q,
+                                          sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[4];
+    if (q == 1)
+        memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
+    else
+        sbi_batch_load_quats(assembly, batch, p, q, quats);
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = m.m[k / 3][k % 3];
+    }
+}
+
+/* w R (lambda tr(e) I + 2 mu e), e = sym(R^T dF), in place of dF. */
+SBI_FORCE_INLINE void sbi_batch_stress_change(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                              const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                              sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 turn, b, s;
+        sb_real volume;
+        for (int k = 0; k < 9; k++) {
+            turn.m[k / 3][k % 3] = r[k][l];
+            b.m[k / 3][k % 3] = f[k][l];
+        }
+        b = sb_m3_tmul(turn, b);
+        volume = lambda[l] * (b.m[0][0] + b.m[1][1] + b.m[2][2]);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                s.m[i][j] = mu[l] * (b.m[i][j] + b.m[j][i]) + (i == j ? volume : (sb_real)0);
+        s = sb_m3_mul(turn, s);
+        for (int k = 0; k < 9; k++)
+            f[k][l] = s.m[k / 3][k % 3];
+    }
+}
+
+SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch,
+                                               const int n, const int q)
+{
+    sbi_batch_rows d[27], sum[27], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, x, n, d);
+    memset(sum, 0, sizeof sum);
+    for (int p = 0; p < q; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
+        sb_real *g = sbi_batch_gradients_at(assembly, batch, p, n, q);
+        sbi_batch_rotations(assembly, batch, p, q, r);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
+        sbi_batch_stress_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
+        sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 1, sum);
+    }
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
+}
+
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
+{
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_multiply_cells(assembly, x, y, batch, 4, 1);
+        else
+            sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4);
 }
 
 /* ---- tangent: rotated gradients ---- */
@@ -27354,16 +29252,11 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
 {
     const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
     const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
-    sbi_batch_rows quats[4], r[9], sum[3];
-    if (q == 1)
-        memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
-    else
-        sbi_batch_load_quats(assembly, batch, p, q, quats);
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
-        for (int k = 0; k < 9; k++)
-            r[k][l] = scale[l] * m.m[k / 3][k % 3];
-    }
+    sbi_batch_rows r[9], sum[3];
+    sbi_batch_rotations(assembly, batch, p, q, r);
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            r[k][l] *= scale[l];
     memset(sum, 0, sizeof sum);
     for (int a = 1; a < n; a++)
         for (int i = 0; i < 3; i++)
@@ -27401,7 +29294,7 @@ static void sbi_batch_rotate_chunk(void *user, int chunk)
     int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
-        if (assembly->domain->element_type == SB_TET4)
+        if (sbi_batch_is_tet4(assembly))
             sbi_batch_rotate(assembly, batch, 4, 1);
         else
             sbi_batch_rotate(assembly, batch, 10, 4);
@@ -27485,7 +29378,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
 static void sbi_batch_upper(void *user, int index)
 {
     const sbi_batch_job *job = (const sbi_batch_job *)user;
-    int is_tet4 = job->assembly->domain->element_type == SB_TET4;
+    int is_tet4 = sbi_batch_is_tet4(job->assembly);
     if (is_tet4 && job->assembly->mixed)
         sbi_batch_upper_rows(job, index, 4, 1, 1);
     else if (is_tet4)
@@ -27686,7 +29579,7 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 
 /* ---- chunks on threads ---- */
 
-typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY } sbi_assembly_work;
+typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY, SBI_WORK_PRODUCT } sbi_assembly_work;
 
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
@@ -28265,6 +30158,7 @@ static void sbi_assembly_chunk(void *user, int index)
     case SBI_WORK_FORCE: bad = sbi_chunk_force_any(job, begin, end); break;
     case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
     case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
+    case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->force, begin, end); break;
     }
     assembly->chunk_bad_cell[chunk] = bad;
 }
@@ -28541,6 +30435,17 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     return sbi_assembly_run(&job);
 }
 
+SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_PRODUCT, x);
+    if (!assembly->batched)
+        return 0;
+    job.force = y;
+    memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
+    sbi_assembly_run(&job);
+    return 1;
+}
+
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_ENERGY, u);
@@ -28618,8 +30523,7 @@ typedef struct sbi_elimination {
 typedef struct sbi_elimination_setup {
     const sb_matrix *matrix;      /* the full matrix; its pattern is read */
     const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
-    sb_precond_kind precond;
-    const sb_jobs *jobs;         /* copied */
+    const sb_preconditioner *precond; /* of the full matrix; that of the condensed one is made like it */
     const sb_allocator *allocator;
 } sbi_elimination_setup;
 
@@ -29089,14 +30993,10 @@ static sb_result sbi_elimination_make_rows(sbi_elimination *e, sbi_elimination_m
 
 static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination_setup *setup, sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
     sbi_elimination_maker maker;
     sb_result result;
     memset(&maker, 0, sizeof maker);
     maker.setup = setup;
-    settings.kind = setup->precond;
-    settings.jobs = *setup->jobs;
-    settings.positions = setup->positions;
     result = sbi_elimination_make_rows(e, &maker, error);
     sbi_free(&e->allocator, maker.rows);
     sbi_free(&e->allocator, maker.memory);
@@ -29105,7 +31005,7 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     if (result == SB_OK)
         result = sbi_elimination_make_positions(e, setup->matrix, error);
     if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &e->matrix, &e->allocator, &e->precond, error);
+        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, &e->allocator, &e->precond, error);
     return result;
 }
 
@@ -29625,6 +31525,8 @@ SB_API sb_body_def sb_default_body_def(void)
     def.mass = SB_MASS_LUMPED;
     def.integrator = SB_EULER;
     def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
@@ -30176,6 +32078,8 @@ static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
     settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
     return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
 }
 
@@ -30424,8 +32328,7 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
     sbi_elimination_setup setup;
     setup.matrix = matrix;
     setup.positions = body->reference;
-    setup.precond = sb_preconditioner_get_info(body->precond).kind;
-    setup.jobs = &body->jobs;
+    setup.precond = body->precond;
     setup.allocator = &body->allocator;
     return setup;
 }
@@ -30433,16 +32336,12 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error)
 {
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
-    sb_result result;
-    settings.kind = sb_preconditioner_get_info(body->precond).kind;
-    settings.positions = body->reference;
-    settings.jobs = body->jobs;
-    result = sbi_body_make_extended_matrix(body, pattern, error);
+    sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
     if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &pattern->matrix, &body->allocator, &pattern->precond, error);
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+                                    &pattern->precond, error);
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
     return result;
@@ -30518,6 +32417,10 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
 SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
 SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+{
+    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+}
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
 
 /* ---- properties ---- */
@@ -30912,6 +32815,42 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     if (!sb_is_finite(sum.elastic) || !sb_is_finite(sum.kinetic) || !sb_is_finite(sum.springs))
         return SB_ERROR_NOT_FINITE;
     *energy = sum;
+    return SB_OK;
+}
+
+/* y = K x with the rotations as they are; -1, or the first cell without a tangent. */
+static int sbi_body_stiffness_product(sb_body *body, const sb_vec3 *x, sb_vec3 *y)
+{
+    int bad;
+    if (sbi_assembly_multiply(&body->assembly, x, y))
+        return -1;
+    bad = sbi_assembly_tangent(&body->assembly, body->displacement, SB_TANGENT_QUASI, 1, &body->matrix);
+    if (bad < 0)
+        sb_matrix_multiply(&body->matrix, &x[0].x, &y[0].x, &body->jobs);
+    return bad;
+}
+
+SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error)
+{
+    int bad = -1, has_rotations;
+    if (!body || !x || !y)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_multiply_stiffness needs a body, x and y");
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(x[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the displacement of node %d is not finite", i);
+    has_rotations = body->force_current;
+    if (!has_rotations) { /* forces leave traces in the warm starts */
+        sbi_assembly_save_rotations(&body->assembly);
+        bad = sbi_assembly_force(&body->assembly, body->displacement, body->work);
+    }
+    if (bad < 0)
+        bad = sbi_body_stiffness_product(body, x, body->work2);
+    if (!has_rotations)
+        sbi_assembly_restore_rotations(&body->assembly);
+    if (bad >= 0)
+        return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    memcpy(y, body->work2, (size_t)body->domain.node_count * sizeof *y);
     return SB_OK;
 }
 
@@ -38326,6 +40265,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     }
     sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
+    settings.jobs = b->jobs;
     result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     if (result == SB_OK)
         result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);

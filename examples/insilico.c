@@ -10,9 +10,10 @@
  *     instrument        a tool presses a dent into the upper surface
  *     pneumoperitoneum  gas presses on all that faces up: a fifth of 13 mmHg, since what lies below yields, too
  *     gravity           the patient is turned to the side
- * A fifth of the organ's underside is held. Errors are in mm over all nodes of the fine organ (volume) and those of its
- * surface, distances are the target's from the registered surface, TRE the errors of ten points inside. The box plot has
- * median, quartiles, and the 5th and 95th percentile of the volume errors.
+ * A fifth of the organ's underside is held. Errors are in mm over all nodes of the fine organ, those of its surface and
+ * ten inside (target registration errors); the distance is the mean one of the target's points from the registered
+ * surface: where it is small and errors are not, the motion is one that the shape does not show. icp is the rigid start
+ * of all others. The box plot has median, quartiles, and the 5th and 95th percentile of the errors of all nodes.
  * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory, or a method that failed. */
 #include "system.h"
 
@@ -562,21 +563,23 @@ static sb_result score_outcome(const work *w, const outcome *out, const task *gi
     return result;
 }
 
-/* Without the pose. */
+/* Motions are told without the pose. */
 static void print_heading(const work *w, int pattern)
 {
-    printf("\n%s: deformed by %.2f mm on average, %.2f at most; target: %d points%s\n", pattern_names[pattern], w->mean_way,
-           w->most_way,
-           w->set->outliers > 0 ? w->cloud.count : w->target.node_count, w->set->partial ? ", the visible part" : "");
-    printf("  %-13s %7s %7s %7s | %7s %7s %8s | %7s %7s | %6s %6s %6s  %s\n", "method", "mean", "median", "max", "surface",
-           "max", "distance", "TRE", "max", "start", "set-up", "run s", "stop");
+    printf("\n%s: deformed by %.2f mm on average, %.2f at most; target: %d points%s\n", pattern_names[pattern],
+           w->mean_way, w->most_way, w->set->outliers > 0 ? w->cloud.count : w->target.node_count,
+           w->set->partial ? ", the visible part" : "");
+    printf("  %-13s %23s | %15s %8s | %15s | %20s\n", "", "errors of all nodes, mm", "of the surface", "target",
+           "of ten inside", "times, s");
+    printf("  %-13s %7s %7s %7s | %7s %7s %8s | %7s %7s | %6s %6s %6s  %s\n", "method", "mean", "median", "max", "mean",
+           "max", "distance", "mean", "max", "start", "set-up", "run", "stop");
 }
 
 static void print_score(const char *name, const score *s)
 {
-    printf("  %-13s %7.3f %7.3f %7.2f | %7.3f %7.2f %8.3f | %7.3f %7.2f | %6.3f %6.3f %6.3f  %s\n", name, s->mean, s->median,
-           s->most, s->surface_mean, s->surface_most, s->distance, s->marker_mean, s->marker_most, s->seconds_start,
-           s->seconds_setup, s->seconds_run, s->stop);
+    printf("  %-13s %7.3f %7.3f %7.2f | %7.3f %7.2f %8.3f | %7.3f %7.2f | %6.3f %6.3f %6.3f  %s\n", name, s->mean,
+           s->median, s->most, s->surface_mean, s->surface_most, s->distance, s->marker_mean, s->marker_most,
+           s->seconds_start, s->seconds_setup, s->seconds_run, s->stop);
 }
 
 static int run_method(work *w, int pattern, method how)
@@ -668,7 +671,7 @@ static void add_box(boxes *b, double x, double half, const double *sorted, int c
 static int write_picture(const work *w)
 {
     static boxes drawn[METHOD_COUNT];
-    char label[160] = "";
+    const char *names[PATTERNS];
     plot chart;
     plot_panel *panel;
     int shown = 0, slot = 0, at = 0;
@@ -676,12 +679,11 @@ static int write_picture(const work *w)
         shown += w->method_on[m];
     plot_begin(&chart, "Registration against the truth");
     for (int p = 0; p < PATTERNS; p++)
-        if (w->pattern_on[p]) {
-            size_t used = strlen(label);
-            snprintf(label + used, sizeof label - used, "%s%d %s", at ? ", " : "", at + 1, pattern_names[p]);
-            at++;
-        }
-    panel = plot_add_panel(&chart, "volume error: 5, 25, 50, 75, 95 %", label, "mm");
+        if (w->pattern_on[p])
+            names[at++] = pattern_names[p];
+    panel = plot_add_panel(&chart, "error of all nodes: median, quartiles, 5 and 95 %", "", "error (mm)");
+    panel->x_names = names;
+    panel->x_name_count = at;
     for (int m = 0; m < METHOD_COUNT; m++) {
         at = 0;
         drawn[m].count = 0;
@@ -751,7 +753,8 @@ static int run(work *w, const char *path)
     if (status)
         return status;
     printf("organ: %d nodes, %d elements, %.3f l; model: %d nodes, %d elements\n", w->organ.node_count,
-           w->organ.element_count, 1e3 * (double)sb_mesh_volume(&w->organ), w->model.node_count, w->model.element_count);
+           w->organ.element_count, 1e3 * (double)sb_mesh_volume(&w->organ), w->model.node_count,
+           w->model.element_count);
     for (int p = 0; !status && p < PATTERNS; p++)
         if (w->pattern_on[p]) {
             status = run_pattern(w, p);
@@ -765,18 +768,20 @@ static int run(work *w, const char *path)
 
 int main(int argc, char **argv)
 {
-    settings set = {"all", "pbsm,nicp,icp,cpd", "insilico.svg", 0, 0, 0, 12, 22, 1, 0, 1, 0.08, 0, 0, 10, 20, 30};
+    settings set = {"all", "pbsm,nicp,icp,cpd", "insilico.svg", 0, 0, 0, 12, 32, 1, 0, 1, 0.08, 0, 0, 10, 20, 30};
     const char *file = NULL;
     const option options[] = {
         {"--patterns", "LIST", OPTION_TEXT, NULL, NULL, &set.patterns, 0, 0,
          "respiration, instrument, pneumoperitoneum, gravity, with commas between"},
-        {"--methods", "LIST", OPTION_TEXT, NULL, NULL, &set.methods, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd, or all"},
+        {"--methods", "LIST", OPTION_TEXT, NULL, NULL, &set.methods, 0, 0,
+         "pbsm, pbsm-laplace, nicp, icp, cpd, or all"},
         {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0, "only what a camera above sees"},
         {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "linear instead of corotated models"},
         {"--fix", NULL, OPTION_FLAG, &set.fix, NULL, NULL, 0, 0, "the methods are told what was held"},
         {"--amplitude", "S", OPTION_NUMBER, NULL, &set.amplitude, NULL, 0, 0.5,
          "largest motion that is prescribed, in organ sizes"},
-        {"--noise", "MM", OPTION_NUMBER, NULL, &set.noise, NULL, 0, 1e3, "standard deviation of the target's coordinates"},
+        {"--noise", "MM", OPTION_NUMBER, NULL, &set.noise, NULL, 0, 1e3,
+         "standard deviation of the target's coordinates"},
         {"--outliers", "P", OPTION_NUMBER, NULL, &set.outliers, NULL, 0, 50, "per cent of points of something else"},
         {"--angle", "DEG", OPTION_NUMBER, NULL, &set.angle, NULL, 0, 180, "the target is turned by that"},
         {"--shift", "MM", OPTION_NUMBER, NULL, &set.shift, NULL, 0, 1e6, "and moved by that"},

@@ -32,6 +32,8 @@ typedef struct plot_curve {
 typedef struct plot_panel {
     const char *title, *x_label, *y_label;
     int log_x, log_y;
+    const char *const *x_names; /* [x_name_count] for categories: what stands at x = 1, 2 ...; NULL: numbers */
+    int x_name_count;
     plot_curve curves[PLOT_CURVES];
     int curve_count;
 } plot_panel;
@@ -120,6 +122,11 @@ static inline plot_axis plot_make_axis(const plot_panel *panel, int vertical)
                 a.high = fmax(a.high, v);
             }
         }
+    if (!vertical && panel->x_names) {
+        a.low = 0.5;
+        a.high = panel->x_name_count + 0.5;
+        return a;
+    }
     if (!(a.high > a.low)) { /* nothing, or one value only */
         double centre = a.high >= a.low ? a.low : 0, reach = centre != 0 ? 0.5 * fabs(centre) : 1;
         a.low = centre - reach;
@@ -178,6 +185,16 @@ static inline void plot_write_grid(FILE *file, const plot_axis *a, const plot_ax
     }
 }
 
+/* Names at 1, 2 ... on the horizontal axis, with lines between. */
+static inline void plot_write_categories(FILE *file, const plot_panel *panel, const plot_axis *x, const plot_axis *y)
+{
+    for (int i = 0; i < panel->x_name_count; i++) {
+        double edge = plot_place(x, i + 1.5);
+        plot_write_line(file, edge, y->from, edge, y->to, "#dde2e8");
+        plot_write_label(file, plot_place(x, i + 1), y->from + 18, "text-anchor=\"middle\"", panel->x_names[i]);
+    }
+}
+
 /* Okabe and Ito's colours, which also the colour-blind can tell apart. */
 static inline const char *plot_colour(int curve)
 {
@@ -225,7 +242,10 @@ static inline void plot_write_panel(FILE *file, const plot_panel *panel, int pla
     plot_axis x = plot_make_axis(panel, 0), y = plot_make_axis(panel, 1);
     char turned[80];
     fprintf(file, "<g transform=\"translate(%d 30)\">\n", place * PLOT_PANEL_WIDTH);
-    plot_write_grid(file, &x, &y, 0);
+    if (panel->x_names)
+        plot_write_categories(file, panel, &x, &y);
+    else
+        plot_write_grid(file, &x, &y, 0);
     plot_write_grid(file, &y, &x, 1);
     plot_write_line(file, x.from, y.from, x.to, y.from, "#2c3440");
     plot_write_line(file, x.from, y.from, x.from, y.to, "#2c3440");

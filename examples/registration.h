@@ -40,7 +40,7 @@ typedef struct task {
     int landmark_count;
     double young, poisson;        /* Pa */
     int steps;                    /* most of them */
-    double max_seconds;
+    double max_seconds;           /* of the rigid start, and of what follows it */
     void (*progress)(double share, const char *words); /* or NULL */
 } task;
 
@@ -233,6 +233,7 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     options.landmark_count = given->landmark_count;
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
+    options.max_seconds = fmin(options.max_seconds, given->max_seconds);
     result = reg_icp(&model->shape, &target->shape, &options, motion, NULL, error);
     free(pairs);
     if (result == SB_OK && given->fixed_count > 0)
@@ -499,6 +500,9 @@ static inline void task_find_loads(const task *given, reg_match *match, outcome 
     reg_loads_info info;
     double begun = seconds_now();
     task_show(given, 0.9, "loads on the surface");
+    def.max_seconds = given->max_seconds - out->seconds_run;
+    if (!(def.max_seconds > 0))
+        return;
     def.match = match;
     def.clock = seconds_now;
     if (getenv("LPOSE")) def.pose = (sb_real)atof(getenv("LPOSE"));
@@ -610,16 +614,24 @@ static inline sb_result task_nicp(const task *given, outcome *out, sb_error *err
 
 enum { TASK_CPD_POINTS = 2000 }; /* of either side: its cost grows with their product */
 
-/* `most` points or all, evenly spread: points[most]; their number, or -1 without memory. */
+/* `most` points or all, evenly spread: points[most]; their number, or -1 without memory. Of clouds much larger than that
+ * every so many points is looked at. */
 static inline int task_spread(const sb_vec3 *from, int count, int most, sb_vec3 *points)
 {
+    int stride = 1 + count / (20 * most), few = (count - 1) / stride + 1, kept = -1;
     int *chosen = (int *)malloc((size_t)most * sizeof *chosen);
-    sb_real *scratch = (sb_real *)malloc((size_t)count * sizeof *scratch);
-    int kept = chosen && scratch ? reg_cloud_spread(from, count, most < count ? most : count, chosen, scratch) : -1;
+    sb_real *scratch = (sb_real *)malloc((size_t)few * sizeof *scratch);
+    sb_vec3 *some = (sb_vec3 *)malloc((size_t)few * sizeof *some);
+    if (chosen && scratch && some) {
+        for (int i = 0; i < few; i++)
+            some[i] = from[(size_t)i * (size_t)stride];
+        kept = reg_cloud_spread(some, few, most < few ? most : few, chosen, scratch);
+    }
     for (int i = 0; i < kept; i++)
-        points[i] = from[chosen[i]];
+        points[i] = some[chosen[i]];
     free(chosen);
     free(scratch);
+    free(some);
     return kept;
 }
 
@@ -809,11 +821,12 @@ static inline sb_result outcome_surface(const outcome *out, sb_mesh *surface, sb
     return result;
 }
 
-/* Mean distance (m) of the target's points from the registered surface. */
+/* Mean distance (m) of the target's points from the registered surface; of a million of them every so many is asked. */
 static inline sb_result outcome_distance(const outcome *out, const task *given, double *distance, sb_error *error)
 {
     const sb_vec3 *points = given->target ? given->target->nodes : given->cloud->points;
     int count = given->target ? given->target->node_count : given->cloud->count, guess = -1;
+    int stride = 1 + count / 100000;
     sb_mesh surface;
     sb_surface *tree = NULL;
     double sum = 0;
@@ -821,7 +834,7 @@ static inline sb_result outcome_distance(const outcome *out, const task *given, 
     if (result != SB_OK)
         return result;
     result = sb_surface_create(&surface, NULL, &tree, error);
-    for (int i = 0; result == SB_OK && i < count; i++) {
+    for (int i = 0; result == SB_OK && i < count; i += stride) {
         sb_surface_hit hit;
         if (sb_surface_closest_from(tree, points[i], SB_REAL_MAX, guess, &hit)) {
             guess = hit.triangle;
@@ -829,7 +842,7 @@ static inline sb_result outcome_distance(const outcome *out, const task *given, 
         }
     }
     if (result == SB_OK)
-        *distance = sum / count;
+        *distance = sum / ((count - 1) / stride + 1);
     sb_surface_destroy(tree);
     sb_mesh_free(&surface);
     return result;

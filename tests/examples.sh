@@ -411,6 +411,15 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     echo '1 2 x' >bad.txt
     expect 2 'bad.txt:1: not' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --landmarks bad.txt
+    echo '0.1 0.1 0.1' >point.xyz
+    expect 2 'one place or line' register_liver "$case_of_liver/coarse_tet4.vtk" point.xyz
+    awk 'BEGIN { for (i = 0; i < 400; i++) print 0.01 * (i % 20), 0.01 * int(i / 20), 0 }' >plane.xyz
+    expect 2 'one plane' register_liver "$case_of_liver/coarse_tet4.vtk" plane.xyz
+    awk 'BEGIN { for (i = 0; i < 400; i++) print 3 * sin(i), 3 * cos(3 * i), 3 * sin(7 * i) }' >ball.xyz
+    expect 2 'are both in one unit' register_liver "$case_of_liver/coarse_tet4.vtk" ball.xyz
+    awk 'BEGIN { for (i = 0; i < 60000; i++) print 0.1 * sin(i), 0.1 * cos(3 * i), 0.1 * sin(7 * i) }' >dense.xyz
+    expect 0 "$last" register_liver "$case_of_liver/coarse_tet4.vtk" dense.xyz --method icp --seconds 0.2
+    check "a dense cloud is thinned" grep -q '60000 points, thinned to' output.txt
     expect 2 'is a volume' register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/coarse_tet4.vtk"
     expect 2 'cannot be opened' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --method icp -o no-such-folder/x.vtk

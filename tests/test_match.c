@@ -504,6 +504,31 @@ static void test_odd_targets(void)
     }
 }
 
+/* Of all charges on one point nothing like the organ is left: named, and as before that step. */
+static void test_collapse(void)
+{
+    block made;
+    reg_match_info info;
+    sb_vec3 middle = sb_v3(REAL(0.1), REAL(0.03), REAL(0.03));
+    if (make_block(&made, SB_TET4, soft(), 1, no_jobs())) {
+        reg_match_def def = def_of(&made);
+        reg_match *match;
+        def.target = NULL;
+        def.target_points = &middle;
+        def.target_count = 1;
+        def.partial = 0;
+        match = make_match(&def);
+        if (match) {
+            CHECK(reg_match_run(match, 100, &info) == SB_ERROR_DIVERGED);
+            CHECK(info.stop == REG_MATCH_FAILED && strstr(info.error.message, "volume"));
+            CHECK(reg_match_step(match, NULL) == SB_ERROR_DIVERGED);
+        }
+        CHECK(scene_all_finite(sb_body_positions(made.body), made.mesh.node_count));
+        reg_match_destroy(match);
+    }
+    free_block(&made);
+}
+
 static void refuse(const reg_match_def *def, sb_result expected)
 {
     reg_match *match = NULL;
@@ -656,6 +681,7 @@ static void test_livers(void)
                 mean = match_liver(&made, REG_PBSM, 0, -1, &most, &info);
                 CHECK(mean < 1.75 && most < 17.5);
                 CHECK(info.stop == REG_MATCH_SETTLED && info.iterations < 40 && info.mean_distance < REAL(5e-5));
+                CHECK(info.change < REAL(2e-4)); /* charges on edges between facets would swing by 1e-3 for ever */
                 if (m == 0) {
                     helped = match_liver(&made, REG_PBSM, 0, liver_farthest(&made), &most, &info);
                     CHECK(helped < 0.85 * mean);
@@ -697,6 +723,7 @@ CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials},
             {"a partial target and a landmark", test_partial}, {"a landmark that moves", test_moving_landmark},
             {"supports that move", test_supports}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"threads", test_threads}, {"samples", test_samples},
-            {"targets that are hardly any", test_odd_targets}, {"refusals", test_refusals},
+            {"targets that are hardly any", test_odd_targets}, {"a collapse", test_collapse},
+            {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
             {"livers, partial surfaces", test_partial_livers});

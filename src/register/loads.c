@@ -52,6 +52,7 @@ typedef struct regi_loads {
     sb_real likely[REGI_LOADS_POSE];     /* sd of the pose: m, rad */
     sb_real pose[REGI_LOADS_POSE], next[REGI_LOADS_POSE]; /* reached, and found in this round: m, rad */
     sb_real *pose_rows;    /* [sample_count][POSE] a sample's motion with the whole organ, in sd */
+    double begun;          /* on the clock */
     reg_loads_info info;
 } regi_loads;
 
@@ -66,6 +67,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
     def.pose = 0;
+    def.max_seconds = 1e9;
     def.cookie = REGI_LOADS_COOKIE;
     return def;
 }
@@ -82,6 +84,8 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, pose %g: out of range",
                         (double)def->misfit, (double)def->power, (double)def->floor, (double)def->pose);
+    if (!(def->max_seconds > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (def->match->body->load_count > 0 || def->match->body->elimination)
@@ -587,6 +591,14 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     return l->load_count > 0 ? SB_OK : sbi_fail(error, SB_ERROR_ARGUMENT, "all of the surface is held");
 }
 
+/* 1 when there is no time for a round that takes as long as those before, or a first one. */
+static int regi_loads_is_late(const regi_loads *l)
+{
+    double spent = l->def->clock ? l->def->clock() - l->begun : 0;
+    double round = l->info.rounds ? (l->info.seconds_response + l->info.seconds_dense) / l->info.rounds : 0;
+    return l->def->clock && spent + round >= l->def->max_seconds;
+}
+
 /* Rounds, and what they found; a failure puts the body back. */
 static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error)
 {
@@ -597,7 +609,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         return result;
     l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        if (l->info.change > (sb_real)1e-3 * l->match->size)
+        if (l->info.change > (sb_real)1e-3 * l->match->size && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
@@ -617,7 +629,6 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
 {
     regi_loads loads;
     sb_result result;
-    double begin;
     memset(&loads, 0, sizeof loads);
     loads.info.error.element = loads.info.error.node = -1;
     result = regi_loads_check(def, &loads.info.error);
@@ -625,9 +636,9 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
         loads.def = def;
         loads.match = def->match;
         loads.body = def->match->body;
-        begin = regi_loads_now(&loads);
+        loads.begun = regi_loads_now(&loads);
         result = regi_loads_find(&loads, forces, &loads.info.error);
-        loads.info.seconds = regi_loads_now(&loads) - begin;
+        loads.info.seconds = regi_loads_now(&loads) - loads.begun;
         sb_boundary_free(&loads.boundary);
         sb_direct_free(loads.direct);
         sbi_free(&def->allocator, loads.memory);

@@ -40,6 +40,8 @@ typedef struct reg_loads_def {
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
                           * place, as share of its size, >= 0; default 0: held nodes are where they are to be */
+    double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
+                          * before; default 1e9 */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */

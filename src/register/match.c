@@ -375,7 +375,8 @@ static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_e
     match->settled = def->settled;
     match->max_seconds = def->max_seconds;
     match->landmark_count = def->landmark_count;
-    share = sb_mesh_volume(&mesh) / ((sb_real)mesh.element_count * match->size * match->size * match->size);
+    match->volume = sb_mesh_volume(&mesh);
+    share = match->volume / ((sb_real)mesh.element_count * match->size * match->size * match->size);
     match->landmark_stiffness = def->landmark_stiffness * match->young * match->size * sb_exp(sb_log(share) / 3);
     return SB_OK;
 }

@@ -52,6 +52,7 @@ struct reg_match {
     sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
     sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
+    sb_real volume;            /* of the organ at rest (m^3) */
 
     /* state */
     sb_real charge, reach;     /* Young's moduli; m */

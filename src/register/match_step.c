@@ -360,6 +360,19 @@ static void regi_match_judge(reg_match *match)
     match->info.stop = match->calm >= 3 ? REG_MATCH_SETTLED : REG_MATCH_RUNNING;
 }
 
+/* Of a point, a flat patch or a target in another unit the charges make what no organ looks like. */
+static sb_result regi_match_check_shape(reg_match *match)
+{
+    sb_mesh mesh = regi_match_mesh(match->body);
+    double share;
+    mesh.nodes = match->body->position;
+    share = (double)(sb_mesh_volume(&mesh) / match->volume);
+    if (share > 0.25 && share < 4)
+        return SB_OK;
+    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size", share);
+}
+
 static sb_result regi_match_try(reg_match *match)
 {
     double begin = regi_match_now(match), looked, assembled, electric = regi_match_look(match);
@@ -370,7 +383,9 @@ static sb_result regi_match_try(reg_match *match)
     if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
         return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
                         "target and faces as it does: align them first", 100 * (double)match->info.active);
-    result = regi_match_assemble(match, &elastic);
+    result = regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
+    if (result == SB_OK)
+        result = regi_match_assemble(match, &elastic);
     assembled = regi_match_now(match);
     match->info.seconds_system = assembled - looked;
     if (result == SB_OK)

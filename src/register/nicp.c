@@ -180,7 +180,7 @@ static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_alloc
     return SB_OK;
 }
 
-static sb_mesh regi_nicp_mesh(const sb_body *body)
+REGI_API sb_mesh regi_nicp_mesh(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
@@ -426,6 +426,7 @@ static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, 
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
                       : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
+    nicp->volume = sb_mesh_volume(&mesh);
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
     nicp->reach = def->reach * nicp->size;

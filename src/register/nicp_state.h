@@ -71,6 +71,7 @@ struct reg_nicp {
 
     int vertex_count, source_count, sample_count, landmark_count;
     double total_area;         /* m^2 */
+    sb_real volume;            /* of the organ, or its grid, at rest (m^3) */
     void *memory;              /* the one block behind the arrays below */
     sb_vec3 *vertices;         /* [vertex_count] (m) now */
     int *source_of;            /* [vertex_count] the source that stands for it; -1: none does */
@@ -90,6 +91,8 @@ struct reg_nicp {
     reg_nicp_info info;
 };
 
+/* The body's mesh at rest, borrowed. */
+REGI_API sb_mesh regi_nicp_mesh(const sb_body *body);
 /* Writes where rows are now: points[row_count] (m). */
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
 

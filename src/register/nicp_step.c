@@ -325,6 +325,19 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
     nicp->info.landmark_distance = most;
 }
 
+/* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
+static sb_result regi_nicp_check_shape(reg_nicp *nicp)
+{
+    sb_mesh mesh = regi_nicp_mesh(nicp->body);
+    double share;
+    mesh.nodes = nicp->body->position;
+    share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
+    if (share > 0.25 && share < 4)
+        return SB_OK;
+    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size", share);
+}
+
 static sb_result regi_nicp_try(reg_nicp *nicp)
 {
     double begin = regi_nicp_now(nicp), paired;
@@ -333,7 +346,9 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     if (nicp->body->observe) /* a replay would not know of the lines */
         return sbi_fail(&nicp->info.error, SB_ERROR_UNSUPPORTED, "the body is being recorded now");
     regi_nicp_read_landmarks(nicp);
-    result = regi_nicp_pair(nicp, stiffness);
+    result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
+    if (result == SB_OK)
+        result = regi_nicp_pair(nicp, stiffness);
     paired = regi_nicp_now(nicp);
     nicp->info.seconds_pairs = paired - begin;
     if (result == SB_OK)
