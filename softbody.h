@@ -25695,7 +25695,8 @@ static size_t sbi_batch_rotated_size(const sb_domain *domain)
 
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
-    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count;
+    size_t lane = SB_POLAR_LANES * sizeof(sb_real);
     size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
     assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
     assembly->batch_moduli = (sb_real *)sbi_arena_take(arena, batches * q, 3 * lane);
@@ -25991,8 +25992,8 @@ static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_v
     }
 }
 
-/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these as
- * they are afterwards. */
+/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these
+ * as they are afterwards. */
 static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
                                     sb_real (*r)[SB_POLAR_LANES])
 {
@@ -26034,8 +26035,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1,
-                              f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                              10, 1, f + 9 * p);
     if (assembly->domain->single_rotation)
         sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
     else
@@ -26473,7 +26474,12 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 
 /* ---- chunks on threads ---- */
 
-typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY, SBI_WORK_PRODUCT } sbi_assembly_work;
+typedef enum sbi_assembly_work {
+    SBI_WORK_FORCE,
+    SBI_WORK_TANGENT,
+    SBI_WORK_ENERGY,
+    SBI_WORK_PRODUCT
+} sbi_assembly_work;
 
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
