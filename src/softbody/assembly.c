@@ -148,7 +148,12 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
 
 /* ---- chunks on threads ---- */
 
-typedef enum sbi_assembly_work { SBI_WORK_FORCE, SBI_WORK_TANGENT, SBI_WORK_ENERGY, SBI_WORK_PRODUCT } sbi_assembly_work;
+typedef enum sbi_assembly_work {
+    SBI_WORK_FORCE,
+    SBI_WORK_TANGENT,
+    SBI_WORK_ENERGY,
+    SBI_WORK_PRODUCT
+} sbi_assembly_work;
 
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;

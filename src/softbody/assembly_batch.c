@@ -31,7 +31,8 @@ static size_t sbi_batch_rotated_size(const sb_domain *domain)
 
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
-    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count;
+    size_t lane = SB_POLAR_LANES * sizeof(sb_real);
     size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
     assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
     assembly->batch_moduli = (sb_real *)sbi_arena_take(arena, batches * q, 3 * lane);
@@ -327,8 +328,8 @@ static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_v
     }
 }
 
-/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these as
- * they are afterwards. */
+/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these
+ * as they are afterwards. */
 static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
                                     sb_real (*r)[SB_POLAR_LANES])
 {
@@ -370,8 +371,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1,
-                              f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                              10, 1, f + 9 * p);
     if (assembly->domain->single_rotation)
         sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
     else
@@ -380,7 +381,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     for (int p = 0; p < 4; p++) {
         const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
         sbi_batch_stress(SBI_BATCH_ROWS(r + 9 * p), moduli, moduli + SB_POLAR_LANES, f + 9 * p);
-        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, d);
+        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p),
+                        SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, d);
     }
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
 }
@@ -476,9 +478,9 @@ SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, 
 
 /* ---- tangent: rotated gradients ---- */
 
-/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch; all nodes a when p goes through 0 .. q - 1. */
-SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n, const int q,
-                                                 sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch, for all nodes a. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n,
+                                                 const int q, sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
 {
     const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
     const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
@@ -595,7 +597,8 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
                 factor * (SBI_ROW_AT(l[i], j) + SBI_ROW_AT(s[j], i) + (i == j ? trace : (sb_real)0));
 }
 
-SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q, const int mixed)
+SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
+                                           const int mixed)
 {
     sb_matrix *matrix = job->matrix;
     int begin = index * SBI_ROWS_PER_TASK;
