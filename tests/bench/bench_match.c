@@ -202,7 +202,7 @@ static int make_organ(workload *w, sb_element_type type)
     sb_vec3 low, high;
     int made = 0;
     memset(w, 0, sizeof *w);
-    if (sb_mesh_organ(type, type == SB_TET4 ? 14 : 7, NULL, &w->mesh, NULL) != SB_OK)
+    if (sb_mesh_organ(type, type == SB_TET4 ? 14 : 8, NULL, &w->mesh, NULL) != SB_OK)
         return 0;
     sb_mesh_reorder(&w->mesh, NULL, NULL, NULL);
     sb_mesh_bounds(&w->mesh, &low, &high);
