@@ -84,7 +84,8 @@ static void beam_free(beam *b)
     free(b->rhs);
 }
 
-static sb_preconditioner *make(const sb_matrix *a, sb_precond_kind kind, int power, const sb_vec3 *positions, int pieces)
+static sb_preconditioner *make(const sb_matrix *a, sb_precond_kind kind, int power, const sb_vec3 *positions,
+                               int pieces)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     sb_preconditioner *p = NULL;
@@ -503,7 +504,8 @@ static void test_symmetric(void)
     sb_quat *rotations = (sb_quat *)malloc((size_t)b.n * sizeof(sb_quat));
     unsigned long long seed = 77;
     for (int i = 0; i < b.n; i++)
-        rotations[i] = sb_quat_from_rotation_vector(sb_v3(REAL(check_random_in(&seed, -3, 3)), REAL(check_random_in(&seed, -3, 3)),
+        rotations[i] = sb_quat_from_rotation_vector(sb_v3(REAL(check_random_in(&seed, -3, 3)),
+                                                          REAL(check_random_in(&seed, -3, 3)),
                                                           REAL(check_random_in(&seed, -3, 3))));
     for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_CHOLESKY; kind++) {
         sb_preconditioner *p = make_updated(&b, (sb_precond_kind)kind, 1, 0);
@@ -663,9 +665,11 @@ static void test_saved(void)
 }
 
 /* Loads an image that must be refused, and looks that nothing changed. */
-static void check_refused(sb_preconditioner *p, const unsigned char *image, size_t size, sb_result expected, const beam *b)
+static void check_refused(sb_preconditioner *p, const unsigned char *image, size_t size, sb_result expected,
+                          const beam *b)
 {
-    sb_real *r = random_vector(3 * b->n, 61), *before = random_vector(3 * b->n, 62), *after = random_vector(3 * b->n, 63);
+    sb_real *r = random_vector(3 * b->n, 61), *before = random_vector(3 * b->n, 62);
+    sb_real *after = random_vector(3 * b->n, 63);
     sb_error error;
     sb_preconditioner_apply(p, r, before);
     CHECK_RESULT(sb_preconditioner_load(p, image, size, &error), expected);

@@ -8,7 +8,7 @@ folder=$1
 here=$(dirname "$0")
 mkdir -p "$folder"
 
-# build NAME COMPILE... : a racer, or a line that says why it does not take part
+# build NAME PACKAGE COMPILE... : a racer, or a line that says why it does not take part
 build() {
     name=$1
     package=$2
@@ -45,8 +45,14 @@ for system in $systems; do
     files="$files $folder/$system.system"
 done
 
-processes() { # hypre takes processes, not threads
-    mpirun --allow-run-as-root --oversubscribe --bind-to none -n "$RACE_THREADS" "$@"
+# keep FILE COMMAND...: its lines, shown and kept; a line that says so when it ends badly
+keep() {
+    kept=$1
+    shift
+    "$@" >"$folder/lines.txt" 2>"$folder/complaints.txt" ||
+        echo "skip: $1 ended badly on $RACE_THREADS core(s), see $folder/complaints.txt" | tee -a "$folder/lines.txt"
+    cat "$folder/lines.txt"
+    cat "$folder/lines.txt" >>"$kept"
 }
 
 : >"$folder/times.txt"
@@ -56,20 +62,18 @@ for RACE_THREADS in 1 2; do
     export RACE_THREADS OMP_NUM_THREADS="$RACE_THREADS" OPENBLAS_NUM_THREADS="$RACE_THREADS"
     export OMPI_MCA_btl_vader_single_copy_mechanism=none
     # shellcheck disable=SC2086
-    "$folder/race_machine" $files | tee -a "$folder/machine.txt"
+    keep "$folder/machine.txt" "$folder/race_machine" $files
     for racer in $racers; do
-        if [ "$racer" = race_hypre ]; then
-            # shellcheck disable=SC2086
-            OMP_NUM_THREADS=1 processes "$folder/$racer" $files | tee -a "$folder/times.txt" ||
-                echo "skip: mpirun does not start $RACE_THREADS processes of $racer"
-        else
-            # shellcheck disable=SC2086
-            "$folder/$racer" $files | tee -a "$folder/times.txt"
+        program=$folder/$racer
+        if [ "$racer" = race_hypre ]; then # it takes processes, not threads
+            program="env OMP_NUM_THREADS=1 mpirun --allow-run-as-root --oversubscribe --bind-to none -n $RACE_THREADS $program"
         fi
+        # shellcheck disable=SC2086
+        keep "$folder/times.txt" $program $files
     done
     if [ -z "${RACE_SYSTEMS:-}" ]; then
         echo "# threads $RACE_THREADS" >>"$folder/steps.txt"
-        build/bench/bench_step | tee -a "$folder/steps.txt"
+        keep "$folder/steps.txt" build/bench/bench_step
     fi
 done
 
