@@ -745,6 +745,53 @@ static void test_damaged(void)
     beam_free(&b);
 }
 
+/* ---- bodies ---- */
+
+/* Displacements of a falling cantilever after some steps. */
+static sb_vec3 *played(sb_precond_kind kind, int workers, int *count)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 8, 3, 3, sb_v3(REAL(0.2), REAL(0.06), REAL(0.06)), 0.1);
+    sb_body_def def = sb_default_body_def();
+    sb_vec3 *end = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
+    sb_body *body;
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(5000, REAL(0.45), 1000);
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.preconditioner = kind;
+    def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-3 : 1e-9);
+    if (workers)
+        def.jobs = scene_jobs(&workers);
+    body = scene_body(&def);
+    scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    for (int k = 0; k < 8; k++)
+        CHECK_OK(sb_body_step(body, REAL(0.02), NULL));
+    memcpy(end, sb_body_displacements(body), (size_t)mesh.node_count * sizeof(sb_vec3));
+    *count = mesh.node_count;
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+    return end;
+}
+
+/* A body may have any of them, with any number of threads. */
+static void test_bodies(void)
+{
+    const sb_precond_kind kinds[2] = {SB_PRECOND_FSAI, SB_PRECOND_CHOLESKY};
+    int n = 0;
+    sb_vec3 *usual = played(SB_PRECOND_IC0, 0, &n), zero = sb_v3(0, 0, 0);
+    double size = 0;
+    for (int i = 0; i < n; i++)
+        size = fmax(size, scene_distance(usual + i, &zero, 1));
+    CHECK(size > 1e-3);
+    for (int k = 0; k < 2; k++) {
+        sb_vec3 *alone = played(kinds[k], 0, &n), *shared = played(kinds[k], 3, &n);
+        CHECK(scene_distance(alone, usual, n) < (SB_REAL_IS_FLOAT ? 3e-2 : 1e-6) * size);
+        CHECK(memcmp(alone, shared, (size_t)n * sizeof(sb_vec3)) == 0);
+        free(alone);
+        free(shared);
+    }
+    free(usual);
+}
+
 /* ---- ways to fail ---- */
 
 static void test_bad_arguments(void)
@@ -850,4 +897,5 @@ CHECK_SUITE(precond, {"FSAI equals dense", test_fsai_dense}, {"FSAI is complete 
             {"symmetric with rotations", test_symmetric}, {"nodal rotations", test_nodal_rotations},
             {"threads", test_threads},
             {"golden inverses", test_golden}, {"saved and loaded", test_saved}, {"damaged images", test_damaged},
+            {"bodies", test_bodies},
             {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});
