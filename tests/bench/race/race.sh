@@ -1,8 +1,9 @@
 #!/bin/sh
-# race.sh FOLDER: the solvers of softbody.h against CHOLMOD, Eigen and hypre on the same systems. Builds the racers whose
-# libraries are installed (Debian: libsuitesparse-dev libopenblas-dev libeigen3-dev libhypre-dev openmpi-bin), runs all on
-# one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. Run by `make race` from the
-# root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables and plots then stay in FOLDER.
+# race.sh FOLDER: the solvers of softbody.h against CHOLMOD, Eigen and hypre on the same systems. Builds the racers
+# whose libraries are installed (Debian: libsuitesparse-dev libopenblas-dev libeigen3-dev libhypre-dev openmpi-bin), runs
+# all on one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. Run by `make race`
+# from the root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables and plots then stay
+# in FOLDER.
 set -eu
 folder=$1
 here=$(dirname "$0")
@@ -22,7 +23,8 @@ build() {
 }
 
 own() { # own NAME: one of our programs
-    if [ ! -x "$folder/$1" ] || [ -n "$(find "$here" softbody.h examples/plot.h tests/bench/elastic.h -newer "$folder/$1")" ]; then
+    if [ ! -x "$folder/$1" ] ||
+        [ -n "$(find "$here" softbody.h examples/plot.h tests/bench/elastic.h -newer "$folder/$1")" ]; then
         # shellcheck disable=SC2086
         $CC $CFLAGS -I. "$here/$1.c" -lm -o "$folder/$1"
     fi
@@ -34,9 +36,11 @@ for program in race_write race_ours race_machine race_plot; do
 done
 build race_cholmod libsuitesparse-dev $CC -O3 -std=gnu11 "$here/race_cholmod.c" -lcholmod -lm
 build race_eigen libeigen3-dev $CXX -O3 -march=native -fopenmp -isystem /usr/include/eigen3 "$here/race_eigen.cpp"
-build race_hypre 'libhypre-dev, with openmpi-bin,' mpicc -O3 -std=gnu11 -I/usr/include/hypre "$here/race_hypre.c" -lHYPRE -lm
+build race_hypre 'libhypre-dev, with openmpi-bin,' mpicc -O3 -std=gnu11 -I/usr/include/hypre "$here/race_hypre.c" \
+    -lHYPRE -lm
 
-systems=${RACE_SYSTEMS:-beam_tet4_13k beam_tet4_100k beam_tet10_9k beam_tet10_9k_49 series_5k series_13k series_137k series_310k}
+systems='beam_tet4_13k beam_tet4_100k beam_tet10_9k beam_tet10_9k_49 series_5k series_13k series_137k series_310k'
+systems=${RACE_SYSTEMS:-$systems}
 if [ ! -f "$folder/written" ] || [ "$folder/race_write" -nt "$folder/written" ]; then
     "$folder/race_write" "$folder" && touch "$folder/written"
 fi
@@ -50,7 +54,7 @@ keep() {
     kept=$1
     shift
     "$@" >"$folder/lines.txt" 2>"$folder/complaints.txt" ||
-        echo "skip: $1 ended badly on $RACE_THREADS core(s), see $folder/complaints.txt" | tee -a "$folder/lines.txt"
+        echo "skip: $* ended badly on $RACE_THREADS core(s): $(tail -n 1 "$folder/complaints.txt")" >>"$folder/lines.txt"
     cat "$folder/lines.txt"
     cat "$folder/lines.txt" >>"$kept"
 }
@@ -66,7 +70,8 @@ for RACE_THREADS in 1 2; do
     for racer in $racers; do
         program=$folder/$racer
         if [ "$racer" = race_hypre ]; then # it takes processes, not threads
-            program="env OMP_NUM_THREADS=1 mpirun --allow-run-as-root --oversubscribe --bind-to none -n $RACE_THREADS $program"
+            start="mpirun --allow-run-as-root --oversubscribe --bind-to none -n $RACE_THREADS"
+            program="env OMP_NUM_THREADS=1 $start $program"
         fi
         # shellcheck disable=SC2086
         keep "$folder/times.txt" $program $files
