@@ -5555,6 +5555,9 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_update(sbi_multigrid *multigrid, const sb_matrix *matrix, double scale);
 /* z = M^-1 r of the scaled matrix; r is taken times `scale`, z times `back`; both [row_count][3]. */
 SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_real scale, sb_real *z, sb_real back);
+/* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
+ * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
+SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 
@@ -5565,6 +5568,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
+ * nothing milder. */
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
@@ -21092,6 +21098,7 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
+    int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
@@ -22182,30 +22189,67 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* packed = block times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the
- * range is cut off. */
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
+ * off. */
+SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
+{
+    float x = entry * factor;
+    x = x < SBI_MG_UNIT ? x : SBI_MG_UNIT; /* also where it is not a number */
+    x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT;
+    return (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
+}
+
 SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *packed)
 {
-    for (int k = 0; k < 9; k++) {
-        float x = block[k] * factor;
-        x = x > SBI_MG_UNIT ? SBI_MG_UNIT : x;
-        x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT; /* also where it is not a number */
-        packed[k] = (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
-    }
+#if SBI_MG_WIDE
+    __m256 x = _mm256_mul_ps(_mm256_loadu_ps(block), _mm256_set1_ps(factor));
+    __m256i rounded;
+    x = _mm256_max_ps(_mm256_min_ps(x, _mm256_set1_ps(SBI_MG_UNIT)), _mm256_set1_ps(-SBI_MG_UNIT));
+    rounded = _mm256_cvttps_epi32(_mm256_add_ps(x, _mm256_set1_ps(SBI_MG_UNIT + 1.5f)));
+    rounded = _mm256_sub_epi32(rounded, _mm256_set1_epi32(32768));
+    _mm_storeu_si128((__m128i *)(void *)packed,
+                     _mm_packs_epi32(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256(rounded, 1)));
+#else
+    for (int k = 0; k < 8; k++)
+        packed[k] = sbi_mg_round(block[k], factor);
+#endif
+    packed[8] = sbi_mg_round(block[8], factor);
 }
 
-/* Adds a block of A in column j to the row of A P at `mixed`; returns where the slots of the next block are. */
-SBI_FORCE_INLINE const int *sbi_mg_mix(const sbi_mg_level *level, int j, const float *block, const int *slot)
+SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
-    for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++)
-        sbi_mg_add_block(level->shares[k], block, level->mixed + 9 * (size_t)*slot++);
-    return slot;
+    for (int k = 0; k < 8; k++)
+        block[k] = (float)(from[k] * scale);
+    block[8] = (float)(from[8] * scale);
 }
 
-static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
+/* Where rows of A P are made. */
+typedef struct sbi_mg_mixer {
+    const int *parent_start, *slot;
+    const float *shares;
+    float *mixed;
+} sbi_mg_mixer;
+
+static sbi_mg_mixer sbi_mg_begin_mixing(const sbi_mg_level *level, int i)
 {
     int first = level->mixed_start[i], count = level->mixed_start[i + 1] - first;
+    sbi_mg_mixer mixer;
     memset(level->mixed + 9 * (size_t)first, 0, 9 * (size_t)count * sizeof(float));
+    mixer.parent_start = level->parent_start;
+    mixer.shares = level->shares;
+    mixer.slot = level->slots + level->slot_start[i];
+    mixer.mixed = level->mixed;
+    return mixer;
+}
+
+/* Adds a block of A in column j. */
+SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
+{
+    const int *slot = mixer->slot;
+    int last = mixer->parent_start[j + 1];
+    for (int k = mixer->parent_start[j]; k < last; k++)
+        sbi_mg_add_block(mixer->shares[k], block, mixer->mixed + 9 * (size_t)*slot++);
+    mixer->slot = slot;
 }
 
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
@@ -22213,34 +22257,34 @@ static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
 static void sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    sb_real scale = (sb_real)work->scale;
-    const float *own = level->scale + 4 * (size_t)i;
-    const int *slot = NULL;
-    if (level->mixed) {
-        sbi_mg_clear_mixed(level, i);
-        slot = level->slots + level->slot_start[i];
-    }
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
-        int j = level->columns[q];
+    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real scale = (sb_real)work->scale;
+    const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
+    const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
+    int16_t *packed = level->packed;
+    sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
+    if (mixes)
+        mixer = sbi_mg_begin_mixing(level, i);
+    for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
-        for (int k = 0; k < 9; k++)
-            block[k] = (float)(from[k] * scale);
-        sbi_mg_pack(block, own[3] * level->scale[4 * (size_t)j + 3] * SBI_MG_UNIT, level->packed + 9 * (size_t)q);
+        int j = columns[q];
+        sbi_mg_round_block(from[q], scale, block);
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
         for (int k = 0; k < 9 && j == i; k++)
-            block[k] = own[k / 3] > 0 ? block[k] : 0.0f;
-        if (level->mixed)
-            slot = sbi_mg_mix(level, j, block, slot);
+            block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
+        if (mixes)
+            sbi_mg_mix(&mixer, j, block);
     }
 }
 
 /* Row i of A P. */
 static void sbi_mg_mix_row(const sbi_mg_level *level, int i)
 {
-    const int *slot = level->slots + level->slot_start[i];
-    sbi_mg_clear_mixed(level, i);
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
-        slot = sbi_mg_mix(level, level->columns[q], level->blocks + 9 * (size_t)q, slot);
+    sbi_mg_mixer mixer = sbi_mg_begin_mixing(level, i);
+    const int *columns = level->columns, last = level->row_start[i + 1];
+    const float *blocks = level->blocks;
+    for (int q = level->row_start[i]; q < last; q++)
+        sbi_mg_mix(&mixer, columns[q], blocks + 9 * (size_t)q);
 }
 
 /* Row a of P^T (A P), from the finer level. */
@@ -22248,11 +22292,14 @@ static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *fin
 {
     const int *target = finer->targets + finer->target_start[a];
     int first = level->row_start[a], last = level->row_start[a + 1];
-    memset(level->blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
+    const float *mixed = finer->mixed;
+    float *blocks = level->blocks;
+    memset(blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
     for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
-        int i = finer->children[c];
-        for (int s = finer->mixed_start[i]; s < finer->mixed_start[i + 1]; s++)
-            sbi_mg_add_block(finer->child_shares[c], finer->mixed + 9 * (size_t)s, level->blocks + 9 * (size_t)*target++);
+        int i = finer->children[c], end = finer->mixed_start[i + 1];
+        float share = finer->child_shares[c];
+        for (int s = finer->mixed_start[i]; s < end; s++)
+            sbi_mg_add_block(share, mixed + 9 * (size_t)s, blocks + 9 * (size_t)*target++);
     }
 }
 
@@ -22459,6 +22506,16 @@ static void sbi_mg_solve_dense(sbi_multigrid *m)
         level->x[4 * (k / 3) + k % 3] = (float)v[k];
 }
 
+SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
+{
+    if (m->softened == 6)
+        return 0;
+    m->softened++;
+    for (int l = 0; l < m->level_count; l++)
+        m->levels[l].bound *= 2;
+    return 1;
+}
+
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
     sbi_mg_work work;
@@ -22466,6 +22523,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.m = m;
     work.matrix = matrix;
     work.scale = scale;
+    m->softened = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -23771,6 +23829,11 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     return SB_OK;
 }
 
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
+{
+    return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
@@ -24001,7 +24064,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
     double alpha = 0, last_rz = 0;
-    for (int first = 1; *square > target; first = 0) {
+    int first = 1;
+    while (*square > target) {
         double rz, qz, pq;
         if (info->iterations >= max_iterations) {
             info->capped = 1;
@@ -24018,8 +24082,12 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
         if (!sbi_pcg_is_finite(rz))
             return SB_ERROR_DIVERGED;
-        if (rz <= 0)
-            return SB_ERROR_INDEFINITE;
+        if (rz <= 0) {
+            if (!preconditioner || !sbi_precond_soften(preconditioner))
+                return SB_ERROR_INDEFINITE;
+            first = 1;
+            continue;
+        }
         s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
         sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
         pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
@@ -24036,6 +24104,7 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         info->iterations++;
+        first = 0;
     }
     return SB_OK;
 }
