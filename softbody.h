@@ -21098,6 +21098,7 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
+    int twice_from;           /* levels from here on go through their cycle twice */
     int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
@@ -21117,8 +21118,9 @@ typedef struct sbi_mg_rows {
 } sbi_mg_rows;
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with about `target` nodes or fewer in use. 0: no memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
+ * memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */
@@ -21126,6 +21128,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 /* ==== src/softbody/multigrid_lattice.c ==== */
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
 
+#include <math.h>
 #include <string.h>
 
 /* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
@@ -21272,26 +21275,52 @@ static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions
     return table->count <= most;
 }
 
-/* The finest lattice of no more than `most` points, as far as halving finds it; one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sb_vec3 *positions, int count, int most,
-                               sbi_lattice_table *table)
+/* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
+static int sbi_lattice_keep_least(double *least, int count, int limit, double value)
 {
-    double good = largest, edge = largest / 2;
-    for (int k = 0; k < 16; k++, edge /= 2) {
+    int place;
+    if (count == limit && value >= least[limit - 1])
+        return count;
+    place = count == limit ? limit - 1 : count;
+    for (; place > 0 && least[place - 1] > value; place--)
+        least[place] = least[place - 1];
+    least[place] = value;
+    return count == limit ? limit : count + 1;
+}
+
+/* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
+ * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
+static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+{
+    enum { NEAREST = 6 };
+    double squares[NEAREST], sum = 0;
+    int count = 0;
+    for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
+        sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
+        if (level->columns[q] != row)
+            count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
+    }
+    for (int k = 0; k < count; k++)
+        sum += sqrt(squares[k]);
+    return count ? sum / count : 0;
+}
+
+/* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
+ * one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level, const sb_vec3 *positions,
+                               double ratio, int most, sbi_lattice_table *table)
+{
+    double sum = 0, edge;
+    for (int i = 0; i < level->row_count; i++)
+        sum += sbi_lattice_node_spacing(level, positions, i);
+    edge = ratio * sum / level->row_count;
+    edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
+    for (; edge < largest; edge *= 1.25) {
         sbi_lattice_cut(lattice, edge);
-        if (!sbi_lattice_fits(lattice, positions, count, most, table))
-            break;
-        good = edge;
+        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
+            return;
     }
-    for (int k = 0; k < 5; k++) {
-        double middle = (good + edge) / 2;
-        sbi_lattice_cut(lattice, middle);
-        if (sbi_lattice_fits(lattice, positions, count, most, table))
-            good = middle;
-        else
-            edge = middle;
-    }
-    sbi_lattice_cut(lattice, good);
+    sbi_lattice_cut(lattice, largest);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
@@ -21441,7 +21470,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
@@ -21459,7 +21488,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
     m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
     if (m.table.points && m.table.numbers) {
         largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, positions, level->row_count, target, &m.table);
+        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
@@ -21478,8 +21507,10 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 #include <string.h>
 
 enum {
-    SBI_MG_RATIO = 16, /* a level has at most a sixteenth of the nodes above it: edges two and a half times as long */
-    SBI_MG_DEGREE = 3
+    SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
+    SBI_MG_DEGREE = 3,     /* of the smoother: 2 and 4 take a tenth longer, 1 fails nearly incompressible bodies */
+    SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
+                            * unknowns; once: up by half */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -21865,7 +21896,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        made = sbi_mg_lattice(level, positions, SBI_MG_RATIO, &m->allocator, rows);
         if (made && rows->coarse_count > level->row_count / 2)
             sbi_mg_rows_free(&m->allocator, rows);
     }
@@ -21930,6 +21961,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->jobs = setup->jobs;
     m->bytes = sizeof *m;
     m->level_count = 1;
+    m->twice_from = SBI_MG_TWICE_FROM;
     m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
@@ -21964,12 +21996,8 @@ typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias
 typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
 #define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#if defined(__clang__)
-#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
-#else
-typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
-#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
-#endif
+#define SBI_MG_TURN(v) \
+    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #else
 #define SBI_MG_WIDE 0
 #endif
@@ -22582,6 +22610,21 @@ static void sbi_mg_restrict_task(void *user, int task)
     }
 }
 
+/* The first step of the smoother from the x and r at hand. */
+static void sbi_mg_again_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, level->r + 4 * (size_t)i, z);
+        for (int k = 0; k < 4; k++) {
+            d[k] = work->add * z[k];
+            x[k] += d[k];
+        }
+    }
+}
+
 /* e = P x of the coarser level: tasks of the finer one. */
 static void sbi_mg_prolong_task(void *user, int task)
 {
@@ -22648,26 +22691,46 @@ static void sbi_mg_steps(sbi_mg_work *work, int first, int last)
     work->first_after = 0;
 }
 
-/* x = the part of A^-1 r that the levels from l on find; down and up again. */
-static void sbi_mg_descend(sbi_mg_work *work, int l)
+static void sbi_mg_residual(sbi_mg_work *work)
+{
+    work->last = 1;
+    sbi_mg_run(work, sbi_mg_step_task);
+    work->last = 0;
+}
+
+static void sbi_mg_cycle(sbi_mg_work *work, int l);
+
+/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. Coarser
+ * levels, which cost little, go through their cycle twice. */
+static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    int coarsest = l + 1 == m->level_count;
     work->level = m->levels + l;
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (coarsest && m->dense) {
+    if (l + 1 == m->level_count && m->dense) {
         sbi_mg_solve_dense(m);
         return;
     }
-    sbi_mg_steps(work, 1, m->degree);
-    if (coarsest)
+    sbi_mg_cycle(work, l);
+    if (l < m->twice_from)
         return;
-    work->last = 1;
-    sbi_mg_run(work, sbi_mg_step_task);
-    work->last = 0;
-    sbi_mg_descend(work, l + 1);
+    sbi_mg_residual(work);
+    sbi_mg_set_step(work, 0);
+    sbi_mg_run(work, sbi_mg_again_task);
+    sbi_mg_cycle(work, l);
+}
+
+/* The rest of a V-cycle whose smoother has taken its first step. */
+static void sbi_mg_cycle(sbi_mg_work *work, int l)
+{
+    sbi_multigrid *m = work->m;
+    sbi_mg_steps(work, 1, m->degree);
+    if (l + 1 == m->level_count)
+        return;
+    sbi_mg_residual(work);
+    sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
     sbi_mg_steps(work, 0, m->degree);
@@ -22691,7 +22754,7 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.in = r;
     work.out = z;
     work.factor = scale;
-    sbi_mg_descend(&work, 0);
+    sbi_mg_solve_level(&work, 0);
     work.level = m->levels;
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);

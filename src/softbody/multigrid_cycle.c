@@ -17,12 +17,8 @@ typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias
 typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
 #define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#if defined(__clang__)
-#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
-#else
-typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
-#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
-#endif
+#define SBI_MG_TURN(v) \
+    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #else
 #define SBI_MG_WIDE 0
 #endif
