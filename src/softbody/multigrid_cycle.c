@@ -17,12 +17,8 @@ typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias
 typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
 #define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#if defined(__clang__)
-#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
-#else
-typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
-#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
-#endif
+#define SBI_MG_TURN(v) \
+    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #else
 #define SBI_MG_WIDE 0
 #endif
@@ -242,30 +238,67 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* packed = block times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the
- * range is cut off. */
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
+ * off. */
+SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
+{
+    float x = entry * factor;
+    x = x < SBI_MG_UNIT ? x : SBI_MG_UNIT; /* also where it is not a number */
+    x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT;
+    return (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
+}
+
 SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *packed)
 {
-    for (int k = 0; k < 9; k++) {
-        float x = block[k] * factor;
-        x = x > SBI_MG_UNIT ? SBI_MG_UNIT : x;
-        x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT; /* also where it is not a number */
-        packed[k] = (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
-    }
+#if SBI_MG_WIDE
+    __m256 x = _mm256_mul_ps(_mm256_loadu_ps(block), _mm256_set1_ps(factor));
+    __m256i rounded;
+    x = _mm256_max_ps(_mm256_min_ps(x, _mm256_set1_ps(SBI_MG_UNIT)), _mm256_set1_ps(-SBI_MG_UNIT));
+    rounded = _mm256_cvttps_epi32(_mm256_add_ps(x, _mm256_set1_ps(SBI_MG_UNIT + 1.5f)));
+    rounded = _mm256_sub_epi32(rounded, _mm256_set1_epi32(32768));
+    _mm_storeu_si128((__m128i *)(void *)packed,
+                     _mm_packs_epi32(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256(rounded, 1)));
+#else
+    for (int k = 0; k < 8; k++)
+        packed[k] = sbi_mg_round(block[k], factor);
+#endif
+    packed[8] = sbi_mg_round(block[8], factor);
 }
 
-/* Adds a block of A in column j to the row of A P at `mixed`; returns where the slots of the next block are. */
-SBI_FORCE_INLINE const int *sbi_mg_mix(const sbi_mg_level *level, int j, const float *block, const int *slot)
+SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
-    for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++)
-        sbi_mg_add_block(level->shares[k], block, level->mixed + 9 * (size_t)*slot++);
-    return slot;
+    for (int k = 0; k < 8; k++)
+        block[k] = (float)(from[k] * scale);
+    block[8] = (float)(from[8] * scale);
 }
 
-static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
+/* Where rows of A P are made. */
+typedef struct sbi_mg_mixer {
+    const int *parent_start, *slot;
+    const float *shares;
+    float *mixed;
+} sbi_mg_mixer;
+
+static sbi_mg_mixer sbi_mg_begin_mixing(const sbi_mg_level *level, int i)
 {
     int first = level->mixed_start[i], count = level->mixed_start[i + 1] - first;
+    sbi_mg_mixer mixer;
     memset(level->mixed + 9 * (size_t)first, 0, 9 * (size_t)count * sizeof(float));
+    mixer.parent_start = level->parent_start;
+    mixer.shares = level->shares;
+    mixer.slot = level->slots + level->slot_start[i];
+    mixer.mixed = level->mixed;
+    return mixer;
+}
+
+/* Adds a block of A in column j. */
+SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
+{
+    const int *slot = mixer->slot;
+    int last = mixer->parent_start[j + 1];
+    for (int k = mixer->parent_start[j]; k < last; k++)
+        sbi_mg_add_block(mixer->shares[k], block, mixer->mixed + 9 * (size_t)*slot++);
+    mixer->slot = slot;
 }
 
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
@@ -273,34 +306,34 @@ static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
 static void sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    sb_real scale = (sb_real)work->scale;
-    const float *own = level->scale + 4 * (size_t)i;
-    const int *slot = NULL;
-    if (level->mixed) {
-        sbi_mg_clear_mixed(level, i);
-        slot = level->slots + level->slot_start[i];
-    }
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
-        int j = level->columns[q];
+    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real scale = (sb_real)work->scale;
+    const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
+    const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
+    int16_t *packed = level->packed;
+    sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
+    if (mixes)
+        mixer = sbi_mg_begin_mixing(level, i);
+    for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
-        for (int k = 0; k < 9; k++)
-            block[k] = (float)(from[k] * scale);
-        sbi_mg_pack(block, own[3] * level->scale[4 * (size_t)j + 3] * SBI_MG_UNIT, level->packed + 9 * (size_t)q);
+        int j = columns[q];
+        sbi_mg_round_block(from[q], scale, block);
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
         for (int k = 0; k < 9 && j == i; k++)
-            block[k] = own[k / 3] > 0 ? block[k] : 0.0f;
-        if (level->mixed)
-            slot = sbi_mg_mix(level, j, block, slot);
+            block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
+        if (mixes)
+            sbi_mg_mix(&mixer, j, block);
     }
 }
 
 /* Row i of A P. */
 static void sbi_mg_mix_row(const sbi_mg_level *level, int i)
 {
-    const int *slot = level->slots + level->slot_start[i];
-    sbi_mg_clear_mixed(level, i);
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
-        slot = sbi_mg_mix(level, level->columns[q], level->blocks + 9 * (size_t)q, slot);
+    sbi_mg_mixer mixer = sbi_mg_begin_mixing(level, i);
+    const int *columns = level->columns, last = level->row_start[i + 1];
+    const float *blocks = level->blocks;
+    for (int q = level->row_start[i]; q < last; q++)
+        sbi_mg_mix(&mixer, columns[q], blocks + 9 * (size_t)q);
 }
 
 /* Row a of P^T (A P), from the finer level. */
@@ -308,11 +341,14 @@ static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *fin
 {
     const int *target = finer->targets + finer->target_start[a];
     int first = level->row_start[a], last = level->row_start[a + 1];
-    memset(level->blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
+    const float *mixed = finer->mixed;
+    float *blocks = level->blocks;
+    memset(blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
     for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
-        int i = finer->children[c];
-        for (int s = finer->mixed_start[i]; s < finer->mixed_start[i + 1]; s++)
-            sbi_mg_add_block(finer->child_shares[c], finer->mixed + 9 * (size_t)s, level->blocks + 9 * (size_t)*target++);
+        int i = finer->children[c], end = finer->mixed_start[i + 1];
+        float share = finer->child_shares[c];
+        for (int s = finer->mixed_start[i]; s < end; s++)
+            sbi_mg_add_block(share, mixed + 9 * (size_t)s, blocks + 9 * (size_t)*target++);
     }
 }
 
@@ -519,6 +555,16 @@ static void sbi_mg_solve_dense(sbi_multigrid *m)
         level->x[4 * (k / 3) + k % 3] = (float)v[k];
 }
 
+SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
+{
+    if (m->softened == 6)
+        return 0;
+    m->softened++;
+    for (int l = 0; l < m->level_count; l++)
+        m->levels[l].bound *= 2;
+    return 1;
+}
+
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
     sbi_mg_work work;
@@ -526,6 +572,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.m = m;
     work.matrix = matrix;
     work.scale = scale;
+    m->softened = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -580,6 +627,21 @@ static void sbi_mg_restrict_task(void *user, int task)
         for (int k = 0; k < 4; k++) {
             r[k] = sum[k];
             x[k] = d[k] = work->add * z[k];
+        }
+    }
+}
+
+/* The first step of the smoother from the x and r at hand. */
+static void sbi_mg_again_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, level->r + 4 * (size_t)i, z);
+        for (int k = 0; k < 4; k++) {
+            d[k] = work->add * z[k];
+            x[k] += d[k];
         }
     }
 }
@@ -650,26 +712,46 @@ static void sbi_mg_steps(sbi_mg_work *work, int first, int last)
     work->first_after = 0;
 }
 
-/* x = the part of A^-1 r that the levels from l on find; down and up again. */
-static void sbi_mg_descend(sbi_mg_work *work, int l)
+static void sbi_mg_residual(sbi_mg_work *work)
+{
+    work->last = 1;
+    sbi_mg_run(work, sbi_mg_step_task);
+    work->last = 0;
+}
+
+static void sbi_mg_cycle(sbi_mg_work *work, int l);
+
+/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. Coarser
+ * levels, which cost little, go through their cycle twice. */
+static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    int coarsest = l + 1 == m->level_count;
     work->level = m->levels + l;
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (coarsest && m->dense) {
+    if (l + 1 == m->level_count && m->dense) {
         sbi_mg_solve_dense(m);
         return;
     }
-    sbi_mg_steps(work, 1, m->degree);
-    if (coarsest)
+    sbi_mg_cycle(work, l);
+    if (l < m->twice_from)
         return;
-    work->last = 1;
-    sbi_mg_run(work, sbi_mg_step_task);
-    work->last = 0;
-    sbi_mg_descend(work, l + 1);
+    sbi_mg_residual(work);
+    sbi_mg_set_step(work, 0);
+    sbi_mg_run(work, sbi_mg_again_task);
+    sbi_mg_cycle(work, l);
+}
+
+/* The rest of a V-cycle whose smoother has taken its first step. */
+static void sbi_mg_cycle(sbi_mg_work *work, int l)
+{
+    sbi_multigrid *m = work->m;
+    sbi_mg_steps(work, 1, m->degree);
+    if (l + 1 == m->level_count)
+        return;
+    sbi_mg_residual(work);
+    sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
     sbi_mg_steps(work, 0, m->degree);
@@ -693,7 +775,7 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.in = r;
     work.out = z;
     work.factor = scale;
-    sbi_mg_descend(&work, 0);
+    sbi_mg_solve_level(&work, 0);
     work.level = m->levels;
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);

@@ -135,6 +135,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
+ * nothing milder. */
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
