@@ -5666,6 +5666,9 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_update(sbi_multigrid *multigrid, const sb_matrix *matrix, double scale);
 /* z = M^-1 r of the scaled matrix; r is taken times `scale`, z times `back`; both [row_count][3]. */
 SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_real scale, sb_real *z, sb_real back);
+/* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
+ * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
+SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 
@@ -5676,6 +5679,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
+ * nothing milder. */
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
@@ -22584,6 +22590,8 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
+    int twice_from;           /* levels from here on go through their cycle twice */
+    int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
@@ -22602,8 +22610,9 @@ typedef struct sbi_mg_rows {
 } sbi_mg_rows;
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with about `target` nodes or fewer in use. 0: no memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
+ * memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */
@@ -22611,6 +22620,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 /* ==== src/softbody/multigrid_lattice.c ==== */
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
 
+#include <math.h>
 #include <string.h>
 
 /* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
@@ -22757,26 +22767,52 @@ static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions
     return table->count <= most;
 }
 
-/* The finest lattice of no more than `most` points, as far as halving finds it; one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sb_vec3 *positions, int count, int most,
-                               sbi_lattice_table *table)
+/* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
+static int sbi_lattice_keep_least(double *least, int count, int limit, double value)
 {
-    double good = largest, edge = largest / 2;
-    for (int k = 0; k < 16; k++, edge /= 2) {
+    int place;
+    if (count == limit && value >= least[limit - 1])
+        return count;
+    place = count == limit ? limit - 1 : count;
+    for (; place > 0 && least[place - 1] > value; place--)
+        least[place] = least[place - 1];
+    least[place] = value;
+    return count == limit ? limit : count + 1;
+}
+
+/* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
+ * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
+static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+{
+    enum { NEAREST = 6 };
+    double squares[NEAREST], sum = 0;
+    int count = 0;
+    for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
+        sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
+        if (level->columns[q] != row)
+            count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
+    }
+    for (int k = 0; k < count; k++)
+        sum += sqrt(squares[k]);
+    return count ? sum / count : 0;
+}
+
+/* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
+ * one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level, const sb_vec3 *positions,
+                               double ratio, int most, sbi_lattice_table *table)
+{
+    double sum = 0, edge;
+    for (int i = 0; i < level->row_count; i++)
+        sum += sbi_lattice_node_spacing(level, positions, i);
+    edge = ratio * sum / level->row_count;
+    edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
+    for (; edge < largest; edge *= 1.25) {
         sbi_lattice_cut(lattice, edge);
-        if (!sbi_lattice_fits(lattice, positions, count, most, table))
-            break;
-        good = edge;
+        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
+            return;
     }
-    for (int k = 0; k < 5; k++) {
-        double middle = (good + edge) / 2;
-        sbi_lattice_cut(lattice, middle);
-        if (sbi_lattice_fits(lattice, positions, count, most, table))
-            good = middle;
-        else
-            edge = middle;
-    }
-    sbi_lattice_cut(lattice, good);
+    sbi_lattice_cut(lattice, largest);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
@@ -22926,7 +22962,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
@@ -22944,7 +22980,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
     m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
     if (m.table.points && m.table.numbers) {
         largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, positions, level->row_count, target, &m.table);
+        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
@@ -22963,8 +22999,10 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 #include <string.h>
 
 enum {
-    SBI_MG_RATIO = 16, /* a level has at most a sixteenth of the nodes above it: edges two and a half times as long */
-    SBI_MG_DEGREE = 3
+    SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
+    SBI_MG_DEGREE = 3,     /* of the smoother: 2 and 4 take a tenth longer, 1 fails nearly incompressible bodies */
+    SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
+                            * unknowns; once: up by half */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -23350,7 +23388,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        made = sbi_mg_lattice(level, positions, SBI_MG_RATIO, &m->allocator, rows);
         if (made && rows->coarse_count > level->row_count / 2)
             sbi_mg_rows_free(&m->allocator, rows);
     }
@@ -23415,6 +23453,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->jobs = setup->jobs;
     m->bytes = sizeof *m;
     m->level_count = 1;
+    m->twice_from = SBI_MG_TWICE_FROM;
     m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
@@ -23449,12 +23488,8 @@ typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias
 typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
 #define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#if defined(__clang__)
-#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
-#else
-typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
-#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
-#endif
+#define SBI_MG_TURN(v) \
+    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #else
 #define SBI_MG_WIDE 0
 #endif
@@ -23674,30 +23709,67 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* packed = block times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the
- * range is cut off. */
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
+ * off. */
+SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
+{
+    float x = entry * factor;
+    x = x < SBI_MG_UNIT ? x : SBI_MG_UNIT; /* also where it is not a number */
+    x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT;
+    return (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
+}
+
 SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *packed)
 {
-    for (int k = 0; k < 9; k++) {
-        float x = block[k] * factor;
-        x = x > SBI_MG_UNIT ? SBI_MG_UNIT : x;
-        x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT; /* also where it is not a number */
-        packed[k] = (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
-    }
+#if SBI_MG_WIDE
+    __m256 x = _mm256_mul_ps(_mm256_loadu_ps(block), _mm256_set1_ps(factor));
+    __m256i rounded;
+    x = _mm256_max_ps(_mm256_min_ps(x, _mm256_set1_ps(SBI_MG_UNIT)), _mm256_set1_ps(-SBI_MG_UNIT));
+    rounded = _mm256_cvttps_epi32(_mm256_add_ps(x, _mm256_set1_ps(SBI_MG_UNIT + 1.5f)));
+    rounded = _mm256_sub_epi32(rounded, _mm256_set1_epi32(32768));
+    _mm_storeu_si128((__m128i *)(void *)packed,
+                     _mm_packs_epi32(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256(rounded, 1)));
+#else
+    for (int k = 0; k < 8; k++)
+        packed[k] = sbi_mg_round(block[k], factor);
+#endif
+    packed[8] = sbi_mg_round(block[8], factor);
 }
 
-/* Adds a block of A in column j to the row of A P at `mixed`; returns where the slots of the next block are. */
-SBI_FORCE_INLINE const int *sbi_mg_mix(const sbi_mg_level *level, int j, const float *block, const int *slot)
+SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
-    for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++)
-        sbi_mg_add_block(level->shares[k], block, level->mixed + 9 * (size_t)*slot++);
-    return slot;
+    for (int k = 0; k < 8; k++)
+        block[k] = (float)(from[k] * scale);
+    block[8] = (float)(from[8] * scale);
 }
 
-static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
+/* Where rows of A P are made. */
+typedef struct sbi_mg_mixer {
+    const int *parent_start, *slot;
+    const float *shares;
+    float *mixed;
+} sbi_mg_mixer;
+
+static sbi_mg_mixer sbi_mg_begin_mixing(const sbi_mg_level *level, int i)
 {
     int first = level->mixed_start[i], count = level->mixed_start[i + 1] - first;
+    sbi_mg_mixer mixer;
     memset(level->mixed + 9 * (size_t)first, 0, 9 * (size_t)count * sizeof(float));
+    mixer.parent_start = level->parent_start;
+    mixer.shares = level->shares;
+    mixer.slot = level->slots + level->slot_start[i];
+    mixer.mixed = level->mixed;
+    return mixer;
+}
+
+/* Adds a block of A in column j. */
+SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
+{
+    const int *slot = mixer->slot;
+    int last = mixer->parent_start[j + 1];
+    for (int k = mixer->parent_start[j]; k < last; k++)
+        sbi_mg_add_block(mixer->shares[k], block, mixer->mixed + 9 * (size_t)*slot++);
+    mixer->slot = slot;
 }
 
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
@@ -23705,34 +23777,34 @@ static void sbi_mg_clear_mixed(const sbi_mg_level *level, int i)
 static void sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    sb_real scale = (sb_real)work->scale;
-    const float *own = level->scale + 4 * (size_t)i;
-    const int *slot = NULL;
-    if (level->mixed) {
-        sbi_mg_clear_mixed(level, i);
-        slot = level->slots + level->slot_start[i];
-    }
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
-        int j = level->columns[q];
+    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real scale = (sb_real)work->scale;
+    const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
+    const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
+    int16_t *packed = level->packed;
+    sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
+    if (mixes)
+        mixer = sbi_mg_begin_mixing(level, i);
+    for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
-        for (int k = 0; k < 9; k++)
-            block[k] = (float)(from[k] * scale);
-        sbi_mg_pack(block, own[3] * level->scale[4 * (size_t)j + 3] * SBI_MG_UNIT, level->packed + 9 * (size_t)q);
+        int j = columns[q];
+        sbi_mg_round_block(from[q], scale, block);
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
         for (int k = 0; k < 9 && j == i; k++)
-            block[k] = own[k / 3] > 0 ? block[k] : 0.0f;
-        if (level->mixed)
-            slot = sbi_mg_mix(level, j, block, slot);
+            block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
+        if (mixes)
+            sbi_mg_mix(&mixer, j, block);
     }
 }
 
 /* Row i of A P. */
 static void sbi_mg_mix_row(const sbi_mg_level *level, int i)
 {
-    const int *slot = level->slots + level->slot_start[i];
-    sbi_mg_clear_mixed(level, i);
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
-        slot = sbi_mg_mix(level, level->columns[q], level->blocks + 9 * (size_t)q, slot);
+    sbi_mg_mixer mixer = sbi_mg_begin_mixing(level, i);
+    const int *columns = level->columns, last = level->row_start[i + 1];
+    const float *blocks = level->blocks;
+    for (int q = level->row_start[i]; q < last; q++)
+        sbi_mg_mix(&mixer, columns[q], blocks + 9 * (size_t)q);
 }
 
 /* Row a of P^T (A P), from the finer level. */
@@ -23740,11 +23812,14 @@ static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *fin
 {
     const int *target = finer->targets + finer->target_start[a];
     int first = level->row_start[a], last = level->row_start[a + 1];
-    memset(level->blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
+    const float *mixed = finer->mixed;
+    float *blocks = level->blocks;
+    memset(blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
     for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
-        int i = finer->children[c];
-        for (int s = finer->mixed_start[i]; s < finer->mixed_start[i + 1]; s++)
-            sbi_mg_add_block(finer->child_shares[c], finer->mixed + 9 * (size_t)s, level->blocks + 9 * (size_t)*target++);
+        int i = finer->children[c], end = finer->mixed_start[i + 1];
+        float share = finer->child_shares[c];
+        for (int s = finer->mixed_start[i]; s < end; s++)
+            sbi_mg_add_block(share, mixed + 9 * (size_t)s, blocks + 9 * (size_t)*target++);
     }
 }
 
@@ -23951,6 +24026,16 @@ static void sbi_mg_solve_dense(sbi_multigrid *m)
         level->x[4 * (k / 3) + k % 3] = (float)v[k];
 }
 
+SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
+{
+    if (m->softened == 6)
+        return 0;
+    m->softened++;
+    for (int l = 0; l < m->level_count; l++)
+        m->levels[l].bound *= 2;
+    return 1;
+}
+
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
     sbi_mg_work work;
@@ -23958,6 +24043,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.m = m;
     work.matrix = matrix;
     work.scale = scale;
+    m->softened = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -24012,6 +24098,21 @@ static void sbi_mg_restrict_task(void *user, int task)
         for (int k = 0; k < 4; k++) {
             r[k] = sum[k];
             x[k] = d[k] = work->add * z[k];
+        }
+    }
+}
+
+/* The first step of the smoother from the x and r at hand. */
+static void sbi_mg_again_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, level->r + 4 * (size_t)i, z);
+        for (int k = 0; k < 4; k++) {
+            d[k] = work->add * z[k];
+            x[k] += d[k];
         }
     }
 }
@@ -24082,26 +24183,46 @@ static void sbi_mg_steps(sbi_mg_work *work, int first, int last)
     work->first_after = 0;
 }
 
-/* x = the part of A^-1 r that the levels from l on find; down and up again. */
-static void sbi_mg_descend(sbi_mg_work *work, int l)
+static void sbi_mg_residual(sbi_mg_work *work)
+{
+    work->last = 1;
+    sbi_mg_run(work, sbi_mg_step_task);
+    work->last = 0;
+}
+
+static void sbi_mg_cycle(sbi_mg_work *work, int l);
+
+/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. Coarser
+ * levels, which cost little, go through their cycle twice. */
+static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    int coarsest = l + 1 == m->level_count;
     work->level = m->levels + l;
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (coarsest && m->dense) {
+    if (l + 1 == m->level_count && m->dense) {
         sbi_mg_solve_dense(m);
         return;
     }
-    sbi_mg_steps(work, 1, m->degree);
-    if (coarsest)
+    sbi_mg_cycle(work, l);
+    if (l < m->twice_from)
         return;
-    work->last = 1;
-    sbi_mg_run(work, sbi_mg_step_task);
-    work->last = 0;
-    sbi_mg_descend(work, l + 1);
+    sbi_mg_residual(work);
+    sbi_mg_set_step(work, 0);
+    sbi_mg_run(work, sbi_mg_again_task);
+    sbi_mg_cycle(work, l);
+}
+
+/* The rest of a V-cycle whose smoother has taken its first step. */
+static void sbi_mg_cycle(sbi_mg_work *work, int l)
+{
+    sbi_multigrid *m = work->m;
+    sbi_mg_steps(work, 1, m->degree);
+    if (l + 1 == m->level_count)
+        return;
+    sbi_mg_residual(work);
+    sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
     sbi_mg_steps(work, 0, m->degree);
@@ -24125,7 +24246,7 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.in = r;
     work.out = z;
     work.factor = scale;
-    sbi_mg_descend(&work, 0);
+    sbi_mg_solve_level(&work, 0);
     work.level = m->levels;
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);
@@ -25699,6 +25820,11 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     return SB_OK;
 }
 
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
+{
+    return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
@@ -26639,7 +26765,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
     double alpha = 0, last_rz = 0;
-    for (int first = 1; *square > target; first = 0) {
+    int first = 1;
+    while (*square > target) {
         double rz, qz, pq;
         if (info->iterations >= max_iterations) {
             info->capped = 1;
@@ -26656,8 +26783,12 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
         if (!sbi_pcg_is_finite(rz))
             return SB_ERROR_DIVERGED;
-        if (rz <= 0)
-            return SB_ERROR_INDEFINITE;
+        if (rz <= 0) {
+            if (!preconditioner || !sbi_precond_soften(preconditioner))
+                return SB_ERROR_INDEFINITE;
+            first = 1;
+            continue;
+        }
         s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
         sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
         pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
@@ -26674,6 +26805,7 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         info->iterations++;
+        first = 0;
     }
     return SB_OK;
 }
