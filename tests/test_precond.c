@@ -84,7 +84,8 @@ static void beam_free(beam *b)
     free(b->rhs);
 }
 
-static sb_preconditioner *make(const sb_matrix *a, sb_precond_kind kind, int power, const sb_vec3 *positions, int pieces)
+static sb_preconditioner *make(const sb_matrix *a, sb_precond_kind kind, int power, const sb_vec3 *positions,
+                               int pieces)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     sb_preconditioner *p = NULL;
@@ -503,7 +504,8 @@ static void test_symmetric(void)
     sb_quat *rotations = (sb_quat *)malloc((size_t)b.n * sizeof(sb_quat));
     unsigned long long seed = 77;
     for (int i = 0; i < b.n; i++)
-        rotations[i] = sb_quat_from_rotation_vector(sb_v3(REAL(check_random_in(&seed, -3, 3)), REAL(check_random_in(&seed, -3, 3)),
+        rotations[i] = sb_quat_from_rotation_vector(sb_v3(REAL(check_random_in(&seed, -3, 3)),
+                                                          REAL(check_random_in(&seed, -3, 3)),
                                                           REAL(check_random_in(&seed, -3, 3))));
     for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_CHOLESKY; kind++) {
         sb_preconditioner *p = make_updated(&b, (sb_precond_kind)kind, 1, 0);
@@ -663,9 +665,11 @@ static void test_saved(void)
 }
 
 /* Loads an image that must be refused, and looks that nothing changed. */
-static void check_refused(sb_preconditioner *p, const unsigned char *image, size_t size, sb_result expected, const beam *b)
+static void check_refused(sb_preconditioner *p, const unsigned char *image, size_t size, sb_result expected,
+                          const beam *b)
 {
-    sb_real *r = random_vector(3 * b->n, 61), *before = random_vector(3 * b->n, 62), *after = random_vector(3 * b->n, 63);
+    sb_real *r = random_vector(3 * b->n, 61), *before = random_vector(3 * b->n, 62);
+    sb_real *after = random_vector(3 * b->n, 63);
     sb_error error;
     sb_preconditioner_apply(p, r, before);
     CHECK_RESULT(sb_preconditioner_load(p, image, size, &error), expected);
@@ -739,6 +743,53 @@ static void test_damaged(void)
         free(forged);
     }
     beam_free(&b);
+}
+
+/* ---- bodies ---- */
+
+/* Displacements of a falling cantilever after some steps. */
+static sb_vec3 *played(sb_precond_kind kind, int workers, int *count)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 8, 3, 3, sb_v3(REAL(0.2), REAL(0.06), REAL(0.06)), 0.1);
+    sb_body_def def = sb_default_body_def();
+    sb_vec3 *end = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
+    sb_body *body;
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(5000, REAL(0.45), 1000);
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.preconditioner = kind;
+    def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-3 : 1e-9);
+    if (workers)
+        def.jobs = scene_jobs(&workers);
+    body = scene_body(&def);
+    scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    for (int k = 0; k < 8; k++)
+        CHECK_OK(sb_body_step(body, REAL(0.02), NULL));
+    memcpy(end, sb_body_displacements(body), (size_t)mesh.node_count * sizeof(sb_vec3));
+    *count = mesh.node_count;
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+    return end;
+}
+
+/* A body may have any of them, with any number of threads. */
+static void test_bodies(void)
+{
+    const sb_precond_kind kinds[2] = {SB_PRECOND_FSAI, SB_PRECOND_CHOLESKY};
+    int n = 0;
+    sb_vec3 *usual = played(SB_PRECOND_IC0, 0, &n), zero = sb_v3(0, 0, 0);
+    double size = 0;
+    for (int i = 0; i < n; i++)
+        size = fmax(size, scene_distance(usual + i, &zero, 1));
+    CHECK(size > 1e-3);
+    for (int k = 0; k < 2; k++) {
+        sb_vec3 *alone = played(kinds[k], 0, &n), *shared = played(kinds[k], 3, &n);
+        CHECK(scene_distance(alone, usual, n) < (SB_REAL_IS_FLOAT ? 3e-2 : 1e-6) * size);
+        CHECK(memcmp(alone, shared, (size_t)n * sizeof(sb_vec3)) == 0);
+        free(alone);
+        free(shared);
+    }
+    free(usual);
 }
 
 /* ---- ways to fail ---- */
@@ -846,4 +897,5 @@ CHECK_SUITE(precond, {"FSAI equals dense", test_fsai_dense}, {"FSAI is complete 
             {"symmetric with rotations", test_symmetric}, {"nodal rotations", test_nodal_rotations},
             {"threads", test_threads},
             {"golden inverses", test_golden}, {"saved and loaded", test_saved}, {"damaged images", test_damaged},
+            {"bodies", test_bodies},
             {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});

@@ -42,6 +42,9 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_update(sbi_multigrid *multigrid, const sb_matrix *matrix, double scale);
 /* z = M^-1 r of the scaled matrix; r is taken times `scale`, z times `back`; both [row_count][3]. */
 SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_real scale, sb_real *z, sb_real back);
+/* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
+ * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
+SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 #endif

@@ -17,12 +17,8 @@ typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias
 typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
 #define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#if defined(__clang__)
-#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
-#else
-typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
-#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
-#endif
+#define SBI_MG_TURN(v) \
+    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #else
 #define SBI_MG_WIDE 0
 #endif
@@ -559,6 +555,16 @@ static void sbi_mg_solve_dense(sbi_multigrid *m)
         level->x[4 * (k / 3) + k % 3] = (float)v[k];
 }
 
+SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
+{
+    if (m->softened == 6)
+        return 0;
+    m->softened++;
+    for (int l = 0; l < m->level_count; l++)
+        m->levels[l].bound *= 2;
+    return 1;
+}
+
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
     sbi_mg_work work;
@@ -566,6 +572,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.m = m;
     work.matrix = matrix;
     work.scale = scale;
+    m->softened = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -620,6 +627,21 @@ static void sbi_mg_restrict_task(void *user, int task)
         for (int k = 0; k < 4; k++) {
             r[k] = sum[k];
             x[k] = d[k] = work->add * z[k];
+        }
+    }
+}
+
+/* The first step of the smoother from the x and r at hand. */
+static void sbi_mg_again_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, level->r + 4 * (size_t)i, z);
+        for (int k = 0; k < 4; k++) {
+            d[k] = work->add * z[k];
+            x[k] += d[k];
         }
     }
 }
@@ -690,26 +712,46 @@ static void sbi_mg_steps(sbi_mg_work *work, int first, int last)
     work->first_after = 0;
 }
 
-/* x = the part of A^-1 r that the levels from l on find; down and up again. */
-static void sbi_mg_descend(sbi_mg_work *work, int l)
+static void sbi_mg_residual(sbi_mg_work *work)
+{
+    work->last = 1;
+    sbi_mg_run(work, sbi_mg_step_task);
+    work->last = 0;
+}
+
+static void sbi_mg_cycle(sbi_mg_work *work, int l);
+
+/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. Coarser
+ * levels, which cost little, go through their cycle twice. */
+static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    int coarsest = l + 1 == m->level_count;
     work->level = m->levels + l;
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (coarsest && m->dense) {
+    if (l + 1 == m->level_count && m->dense) {
         sbi_mg_solve_dense(m);
         return;
     }
-    sbi_mg_steps(work, 1, m->degree);
-    if (coarsest)
+    sbi_mg_cycle(work, l);
+    if (l < m->twice_from)
         return;
-    work->last = 1;
-    sbi_mg_run(work, sbi_mg_step_task);
-    work->last = 0;
-    sbi_mg_descend(work, l + 1);
+    sbi_mg_residual(work);
+    sbi_mg_set_step(work, 0);
+    sbi_mg_run(work, sbi_mg_again_task);
+    sbi_mg_cycle(work, l);
+}
+
+/* The rest of a V-cycle whose smoother has taken its first step. */
+static void sbi_mg_cycle(sbi_mg_work *work, int l)
+{
+    sbi_multigrid *m = work->m;
+    sbi_mg_steps(work, 1, m->degree);
+    if (l + 1 == m->level_count)
+        return;
+    sbi_mg_residual(work);
+    sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
     sbi_mg_steps(work, 0, m->degree);
@@ -733,7 +775,7 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.in = r;
     work.out = z;
     work.factor = scale;
-    sbi_mg_descend(&work, 0);
+    sbi_mg_solve_level(&work, 0);
     work.level = m->levels;
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);

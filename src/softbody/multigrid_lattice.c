@@ -1,6 +1,7 @@
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
 #include "multigrid_level.h"
 
+#include <math.h>
 #include <string.h>
 
 /* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
@@ -147,26 +148,52 @@ static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions
     return table->count <= most;
 }
 
-/* The finest lattice of no more than `most` points, as far as halving finds it; one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sb_vec3 *positions, int count, int most,
-                               sbi_lattice_table *table)
+/* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
+static int sbi_lattice_keep_least(double *least, int count, int limit, double value)
 {
-    double good = largest, edge = largest / 2;
-    for (int k = 0; k < 16; k++, edge /= 2) {
+    int place;
+    if (count == limit && value >= least[limit - 1])
+        return count;
+    place = count == limit ? limit - 1 : count;
+    for (; place > 0 && least[place - 1] > value; place--)
+        least[place] = least[place - 1];
+    least[place] = value;
+    return count == limit ? limit : count + 1;
+}
+
+/* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
+ * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
+static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+{
+    enum { NEAREST = 6 };
+    double squares[NEAREST], sum = 0;
+    int count = 0;
+    for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
+        sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
+        if (level->columns[q] != row)
+            count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
+    }
+    for (int k = 0; k < count; k++)
+        sum += sqrt(squares[k]);
+    return count ? sum / count : 0;
+}
+
+/* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
+ * one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level, const sb_vec3 *positions,
+                               double ratio, int most, sbi_lattice_table *table)
+{
+    double sum = 0, edge;
+    for (int i = 0; i < level->row_count; i++)
+        sum += sbi_lattice_node_spacing(level, positions, i);
+    edge = ratio * sum / level->row_count;
+    edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
+    for (; edge < largest; edge *= 1.25) {
         sbi_lattice_cut(lattice, edge);
-        if (!sbi_lattice_fits(lattice, positions, count, most, table))
-            break;
-        good = edge;
+        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
+            return;
     }
-    for (int k = 0; k < 5; k++) {
-        double middle = (good + edge) / 2;
-        sbi_lattice_cut(lattice, middle);
-        if (sbi_lattice_fits(lattice, positions, count, most, table))
-            good = middle;
-        else
-            edge = middle;
-    }
-    sbi_lattice_cut(lattice, good);
+    sbi_lattice_cut(lattice, largest);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
@@ -316,7 +343,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
@@ -334,7 +361,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
     m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
     if (m.table.points && m.table.numbers) {
         largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, positions, level->row_count, target, &m.table);
+        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);

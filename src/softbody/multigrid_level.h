@@ -54,6 +54,8 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
+    int twice_from;           /* levels from here on go through their cycle twice */
+    int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
@@ -72,8 +74,9 @@ typedef struct sbi_mg_rows {
 } sbi_mg_rows;
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with about `target` nodes or fewer in use. 0: no memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
+ * memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */

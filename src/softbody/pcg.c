@@ -189,7 +189,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
     double alpha = 0, last_rz = 0;
-    for (int first = 1; *square > target; first = 0) {
+    int first = 1;
+    while (*square > target) {
         double rz, qz, pq;
         if (info->iterations >= max_iterations) {
             info->capped = 1;
@@ -206,8 +207,12 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
         if (!sbi_pcg_is_finite(rz))
             return SB_ERROR_DIVERGED;
-        if (rz <= 0)
-            return SB_ERROR_INDEFINITE;
+        if (rz <= 0) {
+            if (!preconditioner || !sbi_precond_soften(preconditioner))
+                return SB_ERROR_INDEFINITE;
+            first = 1;
+            continue;
+        }
         s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
         sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
         pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
@@ -224,6 +229,7 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         info->iterations++;
+        first = 0;
     }
     return SB_OK;
 }

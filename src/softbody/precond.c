@@ -833,6 +833,11 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     return SB_OK;
 }
 
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
+{
+    return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)

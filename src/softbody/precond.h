@@ -16,7 +16,8 @@ typedef enum sb_precond_kind {
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
     SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
-                                  * application use all threads; 1.5 times the iterations of IC0, ten times its set-up */
+                                  * application use all threads. 1.3 to 1.8 times the iterations of IC0, some three
+                                  * times its set-up */
     SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
                                   * as warping makes them */
     SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
@@ -28,8 +29,8 @@ typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
-    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 halves the iterations, takes about four times the
-                      * memory, and a hundred times the set-up */
+    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
+                      * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
@@ -100,8 +101,8 @@ SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_
  * rotations  [row_count] unit quaternions, as sb_body_nodal_rotations gives; NULL: none
  * positions  as in sb_preconditioner_update
  * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion),
- * SB_ERROR_UNSUPPORTED (multigrid: update it) or SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
- * over the matrix; allocates nothing. */
+ * SB_ERROR_UNSUPPORTED (multigrid: update it) or SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a
+ * pass over the nodes, and for the coarse space one over the matrix; allocates nothing. */
 SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                         const sb_quat *rotations, const sb_vec3 *positions, sb_error *error);
 
@@ -114,7 +115,7 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const
 /* Bytes that sb_preconditioner_save writes; 0: more than size_t holds, or multigrid. */
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
- * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer, or never updated (then untouched). */
+ * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
 /* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern; it is without coarse
  * space until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
@@ -134,6 +135,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
+ * nothing milder. */
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);

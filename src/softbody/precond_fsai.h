@@ -36,8 +36,8 @@ typedef struct sbi_fsai {
 SBI_API sb_result sbi_fsai_create(const sb_matrix *pattern, int power, const sb_allocator *allocator, sbi_fsai *fsai);
 SBI_API void sbi_fsai_free(const sb_allocator *allocator, sbi_fsai *fsai);
 
-/* G of scale A. A row whose A_JJ has no Cholesky factor in single precision gets one of A_JJ with its diagonal times 1 +
- * shift, the smallest of 0.001, 0.002 ... that does. Returns -1, or the first row that no shift up to `most` helps;
+/* G of scale A. A row whose A_JJ has no Cholesky factor in single precision gets one of A_JJ with its diagonal times
+ * 1 + shift, the smallest of 0.001, 0.002 ... that does. Returns -1, or the first row that no shift up to `most` helps;
  * *shift is the largest that was needed. */
 SBI_API int sbi_fsai_update(sbi_fsai *fsai, const sb_matrix *a, double scale, double most, const sb_jobs *jobs,
                             double *shift);

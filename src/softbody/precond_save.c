@@ -55,8 +55,8 @@ static void sbi_precond_same(sbi_precond_walk *w, uint64_t value, const char *na
 {
     uint64_t got = sbi_precond_word(w, value, 8);
     if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK && got != value)
-        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu there, "
-                             "%lu here", name, (unsigned long)got, (unsigned long)value);
+        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu "
+                             "there, %lu here", name, (unsigned long)got, (unsigned long)value);
 }
 
 static double sbi_precond_double(sbi_precond_walk *w, double value)

@@ -1,5 +1,5 @@
-/* elastic.h: the linear system of one implicit step of an elastic body of straight tetrahedra, for benchmarks: assembled
- * from first principles, so that what is timed does not depend on a body's loops. */
+/* elastic.h: the linear system of one implicit step of an elastic body of straight tetrahedra, for benchmarks:
+ * assembled from first principles, so that what is timed does not depend on a body's loops. */
 #ifndef ELASTIC_H
 #define ELASTIC_H
 
@@ -47,7 +47,8 @@ static inline void elastic_shapes(int corners, double g[4][3], int q, double out
         for (int k = 0; k < 4; k++)
             out[k][r] = corners == 4 ? g[k][r] : (4 * at[k] - 1) * g[k][r];
         for (int e = 0; e < corners - 4; e++)
-            out[4 + e][r] = 4 * (at[elastic_edges[e][0]] * g[elastic_edges[e][1]][r] + at[elastic_edges[e][1]] * g[elastic_edges[e][0]][r]);
+            out[4 + e][r] = 4 * (at[elastic_edges[e][0]] * g[elastic_edges[e][1]][r] +
+                                 at[elastic_edges[e][1]] * g[elastic_edges[e][0]][r]);
     }
 }
 
@@ -62,8 +63,8 @@ static inline void elastic_add(sb_real *block, const double *a, const double *b,
                 (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
 }
 
-/* M / dt^2 + (1 + beta / dt) K of a material with 1000 kg/m^3, dt = 0.01 s and beta = 0.02 s, lumped masses, and gravity
- * on the right. cells [tets][corners], corners 4 or 10; the matrix has their pattern. */
+/* M / dt^2 + (1 + beta / dt) K of a material with 1000 kg/m^3, dt = 0.01 s and beta = 0.02 s, lumped masses, and
+ * gravity on the right. cells [tets][corners], corners 4 or 10; the matrix has their pattern. */
 static inline void elastic_assemble(const sb_vec3 *positions, const int *cells, int tets, int corners, double young,
                                     double poisson, sb_matrix *matrix, sb_real *rhs)
 {

@@ -1,7 +1,7 @@
 /* race.h: what the racers share: systems on file, a clock, the true residual, a line of results. C99 and C++.
  *
- * A system is the matrix and right-hand side of one implicit step, written by race_write. The file, in the machine's own
- * order of bytes:
+ * A system is the matrix and right-hand side of one implicit step, written by race_write. The file, in the machine's
+ * own order of bytes:
  *     "SBRACE01", int nodes, blocks, cells, corners, int row_start[nodes + 1], int columns[blocks],
  *     double values[blocks][9] (3x3 blocks by rows), double positions[nodes][3], double rhs[nodes][3],
  *     int cells[cells][corners], unsigned char fixed[nodes]

@@ -1,5 +1,5 @@
-/* race_cholmod: CHOLMOD's supernodal Cholesky in the race: set-up is the numeric factorisation (analysis and ordering are
- * done before, once), solve the two triangular solves. Arguments: files of race_write. */
+/* race_cholmod: CHOLMOD's supernodal Cholesky in the race: set-up is the numeric factorisation (analysis and ordering
+ * are done before, once), solve the two triangular solves. Arguments: files of race_write. */
 #include <suitesparse/cholmod.h>
 
 #include "race.h"
@@ -9,8 +9,8 @@ enum { MOST_UNKNOWNS = 150000 }; /* beyond, the factor takes more memory than a 
 /* Upper triangle by columns: rows of a symmetric matrix are its columns. */
 static cholmod_sparse *upper_triangle(const race_system *s, cholmod_common *c)
 {
-    cholmod_sparse *a = cholmod_l_allocate_sparse((size_t)s->n, (size_t)s->n, (size_t)(s->entries + s->n) / 2 + 1, 1, 1, 1,
-                                                  CHOLMOD_REAL, c);
+    size_t n = (size_t)s->n, most = (size_t)(s->entries + s->n) / 2 + 1;
+    cholmod_sparse *a = cholmod_l_allocate_sparse(n, n, most, 1, 1, 1, CHOLMOD_REAL, c);
     SuiteSparse_long *p = (SuiteSparse_long *)a->p, *i = (SuiteSparse_long *)a->i, used = 0;
     for (int j = 0; j < s->n; j++) {
         p[j] = used;

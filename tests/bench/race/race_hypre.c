@@ -1,6 +1,6 @@
 /* race_hypre: hypre's conjugate gradients with BoomerAMG in the race, one MPI process per thread. Arguments: files of
- * race_write. What serves elasticity best is not the same for every mesh, so each of the ways that its manual proposes is
- * tried, and printed with a name of its own: unknown approach (three functions) with several strength thresholds, nodal
+ * race_write. What serves elasticity best is not the same for every mesh, so each of the ways that its manual proposes
+ * is tried, and printed with a name of its own: unknown approach (three functions) with several strength thresholds, nodal
  * coarsening, and interpolation that keeps rotations (Baker, Kolev and Yang 2010). Symmetric smoothers, HMIS coarsening
  * and extended+i interpolation throughout. */
 #include <HYPRE.h>
@@ -131,7 +131,8 @@ static double least_of(double mine)
 static void report(const race_system *s, const share *part, const setting *how, double tolerance, double setup,
                    double solve, int iterations)
 {
-    double *mine = (double *)calloc((size_t)s->n, sizeof(double)), *x = (double *)race_take((size_t)s->n, sizeof(double));
+    double *mine = (double *)calloc((size_t)s->n, sizeof(double));
+    double *x = (double *)race_take((size_t)s->n, sizeof(double));
     int rank;
     for (int i = part->first; i < part->last; i++)
         HYPRE_IJVectorGetValues(part->x, 1, &i, mine + i);

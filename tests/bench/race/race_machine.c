@@ -66,7 +66,8 @@ static double peak(int threads)
 static void product(const race_system *s, const sb_jobs *jobs)
 {
     sb_matrix a;
-    double *x = (double *)race_take((size_t)s->n, sizeof(double)), *y = (double *)race_take((size_t)s->n, sizeof(double));
+    double *x = (double *)race_take((size_t)s->n, sizeof(double));
+    double *y = (double *)race_take((size_t)s->n, sizeof(double));
     double least = 1e30, begun = race_seconds();
     if (sb_matrix_create(s->nodes, s->cell_count, s->corners, NULL, s->cells, NULL, &a, NULL) != SB_OK)
         exit(1);

@@ -1,5 +1,6 @@
 /* race_plot TIMES MACHINE STEPS FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
- * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine and bench_step print. */
+ * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine and bench_step
+ * print. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
