@@ -4332,7 +4332,8 @@ typedef enum sb_precond_kind {
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
     SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
-                                  * application use all threads; 1.5 times the iterations of IC0, ten times its set-up */
+                                  * application use all threads. 1.3 to 1.8 times the iterations of IC0, some three
+                                  * times its set-up */
     SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
                                   * as warping makes them */
     SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
@@ -4344,8 +4345,8 @@ typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
-    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 halves the iterations, takes about four times the
-                      * memory, and a hundred times the set-up */
+    int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
+                      * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
@@ -4416,8 +4417,8 @@ SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_
  * rotations  [row_count] unit quaternions, as sb_body_nodal_rotations gives; NULL: none
  * positions  as in sb_preconditioner_update
  * Returns SB_ERROR_ARGUMENT (another pattern, nothing to turn, or error->node's rotation is no unit quaternion),
- * SB_ERROR_UNSUPPORTED (multigrid: update it) or SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a pass over the nodes, and for the coarse space one
- * over the matrix; allocates nothing. */
+ * SB_ERROR_UNSUPPORTED (multigrid: update it) or SB_ERROR_NOT_FINITE; the preconditioner is then as it was. Costs a
+ * pass over the nodes, and for the coarse space one over the matrix; allocates nothing. */
 SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                         const sb_quat *rotations, const sb_vec3 *positions, sb_error *error);
 
@@ -4430,7 +4431,7 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const
 /* Bytes that sb_preconditioner_save writes; 0: more than size_t holds, or multigrid. */
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
- * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer, or never updated (then untouched). */
+ * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
 /* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern; it is without coarse
  * space until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
@@ -5675,6 +5676,9 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_update(sbi_multigrid *multigrid, const sb_matrix *matrix, double scale);
 /* z = M^-1 r of the scaled matrix; r is taken times `scale`, z times `back`; both [row_count][3]. */
 SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_real scale, sb_real *z, sb_real back);
+/* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
+ * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
+SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 
@@ -5685,6 +5689,9 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);
+/* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
+ * nothing milder. */
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
@@ -22593,6 +22600,8 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
+    int twice_from;           /* levels from here on go through their cycle twice */
+    int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
@@ -22611,8 +22620,9 @@ typedef struct sbi_mg_rows {
 } sbi_mg_rows;
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with about `target` nodes or fewer in use. 0: no memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
+ * memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */
@@ -22620,6 +22630,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 /* ==== src/softbody/multigrid_lattice.c ==== */
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
 
+#include <math.h>
 #include <string.h>
 
 /* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
@@ -22766,26 +22777,52 @@ static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions
     return table->count <= most;
 }
 
-/* The finest lattice of no more than `most` points, as far as halving finds it; one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sb_vec3 *positions, int count, int most,
-                               sbi_lattice_table *table)
+/* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
+static int sbi_lattice_keep_least(double *least, int count, int limit, double value)
 {
-    double good = largest, edge = largest / 2;
-    for (int k = 0; k < 16; k++, edge /= 2) {
+    int place;
+    if (count == limit && value >= least[limit - 1])
+        return count;
+    place = count == limit ? limit - 1 : count;
+    for (; place > 0 && least[place - 1] > value; place--)
+        least[place] = least[place - 1];
+    least[place] = value;
+    return count == limit ? limit : count + 1;
+}
+
+/* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
+ * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
+static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+{
+    enum { NEAREST = 6 };
+    double squares[NEAREST], sum = 0;
+    int count = 0;
+    for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
+        sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
+        if (level->columns[q] != row)
+            count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
+    }
+    for (int k = 0; k < count; k++)
+        sum += sqrt(squares[k]);
+    return count ? sum / count : 0;
+}
+
+/* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
+ * one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level, const sb_vec3 *positions,
+                               double ratio, int most, sbi_lattice_table *table)
+{
+    double sum = 0, edge;
+    for (int i = 0; i < level->row_count; i++)
+        sum += sbi_lattice_node_spacing(level, positions, i);
+    edge = ratio * sum / level->row_count;
+    edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
+    for (; edge < largest; edge *= 1.25) {
         sbi_lattice_cut(lattice, edge);
-        if (!sbi_lattice_fits(lattice, positions, count, most, table))
-            break;
-        good = edge;
+        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
+            return;
     }
-    for (int k = 0; k < 5; k++) {
-        double middle = (good + edge) / 2;
-        sbi_lattice_cut(lattice, middle);
-        if (sbi_lattice_fits(lattice, positions, count, most, table))
-            good = middle;
-        else
-            edge = middle;
-    }
-    sbi_lattice_cut(lattice, good);
+    sbi_lattice_cut(lattice, largest);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
@@ -22935,7 +22972,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, int target,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
@@ -22953,7 +22990,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
     m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
     if (m.table.points && m.table.numbers) {
         largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, positions, level->row_count, target, &m.table);
+        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
@@ -22972,8 +23009,10 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 #include <string.h>
 
 enum {
-    SBI_MG_RATIO = 16, /* a level has at most a sixteenth of the nodes above it: edges two and a half times as long */
-    SBI_MG_DEGREE = 3
+    SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
+    SBI_MG_DEGREE = 3,     /* of the smoother: 2 and 4 take a tenth longer, 1 fails nearly incompressible bodies */
+    SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
+                            * unknowns; once: up by half */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -23359,7 +23398,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, level->row_count / SBI_MG_RATIO, &m->allocator, rows);
+        made = sbi_mg_lattice(level, positions, SBI_MG_RATIO, &m->allocator, rows);
         if (made && rows->coarse_count > level->row_count / 2)
             sbi_mg_rows_free(&m->allocator, rows);
     }
@@ -23424,6 +23463,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->jobs = setup->jobs;
     m->bytes = sizeof *m;
     m->level_count = 1;
+    m->twice_from = SBI_MG_TWICE_FROM;
     m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
@@ -23458,12 +23498,8 @@ typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias
 typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
 #define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#if defined(__clang__)
-#define SBI_MG_TURN(v) __builtin_shufflevector(v, v, 0, 1, 2, 0, 1, 2, 0, 1)
-#else
-typedef int32_t sbi_mg_eight_ints __attribute__((vector_size(32)));
-#define SBI_MG_TURN(v) __builtin_shuffle(v, (sbi_mg_eight_ints){0, 1, 2, 0, 1, 2, 0, 1})
-#endif
+#define SBI_MG_TURN(v) \
+    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #else
 #define SBI_MG_WIDE 0
 #endif
@@ -24000,6 +24036,16 @@ static void sbi_mg_solve_dense(sbi_multigrid *m)
         level->x[4 * (k / 3) + k % 3] = (float)v[k];
 }
 
+SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
+{
+    if (m->softened == 6)
+        return 0;
+    m->softened++;
+    for (int l = 0; l < m->level_count; l++)
+        m->levels[l].bound *= 2;
+    return 1;
+}
+
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
     sbi_mg_work work;
@@ -24007,6 +24053,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.m = m;
     work.matrix = matrix;
     work.scale = scale;
+    m->softened = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -24061,6 +24108,21 @@ static void sbi_mg_restrict_task(void *user, int task)
         for (int k = 0; k < 4; k++) {
             r[k] = sum[k];
             x[k] = d[k] = work->add * z[k];
+        }
+    }
+}
+
+/* The first step of the smoother from the x and r at hand. */
+static void sbi_mg_again_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    sbi_mg_level *level = work->level;
+    for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
+        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
+        sbi_mg_relax(level->inverse + 12 * (size_t)i, level->r + 4 * (size_t)i, z);
+        for (int k = 0; k < 4; k++) {
+            d[k] = work->add * z[k];
+            x[k] += d[k];
         }
     }
 }
@@ -24131,26 +24193,46 @@ static void sbi_mg_steps(sbi_mg_work *work, int first, int last)
     work->first_after = 0;
 }
 
-/* x = the part of A^-1 r that the levels from l on find; down and up again. */
-static void sbi_mg_descend(sbi_mg_work *work, int l)
+static void sbi_mg_residual(sbi_mg_work *work)
+{
+    work->last = 1;
+    sbi_mg_run(work, sbi_mg_step_task);
+    work->last = 0;
+}
+
+static void sbi_mg_cycle(sbi_mg_work *work, int l);
+
+/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. Coarser
+ * levels, which cost little, go through their cycle twice. */
+static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    int coarsest = l + 1 == m->level_count;
     work->level = m->levels + l;
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (coarsest && m->dense) {
+    if (l + 1 == m->level_count && m->dense) {
         sbi_mg_solve_dense(m);
         return;
     }
-    sbi_mg_steps(work, 1, m->degree);
-    if (coarsest)
+    sbi_mg_cycle(work, l);
+    if (l < m->twice_from)
         return;
-    work->last = 1;
-    sbi_mg_run(work, sbi_mg_step_task);
-    work->last = 0;
-    sbi_mg_descend(work, l + 1);
+    sbi_mg_residual(work);
+    sbi_mg_set_step(work, 0);
+    sbi_mg_run(work, sbi_mg_again_task);
+    sbi_mg_cycle(work, l);
+}
+
+/* The rest of a V-cycle whose smoother has taken its first step. */
+static void sbi_mg_cycle(sbi_mg_work *work, int l)
+{
+    sbi_multigrid *m = work->m;
+    sbi_mg_steps(work, 1, m->degree);
+    if (l + 1 == m->level_count)
+        return;
+    sbi_mg_residual(work);
+    sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
     sbi_mg_steps(work, 0, m->degree);
@@ -24174,7 +24256,7 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.in = r;
     work.out = z;
     work.factor = scale;
-    sbi_mg_descend(&work, 0);
+    sbi_mg_solve_level(&work, 0);
     work.level = m->levels;
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);
@@ -24326,8 +24408,8 @@ typedef struct sbi_fsai {
 SBI_API sb_result sbi_fsai_create(const sb_matrix *pattern, int power, const sb_allocator *allocator, sbi_fsai *fsai);
 SBI_API void sbi_fsai_free(const sb_allocator *allocator, sbi_fsai *fsai);
 
-/* G of scale A. A row whose A_JJ has no Cholesky factor in single precision gets one of A_JJ with its diagonal times 1 +
- * shift, the smallest of 0.001, 0.002 ... that does. Returns -1, or the first row that no shift up to `most` helps;
+/* G of scale A. A row whose A_JJ has no Cholesky factor in single precision gets one of A_JJ with its diagonal times
+ * 1 + shift, the smallest of 0.001, 0.002 ... that does. Returns -1, or the first row that no shift up to `most` helps;
  * *shift is the largest that was needed. */
 SBI_API int sbi_fsai_update(sbi_fsai *fsai, const sb_matrix *a, double scale, double most, const sb_jobs *jobs,
                             double *shift);
@@ -25748,6 +25830,11 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     return SB_OK;
 }
 
+SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
+{
+    return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
@@ -26295,8 +26382,8 @@ static void sbi_precond_same(sbi_precond_walk *w, uint64_t value, const char *na
 {
     uint64_t got = sbi_precond_word(w, value, 8);
     if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK && got != value)
-        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu there, "
-                             "%lu here", name, (unsigned long)got, (unsigned long)value);
+        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu "
+                             "there, %lu here", name, (unsigned long)got, (unsigned long)value);
 }
 
 static double sbi_precond_double(sbi_precond_walk *w, double value)
@@ -26688,7 +26775,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
     double alpha = 0, last_rz = 0;
-    for (int first = 1; *square > target; first = 0) {
+    int first = 1;
+    while (*square > target) {
         double rz, qz, pq;
         if (info->iterations >= max_iterations) {
             info->capped = 1;
@@ -26705,8 +26793,12 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
         if (!sbi_pcg_is_finite(rz))
             return SB_ERROR_DIVERGED;
-        if (rz <= 0)
-            return SB_ERROR_INDEFINITE;
+        if (rz <= 0) {
+            if (!preconditioner || !sbi_precond_soften(preconditioner))
+                return SB_ERROR_INDEFINITE;
+            first = 1;
+            continue;
+        }
         s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
         sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
         pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
@@ -26723,6 +26815,7 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         info->iterations++;
+        first = 0;
     }
     return SB_OK;
 }
