@@ -1,4 +1,4 @@
-/* needle.h 0.4.0: flexible needles in soft tissue
+/* needle.h 0.5.0: flexible needles in soft tissue
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/needle/: edit there, then run `make headers`. */
 #include "softbody.h"
@@ -313,9 +313,9 @@
 
 
 #define NDL_VERSION_MAJOR 0
-#define NDL_VERSION_MINOR 4
+#define NDL_VERSION_MINOR 5
 #define NDL_VERSION_PATCH 0
-#define NDL_VERSION_STRING "0.4.0"
+#define NDL_VERSION_STRING "0.5.0"
 
 #if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR || \
     NDL_VERSION_PATCH != SB_VERSION_PATCH

@@ -1,4 +1,4 @@
-/* register.h 0.4.0: matching an organ model to what the surgeon sees
+/* register.h 0.5.0: matching an organ model to what the surgeon sees
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/register/: edit there, then run `make headers`. */
 #include "softbody.h"
@@ -247,9 +247,9 @@
 
 
 #define REG_VERSION_MAJOR 0
-#define REG_VERSION_MINOR 4
+#define REG_VERSION_MINOR 5
 #define REG_VERSION_PATCH 0
-#define REG_VERSION_STRING "0.4.0"
+#define REG_VERSION_STRING "0.5.0"
 
 #if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR || \
     REG_VERSION_PATCH != SB_VERSION_PATCH

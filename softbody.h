@@ -1,4 +1,4 @@
-/* softbody.h 0.4.0: soft-tissue simulation, from an organ's mesh to forces and pictures
+/* softbody.h 0.5.0: soft-tissue simulation, from an organ's mesh to forces and pictures
  * MIT or public domain, as you like; the texts are at the end of this file.
  * Generated from src/softbody/: edit there, then run `make headers`. */
 
@@ -297,8 +297,8 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, precond, pcg,
- * direct, domain, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, direct, multigrid,
+ * precond, pcg, domain, grid, body, load, embed, constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -613,9 +613,9 @@
 
 
 #define SB_VERSION_MAJOR 0
-#define SB_VERSION_MINOR 4
+#define SB_VERSION_MINOR 5
 #define SB_VERSION_PATCH 0
-#define SB_VERSION_STRING "0.4.0"
+#define SB_VERSION_STRING "0.5.0"
 
 #if defined(__FAST_MATH__) && !defined(SB_ALLOW_FAST_MATH)
 #error "softbody.h: -ffast-math breaks determinism and NaN checks; define SB_ALLOW_FAST_MATH to insist"

@@ -8,9 +8,9 @@
 #include "names.h"
 
 #define SB_VERSION_MAJOR 0
-#define SB_VERSION_MINOR 4
+#define SB_VERSION_MINOR 5
 #define SB_VERSION_PATCH 0
-#define SB_VERSION_STRING "0.4.0"
+#define SB_VERSION_STRING "0.5.0"
 
 #if defined(__FAST_MATH__) && !defined(SB_ALLOW_FAST_MATH)
 #error "softbody.h: -ffast-math breaks determinism and NaN checks; define SB_ALLOW_FAST_MATH to insist"
