@@ -241,9 +241,6 @@ static int load_target(work *w, const char *path)
     }
     if (reg_cloud_load(&w->cloud, path, REAL(w->set->scale), NULL, &error) != SB_OK)
         return complain_error(path, &error);
-    if (!w->cloud.normals && w->cloud.count > 3 && !w->set->partial &&
-        reg_cloud_estimate_normals(&w->cloud, 12, NULL, NULL, &error) != SB_OK)
-        return complain_error(path, &error);
     return 0;
 }
 

@@ -53,7 +53,8 @@ typedef struct outcome {
     sb_mesh seen;         /* the surface that is matched, after the start */
     sb_mesh target;       /* smoothed; or */
     reg_cloud cloud;
-    reg_smooth_info smooth;
+    reg_smooth_info smooth; /* what it was like */
+    int is_placed;        /* 1: the fixed region was seen, and put in its place */
     sb_body *body;        /* of pbsm and nicp */
     reg_cpd *cpd;
     int iterations;
@@ -154,7 +155,7 @@ static inline int task_is_near(const reg_rigid *a, const reg_rigid *b, sb_vec3 p
  * no motion at all, and what ICP of the region makes of either, the one that brings the region nearest, if it is twice
  * as near, nearer than a hundredth of the organ's size, and no other place altogether. points: [count] the region's. */
 static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3 *points, int count, double size,
-                                         reg_rigid *motion, sb_error *error)
+                                         reg_rigid *motion, int *is_placed, sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     task_shape region;
@@ -184,6 +185,7 @@ static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3
         if (gap < least && task_is_near(motion, &tried, points[0], size)) {
             least = k == 0 ? 0.7 * gap : gap; /* files of one frame are likelier than a small motion */
             best = tried;
+            *is_placed = 1;
         }
     }
     reg_kdtree_destroy(tree);
@@ -192,7 +194,7 @@ static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3
 }
 
 static inline sb_result task_use_fixed(const task *given, const task_shape *target, const sb_boundary *boundary,
-                                       reg_rigid *motion, sb_error *error)
+                                       reg_rigid *motion, int *is_placed, sb_error *error)
 {
     unsigned char *fixed = (unsigned char *)calloc((size_t)given->model->node_count, 1);
     sb_vec3 *points = (sb_vec3 *)malloc((size_t)given->model->node_count * sizeof *points);
@@ -207,7 +209,8 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
             if (fixed[boundary->nodes[i]])
                 points[count++] = given->model->nodes[boundary->nodes[i]];
         if (count >= 12)
-            result = task_place_fixed(target, points, count, (double)sb_v3_norm(sb_v3_sub(high, low)), motion, error);
+            result = task_place_fixed(target, points, count, (double)sb_v3_norm(sb_v3_sub(high, low)), motion,
+                                      is_placed, error);
     } else {
         result = task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     }
@@ -217,7 +220,7 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
 }
 
 static inline sb_result task_align(const task *given, const task_shape *model, const task_shape *target,
-                                   const sb_boundary *boundary, reg_rigid *motion, sb_error *error)
+                                   outcome *out, sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     reg_icp_landmark *pairs = (reg_icp_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *pairs);
@@ -233,10 +236,10 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     options.landmark_count = given->landmark_count;
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
-    result = reg_icp(&model->shape, &target->shape, &options, motion, NULL, error);
+    result = reg_icp(&model->shape, &target->shape, &options, &out->start, NULL, error);
     free(pairs);
     if (result == SB_OK && given->fixed_count > 0)
-        result = task_use_fixed(given, target, boundary, motion, error);
+        result = task_use_fixed(given, target, &out->boundary, &out->start, &out->is_placed, error);
     return result;
 }
 
@@ -404,7 +407,7 @@ static inline sb_result task_start(const task *given, outcome *out, sb_error *er
         if (result == SB_OK)
             result = task_shape_of_target(given, &target, error);
         if (result == SB_OK)
-            result = task_align(given, &model, &target, &out->boundary, &out->start, error);
+            result = task_align(given, &model, &target, out, error);
     }
     task_shape_free(&model);
     task_shape_free(&target);
@@ -497,16 +500,19 @@ static inline void task_find_loads(const task *given, reg_match *match, outcome 
     sb_material tissue = sb_material_neo_hookean((sb_real)given->young, (sb_real)given->poisson, 1060);
     reg_loads_def def = reg_default_loads_def();
     reg_loads_info info;
+    sb_vec3 low, high;
+    sb_real left;
     double begun = seconds_now();
     task_show(given, 0.9, "loads on the surface");
     def.match = match;
     def.clock = seconds_now;
-    if (getenv("LPOSE")) def.pose = (sb_real)atof(getenv("LPOSE"));
-    if (getenv("MISFIT")) def.misfit = (sb_real)atof(getenv("MISFIT"));
-    if (getenv("SAMPLES")) def.samples = atoi(getenv("SAMPLES"));
-    if (getenv("ROUNDS")) def.rounds = atoi(getenv("ROUNDS"));
-    if (getenv("POWER")) def.power = (sb_real)atof(getenv("POWER"));
-    if (getenv("FLOOR")) def.floor = (sb_real)atof(getenv("FLOOR"));
+    sb_mesh_bounds(&out->placed, &low, &high);
+    left = out->smooth.noise > out->smooth.left ? out->smooth.left / sb_v3_norm(sb_v3_sub(high, low)) : 0;
+    def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.16 * left * left); /* samples are means */
+    if (given->fixed_count == 0)
+        def.pose = (sb_real)0.01;
+    else if (!given->aligned && !out->is_placed)
+        def.pose = (sb_real)0.005;
     if (sb_body_set_material(out->body, &tissue, NULL) == SB_OK && reg_loads_run(&def, NULL, &info) != SB_OK)
         fprintf(stderr, "warning: no loads were found: %s\n", info.error.message);
     out->seconds_setup += seconds_now() - begun;
