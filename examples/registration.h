@@ -126,7 +126,7 @@ static inline sb_result task_shape_of_target(const task *given, task_shape *s, s
     return SB_OK;
 }
 
-/* Mean distance (m) of points from a shape after a motion. */
+/* Mean distance (m) of points from a shape after a motion; from the planes through a cloud's points. */
 static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, const reg_rigid *motion,
                               const sb_vec3 *points, int count)
 {
@@ -135,10 +135,17 @@ static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, c
         sb_vec3 at = reg_rigid_apply(motion, points[i]);
         sb_surface_hit hit;
         sb_real squared = 0;
-        if (shape->tree)
+        int nearest;
+        if (shape->tree) {
             sum += sb_surface_closest(shape->tree, at, SB_REAL_MAX, &hit) ? (double)hit.distance : 0;
+            continue;
+        }
+        nearest = reg_kdtree_nearest(tree, at, SB_REAL_MAX, &squared);
+        if (nearest >= 0 && shape->shape.normals && sb_v3_norm(shape->shape.normals[nearest]) > 0)
+            sum += (double)sb_abs(sb_v3_dot(shape->shape.normals[nearest],
+                                            sb_v3_sub(at, shape->shape.points[nearest])));
         else
-            sum += reg_kdtree_nearest(tree, at, SB_REAL_MAX, &squared) >= 0 ? sqrt((double)squared) : 0;
+            sum += sqrt((double)squared);
     }
     return sum / count;
 }
@@ -230,7 +237,7 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     for (int i = 0; i < given->landmark_count; i++) {
         pairs[i].model = given->landmarks[i];
         pairs[i].target = given->landmark_targets[i];
-        pairs[i].weight = (sb_real)(0.3 / given->landmark_count);
+        pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, getenv("LMW")?atof(getenv("LMW")):0.01);
     }
     options.landmarks = pairs;
     options.landmark_count = given->landmark_count;

@@ -252,8 +252,8 @@ static void regi_smooth_point(const regi_smooth *s, int point)
     for (; wanted <= count; wanted *= 2) {
         regi_smooth_add(s, &frame, near + done, wanted - done, NULL, &sums);
         done = wanted;
-        if (!regi_smooth_solve(&sums, coefficients, &share))
-            return;
+        if (!regi_smooth_solve(&sums, coefficients, &share) || !(share < 1))
+            return; /* neighbours to one side say less than the point itself */
         low = sb_max(low, coefficients[0] - 2 * s->noise * sb_sqrt(share));
         high = sb_min(high, coefficients[0] + 2 * s->noise * sb_sqrt(share));
         if (low > high)
