@@ -1093,11 +1093,18 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  * follows from the tractions found the time before (iteratively reweighted least squares for a sum of powers). The
  * traction of w is averaged with the neighbours', so that loads fill regions.
  *
- * The samples s are means over small parts of the surface; what the surface scatters about them adds to misfit^2, so
- * that noise of the target is seen as such. Their responses to all forces are one column each of the inverse stiffness
- * (see direct.h), after which a round is a dense system in the samples:
+ * The samples s are means over small parts of the surface; what the surface scatters about them, in each part and in
+ * all of them, adds to misfit^2, so that noise of the target and corners that facets cut are seen as such. Their
+ * responses to all forces are one column each of the inverse stiffness (see direct.h), after which a round is a dense
+ * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
+ *
+ * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the least
+ * loads. That is for a rigid start from a part of a deformed organ, which is off by more than a centimetre.
+ *
+ * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of more
+ * than a hundredth of the organ's size says so, and the match is the better answer then.
  *
  * The tractions are only as good as the material: the error of the corotated law at strains of a tenth bends what is
  * found more than it mends. Give the body a hyperelastic material (sb_body_set_material, e.g. neo-Hookean) after the
@@ -1122,7 +1129,8 @@ typedef struct reg_loads_def {
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be */
+                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.005 to
+                          * 0.01 after a rigid start; supports then move along */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */
@@ -1133,7 +1141,7 @@ typedef struct reg_loads_info {
     int rounds;            /* done */
     sb_real mean_distance; /* of the charges before the last round (m) */
     sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
-    sb_real change;        /* largest displacement of a node in the last round (m) */
+    sb_real change;        /* largest displacement of a node in the last round (m): see above */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
     double seconds;        /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
@@ -2794,8 +2802,8 @@ static void regi_smooth_point(const regi_smooth *s, int point)
     for (; wanted <= count; wanted *= 2) {
         regi_smooth_add(s, &frame, near + done, wanted - done, NULL, &sums);
         done = wanted;
-        if (!regi_smooth_solve(&sums, coefficients, &share))
-            return;
+        if (!regi_smooth_solve(&sums, coefficients, &share) || !(share < 1))
+            return; /* neighbours to one side say less than the point itself */
         low = sb_max(low, coefficients[0] - 2 * s->noise * sb_sqrt(share));
         high = sb_min(high, coefficients[0] + 2 * s->noise * sb_sqrt(share));
         if (low > high)
@@ -8018,6 +8026,7 @@ typedef struct regi_loads {
     int *part;             /* [charges] sample of a charge */
     int *part_start;       /* [part_count + 1] into part_charges */
     int *part_charges;     /* [charges] by sample */
+    sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
     sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
     sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
@@ -8186,35 +8195,64 @@ static sb_real regi_loads_distance(const regi_match_charge *charge)
     return sb_v3_dot(charge->force, charge->line) / charge->stiffness;
 }
 
-/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
- * about their mean is noise that no force explains; charges share vertices with their neighbours, so that some six are
- * worth one in the mean's variance. */
-static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+/* Sums over the active charges of a part. */
+typedef struct regi_loads_part {
+    int count;
+    sb_real area, mean, squares; /* m^2; of the distances (m), and about that (m^2) */
+} regi_loads_part;
+
+static regi_loads_part regi_loads_look_at(const regi_loads *l, int sample)
 {
-    sb_real area = 0, sum = 0, scatter = 0, misfit = l->def->misfit * l->match->size;
-    int count = 0;
+    regi_loads_part part = {0, 0, 0, 0};
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
+        sb_real step, distance = charge->active ? regi_loads_distance(charge) : 0;
         if (!charge->active)
             continue;
-        count++;
-        area += charge->area;
-        sum += charge->area * regi_loads_distance(charge);
+        part.count++;
+        part.area += charge->area;
+        step = distance - part.mean; /* weighted running mean and squares (West 1979) */
+        part.mean += charge->area / part.area * step;
+        part.squares += charge->area * step * (distance - part.mean);
     }
-    if (count == 0)
+    part.squares = part.count ? part.squares / part.area * (sb_real)part.count : 0;
+    return part;
+}
+
+/* What single charges scatter about the means of their parts: m^2, over all parts. */
+static void regi_loads_pool(regi_loads *l)
+{
+    double squares = 0, freedom = 0;
+    for (int s = 0; s < l->part_count; s++) {
+        regi_loads_part part = regi_loads_look_at(l, s);
+        squares += (double)part.squares;
+        freedom += part.count > 1 ? part.count - 1 : 0;
+    }
+    l->scatter = (sb_real)(freedom > 0 ? squares / freedom : 0);
+}
+
+/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
+ * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it has
+ * few charges, of all parts. Charges share vertices with their neighbours, so that some six are worth one in the mean's
+ * variance. */
+static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+{
+    enum { PRIOR = 6 }; /* charges that the scatter of all parts counts for */
+    sb_real misfit = l->def->misfit * l->match->size, scatter;
+    regi_loads_part part = regi_loads_look_at(l, sample);
+    if (part.count == 0)
         return;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-        sb_real off = charge->active ? regi_loads_distance(charge) - sum / area : 0;
         if (!charge->active)
             continue;
-        scatter += charge->area / area * off * off;
-        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
-        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / area);
+        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / part.area, row);
+        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / part.area);
     }
-    l->gap[sample] -= sum / area;
-    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
-                          6 * scatter / (sb_real)count;
+    scatter = (part.squares + PRIOR * l->scatter) / (sb_real)(part.count - 1 + PRIOR);
+    l->gap[sample] -= part.mean;
+    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
+                          6 * scatter / (sb_real)part.count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -8227,7 +8265,7 @@ static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
     charge = l->match->charge_count + index;
     gap = sb_v3_sub(l->match->targets[l->match->charges[charge].index], regi_match_point(l->match, charge));
     l->gap[sample] = sb_v3_dot(gap, line);
-    l->variance[sample] = misfit * misfit;
+    l->variance[sample] = misfit * misfit + l->scatter;
     regi_loads_add_pose(l, sample, regi_match_point(l->match, charge), line, 1);
     regi_loads_add_point(l, charge, line, 1, row);
 }
@@ -8479,6 +8517,7 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     result = regi_loads_stiffness(l, error);
     if (result != SB_OK)
         return result;
+    regi_loads_pool(l);
     regi_loads_respond(l);
     responded = regi_loads_now(l);
     l->info.seconds_response += responded - begin;

@@ -237,7 +237,8 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     for (int i = 0; i < given->landmark_count; i++) {
         pairs[i].model = given->landmarks[i];
         pairs[i].target = given->landmark_targets[i];
-        pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, getenv("LMW")?atof(getenv("LMW")):0.01);
+        /* deformed as it is, one landmark must not tell the pose */
+        pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, 0.01);
     }
     options.landmarks = pairs;
     options.landmark_count = given->landmark_count;
@@ -501,28 +502,56 @@ static inline sb_result task_run_match(const task *given, reg_match *match, outc
     return result;
 }
 
-/* What a surface shows of motion along itself. Where no such loads are found the match stays as it is. */
-static inline void task_find_loads(const task *given, reg_match *match, outcome *out)
+static inline sb_result task_soften(const task *given, sb_body *body, int hyperelastic)
 {
-    sb_material tissue = sb_material_neo_hookean((sb_real)given->young, (sb_real)given->poisson, 1060);
+    sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
+    sb_material tissue = hyperelastic ? sb_material_neo_hookean(young, poisson, 1060)
+                                      : sb_material_corotated(young, poisson, 1060);
+    return sb_body_set_material(body, &tissue, NULL);
+}
+
+static inline reg_loads_def task_loads_def(const task *given, const outcome *out, reg_match *match)
+{
     reg_loads_def def = reg_default_loads_def();
-    reg_loads_info info;
     sb_vec3 low, high;
     sb_real left;
-    double begun = seconds_now();
-    task_show(given, 0.9, "loads on the surface");
+    sb_mesh_bounds(&out->placed, &low, &high);
+    left = out->smooth.left / sb_v3_norm(sb_v3_sub(high, low));
     def.match = match;
     def.clock = seconds_now;
-    sb_mesh_bounds(&out->placed, &low, &high);
-    left = out->smooth.noise > out->smooth.left ? out->smooth.left / sb_v3_norm(sb_v3_sub(high, low)) : 0;
-    def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.16 * left * left); /* samples are means */
+    if (out->smooth.noise > out->smooth.left) /* there was noise; samples are means of some points */
+        def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.16 * left * left);
     if (given->fixed_count == 0)
         def.pose = (sb_real)0.01;
     else if (!given->aligned && !out->is_placed)
         def.pose = (sb_real)0.005;
-    if (sb_body_set_material(out->body, &tissue, NULL) == SB_OK && reg_loads_run(&def, NULL, &info) != SB_OK)
-        fprintf(stderr, "warning: no loads were found: %s\n", info.error.message);
+    return def;
+}
+
+/* What a surface shows of motion along itself. 0 where that is not the work of loads on little of it: rounds then do not
+ * come to rest, and the match stays as it is. */
+static inline int task_find_loads(const task *given, reg_match *match, outcome *out)
+{
+    reg_loads_def def = task_loads_def(given, out, match);
+    size_t n = (size_t)out->placed.node_count;
+    sb_vec3 *before = (sb_vec3 *)malloc(n * sizeof *before), low, high;
+    reg_loads_info info;
+    double begun = seconds_now();
+    int found = 0;
+    task_show(given, 0.9, "loads on the surface");
+    sb_mesh_bounds(&out->placed, &low, &high);
+    if (before) {
+        memcpy(before, sb_body_displacements(out->body), n * sizeof *before);
+        found = task_soften(given, out->body, 1) == SB_OK && reg_loads_run(&def, NULL, &info) == SB_OK &&
+                info.change < (sb_real)0.01 * sb_v3_norm(sb_v3_sub(high, low));
+    }
+    if (before && !found) {
+        (void)sb_body_set_displacements(out->body, before);
+        (void)task_soften(given, out->body, 0);
+    }
+    free(before);
     out->seconds_setup += seconds_now() - begun;
+    return found;
 }
 
 static inline reg_match_def task_match_def(const task *given, const outcome *out, const sb_vec3 *landmarks)
@@ -536,7 +565,7 @@ static inline reg_match_def task_match_def(const task *given, const outcome *out
     def.target_count = given->target ? 0 : given->cloud->count;
     def.method = out->how == METHOD_PBSM_LAPLACE ? REG_PBSM_LAPLACE : REG_PBSM;
     def.partial = given->partial;
-    if (given->noisy || given->loads) /* a firm charge presses noise into the shape, and elements that loads cannot bear */
+    if (given->noisy) /* a firm charge presses noise into the shape */
         def.last_charge = 2;
     def.landmarks = landmarks;
     def.landmark_targets = given->landmark_targets;
@@ -546,22 +575,47 @@ static inline reg_match_def task_match_def(const task *given, const outcome *out
     return def;
 }
 
+/* Steps of a match up to the charge; *match is the caller's. */
+static inline sb_result task_match_up_to(const task *given, const reg_match_def *def, outcome *out, reg_match **match,
+                                         sb_error *error)
+{
+    double begun = seconds_now(), made;
+    sb_result result = reg_match_create(def, match, error);
+    made = seconds_now();
+    if (result == SB_OK)
+        result = task_run_match(given, *match, out, error);
+    out->seconds_setup += made - begun;
+    out->seconds_run += seconds_now() - made;
+    return result;
+}
+
+/* Loads begin with a shape that is not pressed on: a firm charge leaves elements that they cannot bear. Where there are
+ * none the firm charge follows. */
 static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
 {
     sb_vec3 *landmarks = task_landmarks(given, out);
     reg_match_def def = task_match_def(given, out, landmarks);
+    sb_real firm = def.last_charge;
+    int soft = given->loads && out->how == METHOD_PBSM, found = 0;
     reg_match *match = NULL;
-    double begun = seconds_now(), made;
-    sb_result result;
-    result = landmarks ? reg_match_create(&def, &match, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
-    made = seconds_now();
+    sb_result result = landmarks ? SB_OK : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    if (soft)
+        def.last_charge = 2;
     if (result == SB_OK)
-        result = task_run_match(given, match, out, error);
-    out->seconds_setup += made - begun;
-    out->seconds_run = seconds_now() - made;
-    if (result == SB_OK && given->loads && out->how == METHOD_PBSM && strcmp(out->stop, "settled") == 0)
-        task_find_loads(given, match, out);
+        result = task_match_up_to(given, &def, out, &match, error);
+    if (result == SB_OK && soft && strcmp(out->stop, "settled") == 0)
+        found = task_find_loads(given, match, out);
     reg_match_destroy(match);
+    match = NULL;
+    if (result == SB_OK && soft && !found && firm > def.last_charge) {
+        int before = out->iterations;
+        def.last_charge = firm;
+        def.first_charge = 2;
+        def.reach = def.last_reach;
+        result = task_match_up_to(given, &def, out, &match, error);
+        out->iterations += before;
+        reg_match_destroy(match);
+    }
     free(landmarks);
     return result;
 }

@@ -2,7 +2,6 @@
 #include "loads.h"
 
 #include <string.h>
-#include <stdlib.h>
 
 #include "../softbody/direct_front.h"
 #include "match_state.h"
@@ -257,7 +256,7 @@ static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
     scatter = (part.squares + PRIOR * l->scatter) / (sb_real)(part.count - 1 + PRIOR);
     l->gap[sample] -= part.mean;
     l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
-                          (getenv("SC") ? (sb_real)atof(getenv("SC")) : 6) * scatter / (sb_real)part.count;
+                          6 * scatter / (sb_real)part.count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -270,7 +269,7 @@ static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
     charge = l->match->charge_count + index;
     gap = sb_v3_sub(l->match->targets[l->match->charges[charge].index], regi_match_point(l->match, charge));
     l->gap[sample] = sb_v3_dot(gap, line);
-    l->variance[sample] = misfit * misfit; if (getenv("LMV")) l->variance[sample] *= (sb_real)atof(getenv("LMV"));
+    l->variance[sample] = misfit * misfit + l->scatter;
     regi_loads_add_pose(l, sample, regi_match_point(l->match, charge), line, 1);
     regi_loads_add_point(l, charge, line, 1, row);
 }
