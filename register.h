@@ -99,13 +99,15 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * reg_cloud    points with or without normals, from PLY, XYZ and mesh files; normals by local fits, thinning, outliers.
+ * reg_cloud    points with or without normals, from PLY, XYZ and mesh files; normals by local fits, thinning, outliers;
+ *              noise is taken off clouds and surfaces by reg_cloud_smooth and reg_cloud_smooth_mesh.
  * reg_kdtree   nearest points and those within a radius.
  * reg_rigid    a rotation and a translation; reg_rigid_fit gives the best one for pairs.
  * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks.
  * reg_cpd_fit  coherent point drift, rigid to non-rigid, for clouds without a model (and markers of different number).
  * reg_field    the potential about a target: distance, or Laplace's.
  * reg_match    physics-based shape matching: an sb_body drawn to a target by charges on its surface.
+ * reg_loads    what a match leaves open: the few loads on the surface, and the pose, that give the organ its shape.
  * reg_nicp     non-rigid ICP: an sb_body drawn to pairs of points, also by what a camera sees.
  *
  * LICENCE
@@ -461,16 +463,16 @@ typedef struct reg_smooth_info {
 
 /* Takes noise off a cloud: each point goes to where quadratics fitted to its neighbours say the surface is, over as
  * many neighbours (16 to 128) as agree with one another up to the noise, which is measured first, robustly: flat parts
- * are smoothed widely, edges keep their shape. Where noise is under a twenty-fifth of the points' spacing none is moved.
+ * are smoothed widely, edges keep their shape. Where noise is under a twenty-fifth of the points' spacing none moves.
  * Outliers are removed: points farther from a robust fit to their neighbours than 4 standard deviations of the noise
  * and the points' spacing, 2.5 times as far from the next points as those are from theirs, or amid scattered ones.
  * Normals, when there are any, keep unlike sides of thin parts apart, and become those of the fits.
  * info: or NULL. jobs: NULL: inline. About 60 us per noisy point.
  * SB_ERROR_ARGUMENT, _NOT_FINITE (error->node), _MEMORY: the cloud is untouched. */
 REG_API sb_result reg_cloud_smooth(reg_cloud *cloud, const sb_jobs *jobs, reg_smooth_info *info, sb_error *error);
-/* The same for the nodes of a surface, open or closed. Nodes whose shortest edge is 3 times as long as their neighbours'
- * are outliers, too; all of these are put amid their neighbours in the mesh, so that no holes come about. Fails as
- * reg_cloud_from_mesh does, too; the surface is then untouched. */
+/* The same for the nodes of a surface, open or closed. Nodes whose shortest edge is 3 times as long as their
+ * neighbours' are outliers, too; all of these are put amid their neighbours in the mesh, so that no holes come about.
+ * Fails as reg_cloud_from_mesh does, too; the surface is then untouched. */
 REG_API sb_result reg_cloud_smooth_mesh(sb_mesh *surface, const sb_jobs *jobs, reg_smooth_info *info, sb_error *error);
 
 
@@ -1100,11 +1102,11 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
  *
- * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the least
- * loads. That is for a rigid start from a part of a deformed organ, which is off by more than a centimetre.
+ * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
+ * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
  *
- * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of more
- * than a hundredth of the organ's size says so, and the match is the better answer then.
+ * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of
+ * more than a hundredth of the organ's size says so, and the match is the better answer then.
  *
  * The tractions are only as good as the material: the error of the corotated law at strains of a tenth bends what is
  * found more than it mends. Give the body a hyperelastic material (sb_body_set_material, e.g. neo-Hookean) after the
@@ -8232,12 +8234,12 @@ static void regi_loads_pool(regi_loads *l)
 }
 
 /* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
- * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it has
- * few charges, of all parts. Charges share vertices with their neighbours, so that some six are worth one in the mean's
- * variance. */
+ * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it
+ * has few charges, of all parts. Charges share vertices with their neighbours, so that some six are worth one in the
+ * mean's variance. */
 static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
 {
-    enum { PRIOR = 6 }; /* charges that the scatter of all parts counts for */
+    const int prior = 6; /* charges that the scatter of all parts counts for */
     sb_real misfit = l->def->misfit * l->match->size, scatter;
     regi_loads_part part = regi_loads_look_at(l, sample);
     if (part.count == 0)
@@ -8249,7 +8251,7 @@ static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
         regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / part.area, row);
         regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / part.area);
     }
-    scatter = (part.squares + PRIOR * l->scatter) / (sb_real)(part.count - 1 + PRIOR);
+    scatter = (part.squares + (sb_real)prior * l->scatter) / (sb_real)(part.count - 1 + prior);
     l->gap[sample] -= part.mean;
     l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
                           6 * scatter / (sb_real)part.count;

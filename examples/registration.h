@@ -528,8 +528,8 @@ static inline reg_loads_def task_loads_def(const task *given, const outcome *out
     return def;
 }
 
-/* What a surface shows of motion along itself. 0 where that is not the work of loads on little of it: rounds then do not
- * come to rest, and the match stays as it is. */
+/* What a surface shows of motion along itself. 0 where that is not the work of loads on little of it: rounds then do
+ * not come to rest, and the match stays as it is. */
 static inline int task_find_loads(const task *given, reg_match *match, outcome *out)
 {
     reg_loads_def def = task_loads_def(given, out, match);

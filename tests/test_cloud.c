@@ -546,6 +546,6 @@ static void test_bad_points(void)
 CHECK_SUITE(cloud, {"ascii ply", test_ascii_ply}, {"binary ply", test_binary_ply}, {"round trip", test_round_trip},
             {"text", test_text}, {"formats", test_formats}, {"from mesh", test_from_mesh}, {"normals", test_normals},
             {"normals of little", test_normals_of_little}, {"thin", test_thin}, {"spread", test_spread},
-            {"outlier rules", test_rules}, {"remove outliers", test_remove}, {"smooth", test_smooth}, {"smooth a mesh", test_smooth_mesh},
-            {"smooth little", test_smooth_little}, {"memory", test_memory},
+            {"outlier rules", test_rules}, {"remove outliers", test_remove}, {"smooth", test_smooth},
+            {"smooth a mesh", test_smooth_mesh}, {"smooth little", test_smooth_little}, {"memory", test_memory},
             {"bad points", test_bad_points});

@@ -236,12 +236,12 @@ static void regi_loads_pool(regi_loads *l)
 }
 
 /* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
- * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it has
- * few charges, of all parts. Charges share vertices with their neighbours, so that some six are worth one in the mean's
- * variance. */
+ * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it
+ * has few charges, of all parts. Charges share vertices with their neighbours, so that some six are worth one in the
+ * mean's variance. */
 static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
 {
-    enum { PRIOR = 6 }; /* charges that the scatter of all parts counts for */
+    const int prior = 6; /* charges that the scatter of all parts counts for */
     sb_real misfit = l->def->misfit * l->match->size, scatter;
     regi_loads_part part = regi_loads_look_at(l, sample);
     if (part.count == 0)
@@ -253,7 +253,7 @@ static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
         regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / part.area, row);
         regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / part.area);
     }
-    scatter = (part.squares + PRIOR * l->scatter) / (sb_real)(part.count - 1 + PRIOR);
+    scatter = (part.squares + (sb_real)prior * l->scatter) / (sb_real)(part.count - 1 + prior);
     l->gap[sample] -= part.mean;
     l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
                           6 * scatter / (sb_real)part.count;

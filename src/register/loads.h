@@ -16,11 +16,11 @@
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
  *
- * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the least
- * loads. That is for a rigid start from a part of a deformed organ, which is off by more than a centimetre.
+ * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
+ * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
  *
- * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of more
- * than a hundredth of the organ's size says so, and the match is the better answer then.
+ * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of
+ * more than a hundredth of the organ's size says so, and the match is the better answer then.
  *
  * The tractions are only as good as the material: the error of the corotated law at strains of a tenth bends what is
  * found more than it mends. Give the body a hyperelastic material (sb_body_set_material, e.g. neo-Hookean) after the
