@@ -1131,8 +1131,8 @@ typedef struct reg_loads_def {
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.005 to
-                          * 0.01 after a rigid start; supports then move along */
+                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
+                          * after a rigid start; supports then move along */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */
@@ -8235,7 +8235,7 @@ static void regi_loads_pool(regi_loads *l)
 
 /* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
  * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it
- * has few charges, of all parts. Charges share vertices with their neighbours, so that some six are worth one in the
+ * has few charges, of all parts. Charges share vertices with their neighbours, so that some four are worth one in the
  * mean's variance. */
 static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
 {
@@ -8254,7 +8254,7 @@ static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
     scatter = (part.squares + (sb_real)prior * l->scatter) / (sb_real)(part.count - 1 + prior);
     l->gap[sample] -= part.mean;
     l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
-                          6 * scatter / (sb_real)part.count;
+                          4 * scatter / (sb_real)part.count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -8267,7 +8267,7 @@ static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
     charge = l->match->charge_count + index;
     gap = sb_v3_sub(l->match->targets[l->match->charges[charge].index], regi_match_point(l->match, charge));
     l->gap[sample] = sb_v3_dot(gap, line);
-    l->variance[sample] = misfit * misfit + l->scatter;
+    l->variance[sample] = misfit * misfit;
     regi_loads_add_pose(l, sample, regi_match_point(l->match, charge), line, 1);
     regi_loads_add_point(l, charge, line, 1, row);
 }

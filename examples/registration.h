@@ -521,10 +521,8 @@ static inline reg_loads_def task_loads_def(const task *given, const outcome *out
     def.clock = seconds_now;
     if (out->smooth.noise > out->smooth.left) /* there was noise; samples are means of some points */
         def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.16 * left * left);
-    if (given->fixed_count == 0)
+    if (given->fixed_count == 0 || (!given->aligned && !out->is_placed))
         def.pose = (sb_real)0.01;
-    else if (!given->aligned && !out->is_placed)
-        def.pose = (sb_real)0.005;
     return def;
 }
 

@@ -46,8 +46,8 @@ typedef struct reg_loads_def {
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.005 to
-                          * 0.01 after a rigid start; supports then move along */
+                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
+                          * after a rigid start; supports then move along */
     sb_clock clock;      /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;     /* set by reg_default_loads_def */
