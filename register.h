@@ -99,13 +99,15 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * reg_cloud    points with or without normals, from PLY, XYZ and mesh files; normals by local fits, thinning, outliers.
+ * reg_cloud    points with or without normals, from PLY, XYZ and mesh files; normals by local fits, thinning, outliers;
+ *              noise is taken off clouds and surfaces by reg_cloud_smooth and reg_cloud_smooth_mesh.
  * reg_kdtree   nearest points and those within a radius.
  * reg_rigid    a rotation and a translation; reg_rigid_fit gives the best one for pairs.
  * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks.
  * reg_cpd_fit  coherent point drift, rigid to non-rigid, for clouds without a model (and markers of different number).
  * reg_field    the potential about a target: distance, or Laplace's.
  * reg_match    physics-based shape matching: an sb_body drawn to a target by charges on its surface.
+ * reg_loads    what a match leaves open: the few loads on the surface, and the pose, that give the organ its shape.
  * reg_nicp     non-rigid ICP: an sb_body drawn to pairs of points, also by what a camera sees.
  *
  * LICENCE
@@ -461,14 +463,16 @@ typedef struct reg_smooth_info {
 
 /* Takes noise off a cloud: each point goes to where quadratics fitted to its neighbours say the surface is, over as
  * many neighbours (16 to 128) as agree with one another up to the noise, which is measured first, robustly: flat parts
- * are smoothed widely, edges keep their shape. Outliers are removed: points farther from a robust fit to their
- * neighbours than 4 standard deviations and the points' spacing, or 2.5 times as far from them as they are from theirs.
- * Where noise is under a fiftieth of the spacing nothing is moved. Normals, when there are any, keep unlike sides of
- * thin parts apart, and become those of the fits. info: or NULL. jobs: NULL: inline.
- * About 30 us per point. SB_ERROR_ARGUMENT, _NOT_FINITE, _MEMORY: the cloud is untouched. */
+ * are smoothed widely, edges keep their shape. Where noise is under a twenty-fifth of the points' spacing none moves.
+ * Outliers are removed: points farther from a robust fit to their neighbours than 4 standard deviations of the noise
+ * and the points' spacing, 2.5 times as far from the next points as those are from theirs, or amid scattered ones.
+ * Normals, when there are any, keep unlike sides of thin parts apart, and become those of the fits.
+ * info: or NULL. jobs: NULL: inline. About 60 us per noisy point.
+ * SB_ERROR_ARGUMENT, _NOT_FINITE (error->node), _MEMORY: the cloud is untouched. */
 REG_API sb_result reg_cloud_smooth(reg_cloud *cloud, const sb_jobs *jobs, reg_smooth_info *info, sb_error *error);
-/* The same for the nodes of a surface, open or closed. Outliers are put amid their neighbours in the mesh, so that no
- * holes come about. Fails as reg_cloud_from_mesh does, too; the surface is then untouched. */
+/* The same for the nodes of a surface, open or closed. Nodes whose shortest edge is 3 times as long as their
+ * neighbours' are outliers, too; all of these are put amid their neighbours in the mesh, so that no holes come about.
+ * Fails as reg_cloud_from_mesh does, too; the surface is then untouched. */
 REG_API sb_result reg_cloud_smooth_mesh(sb_mesh *surface, const sb_jobs *jobs, reg_smooth_info *info, sb_error *error);
 
 
@@ -1096,11 +1100,18 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  * follows from the tractions found the time before (iteratively reweighted least squares for a sum of powers). The
  * traction of w is averaged with the neighbours', so that loads fill regions.
  *
- * The samples s are means over small parts of the surface; what the surface scatters about them adds to misfit^2, so
- * that noise of the target is seen as such. Their responses to all forces are one column each of the inverse stiffness
- * (see direct.h), after which a round is a dense system in the samples:
+ * The samples s are means over small parts of the surface; what the surface scatters about them, in each part and in
+ * all of them, adds to misfit^2, so that noise of the target and corners that facets cut are seen as such. Their
+ * responses to all forces are one column each of the inverse stiffness (see direct.h), after which a round is a dense
+ * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
+ *
+ * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
+ * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
+ *
+ * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of
+ * more than a hundredth of the organ's size says so, and the match is the better answer then.
  *
  * The tractions are only as good as the material: the error of the corotated law at strains of a tenth bends what is
  * found more than it mends. Give the body a hyperelastic material (sb_body_set_material, e.g. neo-Hookean) after the
@@ -1125,7 +1136,8 @@ typedef struct reg_loads_def {
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be */
+                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
+                          * after a rigid start; supports then move along */
     double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
                           * before; default 1e9 */
     sb_clock clock;      /* default NULL: times read 0 */
@@ -1138,7 +1150,7 @@ typedef struct reg_loads_info {
     int rounds;            /* done */
     sb_real mean_distance; /* of the charges before the last round (m) */
     sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
-    sb_real change;        /* largest displacement of a node in the last round (m) */
+    sb_real change;        /* largest displacement of a node in the last round (m): see above */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
     double seconds;        /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
@@ -2553,9 +2565,11 @@ REG_API sb_result reg_cloud_save_ply(const char *path, const reg_cloud *cloud, i
 
 enum {
     REGI_SMOOTH_LEAST = 16,  /* neighbours of the smallest fit */
-    REGI_SMOOTH_LEVELS = 4,  /* each fit has twice the neighbours of the one before */
-    REGI_SMOOTH_MOST = 128,
+    REGI_SMOOTH_NEXT = 6,    /* those whose distance is a point's spacing */
+    REGI_SMOOTH_MOST = 128,  /* and of the largest; each has twice those of the one before */
+    REGI_SMOOTH_ASKED = 192, /* among which they are */
     REGI_SMOOTH_TERMS = 6,   /* 1 x y x^2 xy y^2 */
+    REGI_SMOOTH_ROUNDS = 3,
     REGI_SMOOTH_BLOCK = 256  /* points per task */
 };
 
@@ -2565,10 +2579,11 @@ typedef struct regi_smooth {
     const reg_kdtree *tree;
     int count;
     const unsigned char *out;        /* [count] 1: outliers, which no fit takes */
-    sb_real noise;                   /* m */
+    sb_real noise, usual;            /* m; that of the points, and their spacing */
     sb_real *residual;               /* [count] distance from what the neighbours say, over its expected share */
     sb_real *share;                  /* [count] that share: of a residual, or of what smoothing leaves, in noises */
-    sb_real *spacing;                /* [count] mean distance to the neighbours (m); 0: there are too few */
+    sb_real *scatter;                /* [count] of the neighbours about their own surface: median (m) */
+    sb_real *spacing;                /* [count] mean distance to the neighbours (m) */
     sb_vec3 *moved, *facing;         /* [count] smoothed points, and the normals there */
 } regi_smooth;
 
@@ -2578,17 +2593,16 @@ typedef struct regi_smooth_frame {
     sb_real scale; /* m: of the neighbourhood */
 } regi_smooth_frame;
 
-typedef struct regi_smooth_fit {
-    sb_real height;  /* at the point (m) */
-    sb_real share;   /* variance of that height, in those of one point's */
-    sb_vec3 normal;
-} regi_smooth_fit;
+/* Normal equations of heights as a quadratic of the place in the plane. */
+typedef struct regi_smooth_sums {
+    sb_real matrix[REGI_SMOOTH_TERMS * REGI_SMOOTH_TERMS], right[REGI_SMOOTH_TERMS];
+} regi_smooth_sums;
 
 /* The nearest points that may tell of a point's place: no outliers, not of a surface that faces the other way. */
 static int regi_smooth_neighbours(const regi_smooth *s, int point, int with_itself, int wanted, int *near)
 {
-    int found[REGI_SMOOTH_MOST + REGI_SMOOTH_MOST / 2], asked = wanted + wanted / 2, count, kept = 0;
-    sb_real squares[REGI_SMOOTH_MOST + REGI_SMOOTH_MOST / 2];
+    int found[REGI_SMOOTH_ASKED], asked = sbi_min_int(2 * wanted, REGI_SMOOTH_ASKED), count, kept = 0;
+    sb_real squares[REGI_SMOOTH_ASKED];
     count = reg_kdtree_k_nearest(s->tree, s->points[point], asked, found, squares);
     for (int i = 0; i < count && kept < wanted; i++) {
         int other = found[i];
@@ -2637,49 +2651,56 @@ static void regi_smooth_terms(const regi_smooth_frame *frame, sb_vec3 point, sb_
     *height = sb_v3_dot(d, frame->z) * frame->scale;
 }
 
-/* Heights of weighted neighbours as a quadratic of the place in the plane. Returns 0 when they do not determine one. */
-static int regi_smooth_solve(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
-                             const sb_real *weights, sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *share)
+/* weights: NULL: all 1. */
+static void regi_smooth_add(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
+                            const sb_real *weights, regi_smooth_sums *sums)
 {
-    enum { N = REGI_SMOOTH_TERMS };
-    sb_real matrix[N * N], terms[N], first[N] = {1, 0, 0, 0, 0, 0}, height;
-    memset(matrix, 0, sizeof matrix);
-    memset(coefficients, 0, N * sizeof coefficients[0]);
+    sb_real terms[REGI_SMOOTH_TERMS], height;
     for (int i = 0; i < count; i++) {
         regi_smooth_terms(frame, s->points[near[i]], terms, &height);
-        for (int a = 0; a < N; a++) {
+        for (int a = 0; a < REGI_SMOOTH_TERMS; a++) {
             sb_real part = (weights ? weights[i] : 1) * terms[a];
-            coefficients[a] += part * height;
+            sums->right[a] += part * height;
             for (int b = 0; b <= a; b++)
-                matrix[a * N + b] += part * terms[b];
+                sums->matrix[a * REGI_SMOOTH_TERMS + b] += part * terms[b];
         }
     }
-    if (sb_cholesky_factor(matrix, N))
+}
+
+/* Coefficients, and the variance of the height at the point in those of one neighbour's. 0 when the sums do not
+ * determine them. */
+static int regi_smooth_solve(const regi_smooth_sums *sums, sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *share)
+{
+    sb_real factor[REGI_SMOOTH_TERMS * REGI_SMOOTH_TERMS], first[REGI_SMOOTH_TERMS] = {1, 0, 0, 0, 0, 0};
+    memcpy(factor, sums->matrix, sizeof factor);
+    memcpy(coefficients, sums->right, sizeof sums->right);
+    if (sb_cholesky_factor(factor, REGI_SMOOTH_TERMS))
         return 0;
-    sb_cholesky_solve(matrix, N, coefficients);
-    sb_cholesky_solve(matrix, N, first);
+    sb_cholesky_solve(factor, REGI_SMOOTH_TERMS, coefficients);
+    sb_cholesky_solve(factor, REGI_SMOOTH_TERMS, first);
     *share = first[0];
     return 1;
 }
 
 /* ---- what is noise ---- */
 
-/* Weights of a robust fit: small for those much farther off than the median. */
-static void regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
+/* Weights of a robust fit: small for those much farther off than the median, which is returned. */
+static sb_real regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
                               const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
 {
-    sb_real off[REGI_SMOOTH_LEAST], sizes[REGI_SMOOTH_LEAST], terms[REGI_SMOOTH_TERMS], scale;
+    sb_real off[REGI_SMOOTH_LEAST], sizes[REGI_SMOOTH_LEAST], terms[REGI_SMOOTH_TERMS], median;
     for (int i = 0; i < count; i++) {
         regi_smooth_terms(frame, s->points[near[i]], terms, &off[i]);
         for (int a = 0; a < REGI_SMOOTH_TERMS; a++)
             off[i] -= coefficients[a] * terms[a];
         off[i] = sb_abs(off[i]);
     }
-    scale = 3 * reg_outlier_limit(off, count, REG_OUTLIERS_TRIM, (sb_real)0.5, sizes);
+    median = reg_outlier_limit(off, count, REG_OUTLIERS_TRIM, (sb_real)0.5, sizes);
     for (int i = 0; i < count; i++) {
-        sb_real ratio = scale > 0 ? off[i] / scale : 0;
+        sb_real ratio = median > 0 ? off[i] / (3 * median) : 0;
         weights[i] = 1 / ((1 + ratio * ratio) * (1 + ratio * ratio));
     }
+    return median;
 }
 
 /* How far a point is from the surface that its neighbours tell of. */
@@ -2687,16 +2708,21 @@ static void regi_smooth_judge(const regi_smooth *s, int point)
 {
     int near[REGI_SMOOTH_LEAST], count = regi_smooth_neighbours(s, point, 0, REGI_SMOOTH_LEAST, near);
     sb_real weights[REGI_SMOOTH_LEAST], coefficients[REGI_SMOOTH_TERMS], share = 0, sum = 0;
+    sb_real scatter = 0;
     regi_smooth_frame frame;
+    regi_smooth_sums sums;
     int known = count > REGI_SMOOTH_TERMS && regi_smooth_place(s, point, near, count, &frame);
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < sbi_min_int(count, REGI_SMOOTH_NEXT); i++)
         sum += sb_v3_norm(sb_v3_sub(s->points[near[i]], s->points[point]));
-    s->spacing[point] = count > 0 ? sum / (sb_real)count : 0;
+    s->spacing[point] = count > 0 ? sum / (sb_real)sbi_min_int(count, REGI_SMOOTH_NEXT) : 0;
     for (int round = 0; known && round < 3; round++) {
-        known = regi_smooth_solve(s, &frame, near, count, round ? weights : NULL, coefficients, &share);
+        memset(&sums, 0, sizeof sums);
+        regi_smooth_add(s, &frame, near, count, round ? weights : NULL, &sums);
+        known = regi_smooth_solve(&sums, coefficients, &share);
         if (known)
-            regi_smooth_doubt(s, &frame, near, count, coefficients, weights);
+            scatter = regi_smooth_doubt(s, &frame, near, count, coefficients, weights);
     }
+    s->scatter[point] = scatter;
     s->share[point] = known ? sb_sqrt(1 + share) : 1;
     s->residual[point] = known ? sb_abs(coefficients[0]) / s->share[point] : -1;
 }
@@ -2709,18 +2735,32 @@ static void regi_smooth_judge_block(void *user, int block)
         regi_smooth_judge(s, i);
 }
 
-/* 1 for a point farther from the neighbours' surface than noise and their own spacing explain, or much farther from
- * all of them than they are from theirs. */
+static int regi_smooth_is_amid_outliers(const regi_smooth *s, int point)
+{
+    int near[REGI_SMOOTH_LEAST], out = 0;
+    sb_real squares[REGI_SMOOTH_LEAST];
+    int count = reg_kdtree_k_nearest(s->tree, s->points[point], REGI_SMOOTH_LEAST, near, squares);
+    for (int i = 0; i < count; i++)
+        out += s->out[near[i]];
+    return 2 * out > count;
+}
+
+/* 1 for a point farther from the neighbours' surface than noise and their own spacing explain, much farther from all of
+ * them than they are from theirs, or amid some that make no surface. */
 static int regi_smooth_is_out(const regi_smooth *s, int point)
 {
     int near[REGI_SMOOTH_LEAST], count = regi_smooth_neighbours(s, point, 0, REGI_SMOOTH_LEAST, near);
     sb_real around[REGI_SMOOTH_LEAST], sorted[REGI_SMOOTH_LEAST], usual;
+    if (s->out[point])
+        return 1;
     if (count < REGI_SMOOTH_LEAST)
-        return 0;
+        return regi_smooth_is_amid_outliers(s, point);
     for (int i = 0; i < count; i++)
         around[i] = s->spacing[near[i]];
-    usual = reg_outlier_limit(around, count, REG_OUTLIERS_TRIM, (sb_real)0.5, sorted);
+    usual = reg_outlier_limit(around, count, REG_OUTLIERS_TRIM, (sb_real)0.25, sorted);
     return s->spacing[point] > (sb_real)2.5 * usual ||
+           (s->spacing[point] > 2 * s->usual &&
+            s->scatter[point] > sb_max(4 * s->noise, (sb_real)0.1 * s->spacing[point])) ||
            s->residual[point] > sb_max(4 * s->noise, usual / s->share[point]);
 }
 
@@ -2733,43 +2773,51 @@ static void regi_smooth_measure(regi_smooth *s, const sb_jobs *jobs, sb_real *sc
     for (int i = 0; i < s->count; i++)
         if (s->residual[i] >= 0 && !s->out[i])
             scratch[known++] = s->residual[i];
+    s->usual = reg_outlier_limit(s->spacing, s->count, REG_OUTLIERS_TRIM, (sb_real)0.5, sorted);
     s->noise = known ? (sb_real)1.4826 * reg_outlier_limit(scratch, known, REG_OUTLIERS_TRIM, (sb_real)0.5, sorted) : 0;
 }
 
 /* ---- smoothing ---- */
 
+/* A point on the surface of a fit, and the normal there. */
+static void regi_smooth_take(const regi_smooth *s, int point, const regi_smooth_frame *frame,
+                             const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real share)
+{
+    sb_vec3 normal = sb_v3_madd(sb_v3_scale(frame->scale, frame->z), -coefficients[1], frame->x);
+    normal = regi_cloud_unit(sb_v3_madd(normal, -coefficients[2], frame->y));
+    s->moved[point] = sb_v3_madd(s->points[point], coefficients[0], frame->z);
+    if (s->normals)
+        s->facing[point] = sb_v3_dot(s->normals[point], normal) < 0 ? sb_v3_scale(-1, normal) : normal;
+    s->share[point] = sb_sqrt(share);
+}
+
 /* The widest fit that agrees with all narrower ones, and with the point itself, up to what noise does to each (the rule
- * of intersecting intervals: Goldenshluger, Nemirovski 1997): flat parts are smoothed widely, edges stay. */
+ * of intersecting intervals: Goldenshluger, Nemirovski 1997): flat parts are smoothed widely, edges stay. An outlier
+ * knows nothing of its own. */
 static void regi_smooth_point(const regi_smooth *s, int point)
 {
-    int near[REGI_SMOOTH_MOST], wanted = REGI_SMOOTH_LEAST;
-    sb_real low = -2 * s->noise, high = 2 * s->noise, coefficients[REGI_SMOOTH_TERMS], share;
-    sb_vec3 facing = s->normals ? s->normals[point] : sb_v3(0, 0, 0);
+    int near[REGI_SMOOTH_MOST], count, done = 0, wanted = REGI_SMOOTH_LEAST;
+    sb_real high = s->out[point] ? SB_REAL_MAX : 2 * s->noise, low = -high, share;
+    sb_real coefficients[REGI_SMOOTH_TERMS];
     regi_smooth_frame frame;
+    regi_smooth_sums sums;
     s->moved[point] = s->points[point];
-    s->facing[point] = facing;
+    s->facing[point] = s->normals ? s->normals[point] : sb_v3(0, 0, 0);
     s->share[point] = 1;
-    for (int level = 0; level < REGI_SMOOTH_LEVELS; level++, wanted *= 2) {
-        int count = regi_smooth_neighbours(s, point, !s->out[point], wanted, near);
-        sb_real reach;
-        sb_vec3 normal;
-        if (count < wanted || (level == 0 && !regi_smooth_place(s, point, near, count, &frame)) ||
-            !regi_smooth_solve(s, &frame, near, count, NULL, coefficients, &share))
-            return;
-        reach = 2 * s->noise * sb_sqrt(share);
-        if (s->out[point] && level == 0) { /* it knows nothing of its own */
-            low = coefficients[0] - reach;
-            high = coefficients[0] + reach;
-        }
-        low = sb_max(low, coefficients[0] - reach);
-        high = sb_min(high, coefficients[0] + reach);
+    count = regi_smooth_neighbours(s, point, !s->out[point], REGI_SMOOTH_MOST, near);
+    if (count < wanted || !regi_smooth_place(s, point, near, wanted, &frame))
+        return;
+    memset(&sums, 0, sizeof sums);
+    for (; wanted <= count; wanted *= 2) {
+        regi_smooth_add(s, &frame, near + done, wanted - done, NULL, &sums);
+        done = wanted;
+        if (!regi_smooth_solve(&sums, coefficients, &share) || !(share < 1))
+            return; /* neighbours to one side say less than the point itself */
+        low = sb_max(low, coefficients[0] - 2 * s->noise * sb_sqrt(share));
+        high = sb_min(high, coefficients[0] + 2 * s->noise * sb_sqrt(share));
         if (low > high)
             return;
-        normal = sb_v3_madd(sb_v3_scale(frame.scale, frame.z), -coefficients[1], frame.x);
-        normal = regi_cloud_unit(sb_v3_madd(normal, -coefficients[2], frame.y));
-        s->moved[point] = sb_v3_madd(s->points[point], coefficients[0], frame.z);
-        s->facing[point] = sb_v3_scale((sb_real)(sb_v3_dot(facing, normal) < 0 ? -1 : 1), normal);
-        s->share[point] = sb_sqrt(share);
+        regi_smooth_take(s, point, &frame, coefficients, share);
     }
 }
 
@@ -2789,7 +2837,7 @@ typedef struct regi_smooth_work {
     const sb_allocator *allocator;
     const sb_jobs *jobs;
     reg_kdtree *tree;
-    sb_real *numbers;   /* [5 count] */
+    sb_real *numbers;   /* [6 count] */
     sb_vec3 *vectors;   /* [4 count]: points, normals, moved, facing */
     unsigned char *out; /* [count] */
 } regi_smooth_work;
@@ -2813,7 +2861,7 @@ static sb_result regi_smooth_begin(regi_smooth_work *w, const sb_vec3 *points, i
     result = regi_cloud_check(points, NULL, count, error);
     if (result != SB_OK)
         return result;
-    w->numbers = (sb_real *)sbi_alloc(allocator, n, 5 * sizeof(sb_real));
+    w->numbers = (sb_real *)sbi_alloc(allocator, n, 6 * sizeof(sb_real));
     w->vectors = (sb_vec3 *)sbi_alloc(allocator, n, 4 * sizeof(sb_vec3));
     w->out = (unsigned char *)sbi_alloc_zeroed(allocator, n, 1);
     if (!w->numbers || !w->vectors || !w->out)
@@ -2825,6 +2873,7 @@ static sb_result regi_smooth_begin(regi_smooth_work *w, const sb_vec3 *points, i
     w->pass.residual = w->numbers;
     w->pass.share = w->numbers + n;
     w->pass.spacing = w->numbers + 2 * n;
+    w->pass.scatter = w->numbers + 3 * n;
     w->pass.moved = w->vectors + 2 * n;
     w->pass.facing = w->vectors + 3 * n;
     return SB_OK;
@@ -2832,27 +2881,29 @@ static sb_result regi_smooth_begin(regi_smooth_work *w, const sb_vec3 *points, i
 
 static sb_result regi_smooth_plant(regi_smooth_work *w, sb_error *error)
 {
+    sb_result result;
     reg_kdtree_destroy(w->tree);
     w->tree = NULL;
-    w->pass.tree = NULL;
-    if (reg_kdtree_create(w->pass.points, w->pass.count, w->allocator, &w->tree, error) != SB_OK)
-        return error ? error->result : SB_ERROR_MEMORY;
+    result = reg_kdtree_create(w->pass.points, w->pass.count, w->allocator, &w->tree, error);
     w->pass.tree = w->tree;
-    return SB_OK;
+    return result;
 }
 
-/* Marks outliers, twice: the first time they spoil what their neighbours say. Returns how many. */
+/* Marks outliers until there are no more: at first they spoil what their neighbours say. Returns how many. */
 static int regi_smooth_find_out(regi_smooth_work *w)
 {
-    int found = 0;
-    for (int round = 0; round < 2; round++) {
-        unsigned char *marks = (unsigned char *)w->pass.moved; /* not in use yet */
-        regi_smooth_measure(&w->pass, w->jobs, w->numbers + 3 * (size_t)w->pass.count);
-        for (int i = 0; i < w->pass.count; i++)
+    unsigned char *marks = (unsigned char *)w->pass.moved; /* not in use yet */
+    int n = w->pass.count, found = 0, more = 1;
+    for (int round = 0; round < REGI_SMOOTH_ROUNDS && more; round++) {
+        regi_smooth_measure(&w->pass, w->jobs, w->numbers + 4 * (size_t)n);
+        more = 0;
+        for (int i = 0; i < n; i++) {
             marks[i] = (unsigned char)regi_smooth_is_out(&w->pass, i);
-        memcpy(w->out, marks, (size_t)w->pass.count);
+            more += marks[i] - w->out[i];
+        }
+        memcpy(w->out, marks, (size_t)n);
     }
-    for (int i = 0; i < w->pass.count; i++)
+    for (int i = 0; i < n; i++)
         found += w->out[i];
     return found;
 }
@@ -2861,14 +2912,10 @@ static int regi_smooth_find_out(regi_smooth_work *w)
 static int regi_smooth_run(regi_smooth_work *w, reg_smooth_info *info)
 {
     regi_smooth *s = &w->pass;
-    sb_real *scratch = w->numbers + 3 * (size_t)s->count, usual;
     double sum = 0;
-    int smoothed;
-    regi_smooth_measure(s, w->jobs, scratch);
-    usual = reg_outlier_limit(s->spacing, s->count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
+    regi_smooth_measure(s, w->jobs, w->numbers + 4 * (size_t)s->count);
     info->noise = info->left = s->noise;
-    smoothed = s->noise > (sb_real)0.02 * usual;
-    if (!smoothed)
+    if (!(s->noise > (sb_real)0.04 * s->usual))
         return 0;
     sbi_run(w->jobs, regi_smooth_point_block, s, (s->count - 1) / REGI_SMOOTH_BLOCK + 1);
     for (int i = 0; i < s->count; i++)
@@ -2907,6 +2954,30 @@ REG_API sb_result reg_cloud_smooth(reg_cloud *cloud, const sb_jobs *jobs, reg_sm
     }
     regi_smooth_free(&w);
     return result;
+}
+
+/* Marks nodes whose shortest edge is three times as long as their neighbours' are on average: those that lie far away
+ * from where the mesh has them, which no neighbours in space could tell where many lie far away. */
+static void regi_smooth_find_stretched(regi_smooth_work *w, const sbi_surface_cut *cut)
+{
+    int n = w->pass.count;
+    sb_real *shortest = w->numbers, *sum = w->numbers + n, *count = w->numbers + 2 * (size_t)n;
+    for (int i = 0; i < n; i++)
+        shortest[i] = SB_REAL_MAX;
+    for (int pass = 0; pass <= REGI_SMOOTH_ROUNDS; pass++) { /* the first one measures */
+        for (int i = 0; i < n; i++)
+            sum[i] = count[i] = 0;
+        for (int k = 0; k < 6 * cut->triangles.element_count; k++) {
+            const int *c = cut->triangles.elements + k / 6 * 3;
+            int from = c[k % 3], to = c[(k % 3 + 1 + k % 6 / 3) % 3];
+            if (pass == 0)
+                shortest[to] = sb_min(shortest[to], sb_v3_norm(sb_v3_sub(w->vectors[from], w->vectors[to])));
+            sum[to] += w->out[from] ? 0 : shortest[from];
+            count[to] += !w->out[from];
+        }
+        for (int i = 0; i < n && pass > 0; i++)
+            w->out[i] = w->out[i] || (count[i] > 0 && shortest[i] * count[i] > 3 * sum[i]);
+    }
 }
 
 /* Puts outliers amid their neighbours in the mesh, those next to good nodes first. What only has outliers around it
@@ -2958,6 +3029,7 @@ REG_API sb_result reg_cloud_smooth_mesh(sb_mesh *surface, const sb_jobs *jobs, r
     if (result == SB_OK)
         result = regi_smooth_plant(&w, error);
     if (result == SB_OK) {
+        regi_smooth_find_stretched(&w, &cut);
         found.outliers = regi_smooth_find_out(&w);
         regi_smooth_recall(&w, &cut);
         result = regi_smooth_plant(&w, error);
@@ -8035,6 +8107,7 @@ typedef struct regi_loads {
     int *part;             /* [charges] sample of a charge */
     int *part_start;       /* [part_count + 1] into part_charges */
     int *part_charges;     /* [charges] by sample */
+    sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
     sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
     sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
@@ -8207,35 +8280,64 @@ static sb_real regi_loads_distance(const regi_match_charge *charge)
     return sb_v3_dot(charge->force, charge->line) / charge->stiffness;
 }
 
-/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
- * about their mean is noise that no force explains; charges share vertices with their neighbours, so that some six are
- * worth one in the mean's variance. */
-static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+/* Sums over the active charges of a part. */
+typedef struct regi_loads_part {
+    int count;
+    sb_real area, mean, squares; /* m^2; of the distances (m), and about that (m^2) */
+} regi_loads_part;
+
+static regi_loads_part regi_loads_look_at(const regi_loads *l, int sample)
 {
-    sb_real area = 0, sum = 0, scatter = 0, misfit = l->def->misfit * l->match->size;
-    int count = 0;
+    regi_loads_part part = {0, 0, 0, 0};
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
+        sb_real step, distance = charge->active ? regi_loads_distance(charge) : 0;
         if (!charge->active)
             continue;
-        count++;
-        area += charge->area;
-        sum += charge->area * regi_loads_distance(charge);
+        part.count++;
+        part.area += charge->area;
+        step = distance - part.mean; /* weighted running mean and squares (West 1979) */
+        part.mean += charge->area / part.area * step;
+        part.squares += charge->area * step * (distance - part.mean);
     }
-    if (count == 0)
+    part.squares = part.count ? part.squares / part.area * (sb_real)part.count : 0;
+    return part;
+}
+
+/* What single charges scatter about the means of their parts: m^2, over all parts. */
+static void regi_loads_pool(regi_loads *l)
+{
+    double squares = 0, freedom = 0;
+    for (int s = 0; s < l->part_count; s++) {
+        regi_loads_part part = regi_loads_look_at(l, s);
+        squares += (double)part.squares;
+        freedom += part.count > 1 ? part.count - 1 : 0;
+    }
+    l->scatter = (sb_real)(freedom > 0 ? squares / freedom : 0);
+}
+
+/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
+ * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it
+ * has few charges, of all parts. Charges share vertices with their neighbours, so that some four are worth one in the
+ * mean's variance. */
+static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+{
+    const int prior = 6; /* charges that the scatter of all parts counts for */
+    sb_real misfit = l->def->misfit * l->match->size, scatter;
+    regi_loads_part part = regi_loads_look_at(l, sample);
+    if (part.count == 0)
         return;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-        sb_real off = charge->active ? regi_loads_distance(charge) - sum / area : 0;
         if (!charge->active)
             continue;
-        scatter += charge->area / area * off * off;
-        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
-        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / area);
+        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / part.area, row);
+        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / part.area);
     }
-    l->gap[sample] -= sum / area;
-    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
-                          6 * scatter / (sb_real)count;
+    scatter = (part.squares + (sb_real)prior * l->scatter) / (sb_real)(part.count - 1 + prior);
+    l->gap[sample] -= part.mean;
+    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
+                          4 * scatter / (sb_real)part.count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -8500,6 +8602,7 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     result = regi_loads_stiffness(l, error);
     if (result != SB_OK)
         return result;
+    regi_loads_pool(l);
     regi_loads_respond(l);
     responded = regi_loads_now(l);
     l->info.seconds_response += responded - begin;

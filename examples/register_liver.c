@@ -268,9 +268,6 @@ static int load_target(work *w, const char *path)
         return complain_error(path, &error);
     if (thin_target(w, path))
         return EXIT_USAGE;
-    if (!w->cloud.normals && w->cloud.count > 3 && !w->set->partial &&
-        reg_cloud_estimate_normals(&w->cloud, 12, NULL, NULL, &error) != SB_OK)
-        return complain_error(path, &error);
     return 0;
 }
 

@@ -53,7 +53,8 @@ typedef struct outcome {
     sb_mesh seen;         /* the surface that is matched, after the start */
     sb_mesh target;       /* smoothed; or */
     reg_cloud cloud;
-    reg_smooth_info smooth;
+    reg_smooth_info smooth; /* what it was like */
+    int is_placed;        /* 1: the fixed region was seen, and put in its place */
     sb_body *body;        /* of pbsm and nicp */
     reg_cpd *cpd;
     int iterations;
@@ -125,7 +126,7 @@ static inline sb_result task_shape_of_target(const task *given, task_shape *s, s
     return SB_OK;
 }
 
-/* Mean distance (m) of points from a shape after a motion. */
+/* Mean distance (m) of points from a shape after a motion; from the planes through a cloud's points. */
 static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, const reg_rigid *motion,
                               const sb_vec3 *points, int count)
 {
@@ -134,10 +135,17 @@ static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, c
         sb_vec3 at = reg_rigid_apply(motion, points[i]);
         sb_surface_hit hit;
         sb_real squared = 0;
-        if (shape->tree)
+        int nearest;
+        if (shape->tree) {
             sum += sb_surface_closest(shape->tree, at, SB_REAL_MAX, &hit) ? (double)hit.distance : 0;
+            continue;
+        }
+        nearest = reg_kdtree_nearest(tree, at, SB_REAL_MAX, &squared);
+        if (nearest >= 0 && shape->shape.normals && sb_v3_norm(shape->shape.normals[nearest]) > 0)
+            sum += (double)sb_abs(sb_v3_dot(shape->shape.normals[nearest],
+                                            sb_v3_sub(at, shape->shape.points[nearest])));
         else
-            sum += reg_kdtree_nearest(tree, at, SB_REAL_MAX, &squared) >= 0 ? sqrt((double)squared) : 0;
+            sum += sqrt((double)squared);
     }
     return sum / count;
 }
@@ -154,7 +162,7 @@ static inline int task_is_near(const reg_rigid *a, const reg_rigid *b, sb_vec3 p
  * no motion at all, and what ICP of the region makes of either, the one that brings the region nearest, if it is twice
  * as near, nearer than a hundredth of the organ's size, and no other place altogether. points: [count] the region's. */
 static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3 *points, int count, double size,
-                                         reg_rigid *motion, sb_error *error)
+                                         reg_rigid *motion, int *is_placed, sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     task_shape region;
@@ -184,6 +192,7 @@ static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3
         if (gap < least && task_is_near(motion, &tried, points[0], size)) {
             least = k == 0 ? 0.7 * gap : gap; /* files of one frame are likelier than a small motion */
             best = tried;
+            *is_placed = 1;
         }
     }
     reg_kdtree_destroy(tree);
@@ -192,7 +201,7 @@ static inline sb_result task_place_fixed(const task_shape *target, const sb_vec3
 }
 
 static inline sb_result task_use_fixed(const task *given, const task_shape *target, const sb_boundary *boundary,
-                                       reg_rigid *motion, sb_error *error)
+                                       reg_rigid *motion, int *is_placed, sb_error *error)
 {
     unsigned char *fixed = (unsigned char *)calloc((size_t)given->model->node_count, 1);
     sb_vec3 *points = (sb_vec3 *)malloc((size_t)given->model->node_count * sizeof *points);
@@ -207,7 +216,8 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
             if (fixed[boundary->nodes[i]])
                 points[count++] = given->model->nodes[boundary->nodes[i]];
         if (count >= 12)
-            result = task_place_fixed(target, points, count, (double)sb_v3_norm(sb_v3_sub(high, low)), motion, error);
+            result = task_place_fixed(target, points, count, (double)sb_v3_norm(sb_v3_sub(high, low)), motion,
+                                      is_placed, error);
     } else {
         result = task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     }
@@ -217,7 +227,7 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
 }
 
 static inline sb_result task_align(const task *given, const task_shape *model, const task_shape *target,
-                                   const sb_boundary *boundary, reg_rigid *motion, sb_error *error)
+                                   outcome *out, sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     reg_icp_landmark *pairs = (reg_icp_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *pairs);
@@ -227,17 +237,18 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     for (int i = 0; i < given->landmark_count; i++) {
         pairs[i].model = given->landmarks[i];
         pairs[i].target = given->landmark_targets[i];
-        pairs[i].weight = (sb_real)(0.3 / given->landmark_count);
+        /* deformed as it is, one landmark must not tell the pose */
+        pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, 0.01);
     }
     options.landmarks = pairs;
     options.landmark_count = given->landmark_count;
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
     options.max_seconds = fmin(options.max_seconds, given->max_seconds);
-    result = reg_icp(&model->shape, &target->shape, &options, motion, NULL, error);
+    result = reg_icp(&model->shape, &target->shape, &options, &out->start, NULL, error);
     free(pairs);
     if (result == SB_OK && given->fixed_count > 0)
-        result = task_use_fixed(given, target, boundary, motion, error);
+        result = task_use_fixed(given, target, &out->boundary, &out->start, &out->is_placed, error);
     return result;
 }
 
@@ -405,7 +416,7 @@ static inline sb_result task_start(const task *given, outcome *out, sb_error *er
         if (result == SB_OK)
             result = task_shape_of_target(given, &target, error);
         if (result == SB_OK)
-            result = task_align(given, &model, &target, &out->boundary, &out->start, error);
+            result = task_align(given, &model, &target, out, error);
     }
     task_shape_free(&model);
     task_shape_free(&target);
@@ -492,28 +503,55 @@ static inline sb_result task_run_match(const task *given, reg_match *match, outc
     return result;
 }
 
-/* What a surface shows of motion along itself. Where no such loads are found the match stays as it is. */
-static inline void task_find_loads(const task *given, reg_match *match, outcome *out)
+static inline sb_result task_soften(const task *given, sb_body *body, int hyperelastic)
 {
-    sb_material tissue = sb_material_neo_hookean((sb_real)given->young, (sb_real)given->poisson, 1060);
+    sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
+    sb_material tissue = hyperelastic ? sb_material_neo_hookean(young, poisson, 1060)
+                                      : sb_material_corotated(young, poisson, 1060);
+    return sb_body_set_material(body, &tissue, NULL);
+}
+
+static inline reg_loads_def task_loads_def(const task *given, const outcome *out, reg_match *match)
+{
     reg_loads_def def = reg_default_loads_def();
-    reg_loads_info info;
-    double begun = seconds_now();
-    task_show(given, 0.9, "loads on the surface");
-    def.max_seconds = given->max_seconds - out->seconds_run;
-    if (!(def.max_seconds > 0))
-        return;
+    sb_vec3 low, high;
+    sb_real left;
+    sb_mesh_bounds(&out->placed, &low, &high);
+    left = out->smooth.left / sb_v3_norm(sb_v3_sub(high, low));
     def.match = match;
     def.clock = seconds_now;
-    if (getenv("LPOSE")) def.pose = (sb_real)atof(getenv("LPOSE"));
-    if (getenv("MISFIT")) def.misfit = (sb_real)atof(getenv("MISFIT"));
-    if (getenv("SAMPLES")) def.samples = atoi(getenv("SAMPLES"));
-    if (getenv("ROUNDS")) def.rounds = atoi(getenv("ROUNDS"));
-    if (getenv("POWER")) def.power = (sb_real)atof(getenv("POWER"));
-    if (getenv("FLOOR")) def.floor = (sb_real)atof(getenv("FLOOR"));
-    if (sb_body_set_material(out->body, &tissue, NULL) == SB_OK && reg_loads_run(&def, NULL, &info) != SB_OK)
-        fprintf(stderr, "warning: no loads were found: %s\n", info.error.message);
+    def.max_seconds = given->max_seconds - out->seconds_run;
+    if (out->smooth.noise > out->smooth.left) /* there was noise; samples are means of some points */
+        def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.16 * left * left);
+    if (given->fixed_count == 0 || (!given->aligned && !out->is_placed))
+        def.pose = (sb_real)0.01;
+    return def;
+}
+
+/* What a surface shows of motion along itself. 0 where that is not the work of loads on little of it: rounds then do
+ * not come to rest, and the match stays as it is. */
+static inline int task_find_loads(const task *given, reg_match *match, outcome *out)
+{
+    reg_loads_def def = task_loads_def(given, out, match);
+    size_t n = (size_t)out->placed.node_count;
+    sb_vec3 *before = (sb_vec3 *)malloc(n * sizeof *before), low, high;
+    reg_loads_info info;
+    double begun = seconds_now();
+    int found = 0;
+    task_show(given, 0.9, "loads on the surface");
+    sb_mesh_bounds(&out->placed, &low, &high);
+    if (before && def.max_seconds > 0) {
+        memcpy(before, sb_body_displacements(out->body), n * sizeof *before);
+        found = task_soften(given, out->body, 1) == SB_OK && reg_loads_run(&def, NULL, &info) == SB_OK &&
+                info.change < (sb_real)0.01 * sb_v3_norm(sb_v3_sub(high, low));
+    }
+    if (before && def.max_seconds > 0 && !found) {
+        (void)sb_body_set_displacements(out->body, before);
+        (void)task_soften(given, out->body, 0);
+    }
+    free(before);
     out->seconds_setup += seconds_now() - begun;
+    return found;
 }
 
 static inline reg_match_def task_match_def(const task *given, const outcome *out, const sb_vec3 *landmarks)
@@ -527,7 +565,7 @@ static inline reg_match_def task_match_def(const task *given, const outcome *out
     def.target_count = given->target ? 0 : given->cloud->count;
     def.method = out->how == METHOD_PBSM_LAPLACE ? REG_PBSM_LAPLACE : REG_PBSM;
     def.partial = given->partial;
-    if (given->noisy || given->loads) /* a firm charge presses noise into the shape, and elements that loads cannot bear */
+    if (given->noisy) /* a firm charge presses noise into the shape */
         def.last_charge = 2;
     def.landmarks = landmarks;
     def.landmark_targets = given->landmark_targets;
@@ -537,22 +575,47 @@ static inline reg_match_def task_match_def(const task *given, const outcome *out
     return def;
 }
 
+/* Steps of a match up to the charge; *match is the caller's. */
+static inline sb_result task_match_up_to(const task *given, const reg_match_def *def, outcome *out, reg_match **match,
+                                         sb_error *error)
+{
+    double begun = seconds_now(), made;
+    sb_result result = reg_match_create(def, match, error);
+    made = seconds_now();
+    if (result == SB_OK)
+        result = task_run_match(given, *match, out, error);
+    out->seconds_setup += made - begun;
+    out->seconds_run += seconds_now() - made;
+    return result;
+}
+
+/* Loads begin with a shape that is not pressed on: a firm charge leaves elements that they cannot bear. Where there are
+ * none the firm charge follows. */
 static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
 {
     sb_vec3 *landmarks = task_landmarks(given, out);
     reg_match_def def = task_match_def(given, out, landmarks);
+    sb_real firm = def.last_charge;
+    int soft = given->loads && out->how == METHOD_PBSM, found = 0;
     reg_match *match = NULL;
-    double begun = seconds_now(), made;
-    sb_result result;
-    result = landmarks ? reg_match_create(&def, &match, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
-    made = seconds_now();
+    sb_result result = landmarks ? SB_OK : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    if (soft)
+        def.last_charge = 2;
     if (result == SB_OK)
-        result = task_run_match(given, match, out, error);
-    out->seconds_setup += made - begun;
-    out->seconds_run = seconds_now() - made;
-    if (result == SB_OK && given->loads && out->how == METHOD_PBSM && strcmp(out->stop, "settled") == 0)
-        task_find_loads(given, match, out);
+        result = task_match_up_to(given, &def, out, &match, error);
+    if (result == SB_OK && soft && strcmp(out->stop, "settled") == 0)
+        found = task_find_loads(given, match, out);
     reg_match_destroy(match);
+    match = NULL;
+    if (result == SB_OK && soft && !found && firm > def.last_charge) {
+        int before = out->iterations;
+        def.last_charge = firm;
+        def.first_charge = 2;
+        def.reach = def.last_reach;
+        result = task_match_up_to(given, &def, out, &match, error);
+        out->iterations += before;
+        reg_match_destroy(match);
+    }
     free(landmarks);
     return result;
 }

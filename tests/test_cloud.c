@@ -346,6 +346,138 @@ static void test_remove(void)
 }
 
 /* Everything in a row, with the allocation that fails moving along. */
+/* Of a normal distribution, nearly: the sum of twelve. */
+static double noise(uint32_t *state)
+{
+    double sum = -6;
+    for (int i = 0; i < 12; i++) {
+        *state = *state * 1664525u + 1013904223u;
+        sum += (*state >> 8) / 16777216.0;
+    }
+    return sum;
+}
+
+/* Root mean square of how far points are from the ellipsoid, to first order, over its size. */
+static double off_ellipsoid(const sb_vec3 *points, int count, double size)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++) {
+        double x = (double)points[i].x / size, y = (double)points[i].y / size, z = (double)points[i].z / size;
+        double f = x * x / 0.04 + y * y / 0.0144 + z * z / 0.0064 - 1;
+        double slope = 2 * sqrt(x * x / 0.0016 + y * y / 0.00020736 + z * z / 0.00004096);
+        sum += f * f / (slope * slope);
+    }
+    return sqrt(sum / count);
+}
+
+/* Noise is measured and mostly taken away, outliers are found, at any scale; a clean cloud stays as it is. */
+static void test_smooth(void)
+{
+    enum { N = 3000, WRONG = 200 };
+    static sb_vec3 points[N + WRONG], normals[N + WRONG];
+    for (int kind = 0; kind < 8; kind++) {
+        const double sizes[4] = {1, 1e-3, 1e3, 1};
+        double size = sizes[kind % 4], sd = kind == 7 ? 0 : 0.001;
+        int wrong = kind < 4 ? 0 : WRONG, kept;
+        uint32_t state = 12345;
+        reg_smooth_info info;
+        reg_cloud cloud;
+        ellipsoid(points, normals, N);
+        for (int i = 0; i < N; i++) {
+            double n = sd * noise(&state);
+            points[i] = sb_v3_scale(REAL(size), sb_v3_madd(points[i], REAL(n), normals[i]));
+        }
+        for (int i = N; i < N + wrong; i++) {
+            points[i] = sb_v3(REAL(0.1 * size * noise(&state)), REAL(0.07 * size * noise(&state)),
+                              REAL(0.05 * size * noise(&state)));
+            normals[i] = sb_v3(1, 0, 0);
+        }
+        if (!CHECK_OK(reg_cloud_from_points(&cloud, points, kind % 4 == 3 ? NULL : normals, N + wrong, NULL, NULL)))
+            return;
+        CHECK_OK(reg_cloud_smooth(&cloud, NULL, &info, NULL));
+        kept = cloud.count;
+        CHECK_INT(info.outliers, N + wrong - kept);
+        CHECK(wrong ? info.outliers > WRONG / 2 && info.outliers < WRONG : info.outliers < 4);
+        if (kind == 7) {
+            CHECK((double)info.noise < 3e-4 && info.left == info.noise && memcmp(cloud.points, points, 999) == 0);
+        } else {
+            double left = off_ellipsoid(cloud.points, kept < N ? kept : N - 10, size);
+            CHECK_NEAR(info.noise, sd * size, 0.1 * sd * size);
+            CHECK((double)info.left < 0.4 * sd * size && left < (wrong ? 0.8 : 0.45) * sd);
+        }
+        if (cloud.normals && wrong == 0) {
+            double worst = 1;
+            for (int i = 0; i < N && kept == N; i++)
+                worst = fmin(worst, (double)sb_v3_dot(cloud.normals[i], normals[i]));
+            CHECK(worst > 0.9);
+        }
+        reg_cloud_free(&cloud);
+    }
+}
+
+/* A closed surface with noise, and a tenth of its nodes anywhere: these come back to it. */
+static void test_smooth_mesh(void)
+{
+    sb_mesh organ;
+    sb_boundary skin;
+    sb_surface *truth = NULL;
+    uint32_t state = 99;
+    reg_smooth_info info;
+    double sum = 0, worst = 0;
+    int wrong = 0;
+    sb_mesh mesh;
+    if (!CHECK_OK(sb_mesh_organ(SB_TET4, 24, NULL, &organ, NULL)) ||
+        !CHECK_OK(sb_mesh_boundary(&organ, 1, NULL, &skin, NULL)) ||
+        !CHECK_OK(sb_surface_triangulate(&skin.surface, NULL, &mesh, NULL)) ||
+        !CHECK_OK(sb_surface_create(&mesh, NULL, &truth, NULL)))
+        return;
+    CHECK_OK(reg_cloud_smooth_mesh(&mesh, NULL, &info, NULL));
+    CHECK_INT(info.outliers, 0);
+    for (int i = 0; i < mesh.node_count; i++) {
+        sb_vec3 *x = mesh.nodes + i;
+        int lost = i % 10 == 3;
+        double sd = lost ? 0.05 : 5e-4;
+        *x = sb_v3_add(*x, sb_v3(REAL(sd * noise(&state)), REAL(sd * noise(&state)), REAL(sd * noise(&state))));
+        wrong += lost;
+    }
+    CHECK_OK(reg_cloud_smooth_mesh(&mesh, NULL, &info, NULL));
+    CHECK(info.outliers > 0.95 * wrong && info.outliers < 1.1 * wrong);
+    for (int i = 0; i < mesh.node_count; i++) {
+        sb_surface_hit hit;
+        if (CHECK(sb_surface_closest(truth, mesh.nodes[i], SB_REAL_MAX, &hit))) {
+            sum += (double)hit.distance / mesh.node_count;
+            worst = fmax(worst, (double)hit.distance);
+        }
+    }
+    CHECK(sum < 4e-4 && worst < 0.01); /* the spacing, within which nothing is an outlier */
+    sb_surface_destroy(truth);
+    sb_mesh_free(&mesh);
+    sb_boundary_free(&skin);
+    sb_mesh_free(&organ);
+}
+
+/* Few points, points in one place, in a line, and none: nothing is made of them. */
+static void test_smooth_little(void)
+{
+    sb_vec3 points[40];
+    reg_cloud cloud;
+    reg_smooth_info info;
+    for (int kind = 0; kind < 4; kind++) {
+        for (int i = 0; i < 40; i++)
+            points[i] = kind == 1 ? sb_v3(1, 2, 3) : sb_v3(REAL(i), REAL(kind == 3 ? i % 7 : 0), 0);
+        if (!CHECK_OK(reg_cloud_from_points(&cloud, points, NULL, kind == 0 ? 1 : 40, NULL, NULL)))
+            return;
+        CHECK_OK(reg_cloud_smooth(&cloud, NULL, &info, NULL));
+        CHECK(cloud.count == (kind == 0 ? 1 : 40) && memcmp(cloud.points, points, sizeof points[0]) == 0);
+        CHECK(info.outliers == 0 && info.noise <= 64 * SB_EPSILON);
+        reg_cloud_free(&cloud);
+    }
+    CHECK_RESULT(reg_cloud_smooth(NULL, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(reg_cloud_smooth_mesh(NULL, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
+    memset(&cloud, 0, sizeof cloud);
+    CHECK_RESULT(reg_cloud_smooth(&cloud, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
+}
+
 static sb_result everything(const sb_allocator *allocator, const char *file, size_t size)
 {
     reg_cloud cloud, thin;
@@ -360,6 +492,8 @@ static sb_result everything(const sb_allocator *allocator, const char *file, siz
         reg_cloud_free(&thin);
         result = reg_cloud_remove_outliers(&cloud, 4, REG_OUTLIERS_MEDIAN, 3, NULL, &error);
     }
+    if (result == SB_OK)
+        result = reg_cloud_smooth(&cloud, NULL, NULL, &error);
     reg_cloud_free(&cloud);
     return result;
 }
@@ -412,5 +546,6 @@ static void test_bad_points(void)
 CHECK_SUITE(cloud, {"ascii ply", test_ascii_ply}, {"binary ply", test_binary_ply}, {"round trip", test_round_trip},
             {"text", test_text}, {"formats", test_formats}, {"from mesh", test_from_mesh}, {"normals", test_normals},
             {"normals of little", test_normals_of_little}, {"thin", test_thin}, {"spread", test_spread},
-            {"outlier rules", test_rules}, {"remove outliers", test_remove}, {"memory", test_memory},
+            {"outlier rules", test_rules}, {"remove outliers", test_remove}, {"smooth", test_smooth},
+            {"smooth a mesh", test_smooth_mesh}, {"smooth little", test_smooth_little}, {"memory", test_memory},
             {"bad points", test_bad_points});

@@ -117,14 +117,16 @@ typedef struct reg_smooth_info {
 
 /* Takes noise off a cloud: each point goes to where quadratics fitted to its neighbours say the surface is, over as
  * many neighbours (16 to 128) as agree with one another up to the noise, which is measured first, robustly: flat parts
- * are smoothed widely, edges keep their shape. Outliers are removed: points farther from a robust fit to their
- * neighbours than 4 standard deviations and the points' spacing, or 2.5 times as far from them as they are from theirs.
- * Where noise is under a fiftieth of the spacing nothing is moved. Normals, when there are any, keep unlike sides of
- * thin parts apart, and become those of the fits. info: or NULL. jobs: NULL: inline.
- * About 30 us per point. SB_ERROR_ARGUMENT, _NOT_FINITE, _MEMORY: the cloud is untouched. */
+ * are smoothed widely, edges keep their shape. Where noise is under a twenty-fifth of the points' spacing none moves.
+ * Outliers are removed: points farther from a robust fit to their neighbours than 4 standard deviations of the noise
+ * and the points' spacing, 2.5 times as far from the next points as those are from theirs, or amid scattered ones.
+ * Normals, when there are any, keep unlike sides of thin parts apart, and become those of the fits.
+ * info: or NULL. jobs: NULL: inline. About 60 us per noisy point.
+ * SB_ERROR_ARGUMENT, _NOT_FINITE (error->node), _MEMORY: the cloud is untouched. */
 REG_API sb_result reg_cloud_smooth(reg_cloud *cloud, const sb_jobs *jobs, reg_smooth_info *info, sb_error *error);
-/* The same for the nodes of a surface, open or closed. Outliers are put amid their neighbours in the mesh, so that no
- * holes come about. Fails as reg_cloud_from_mesh does, too; the surface is then untouched. */
+/* The same for the nodes of a surface, open or closed. Nodes whose shortest edge is 3 times as long as their
+ * neighbours' are outliers, too; all of these are put amid their neighbours in the mesh, so that no holes come about.
+ * Fails as reg_cloud_from_mesh does, too; the surface is then untouched. */
 REG_API sb_result reg_cloud_smooth_mesh(sb_mesh *surface, const sb_jobs *jobs, reg_smooth_info *info, sb_error *error);
 
 #if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)

@@ -30,6 +30,7 @@ typedef struct regi_loads {
     int *part;             /* [charges] sample of a charge */
     int *part_start;       /* [part_count + 1] into part_charges */
     int *part_charges;     /* [charges] by sample */
+    sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
     sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
     sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
@@ -202,35 +203,64 @@ static sb_real regi_loads_distance(const regi_match_charge *charge)
     return sb_v3_dot(charge->force, charge->line) / charge->stiffness;
 }
 
-/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
- * about their mean is noise that no force explains; charges share vertices with their neighbours, so that some six are
- * worth one in the mean's variance. */
-static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+/* Sums over the active charges of a part. */
+typedef struct regi_loads_part {
+    int count;
+    sb_real area, mean, squares; /* m^2; of the distances (m), and about that (m^2) */
+} regi_loads_part;
+
+static regi_loads_part regi_loads_look_at(const regi_loads *l, int sample)
 {
-    sb_real area = 0, sum = 0, scatter = 0, misfit = l->def->misfit * l->match->size;
-    int count = 0;
+    regi_loads_part part = {0, 0, 0, 0};
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
+        sb_real step, distance = charge->active ? regi_loads_distance(charge) : 0;
         if (!charge->active)
             continue;
-        count++;
-        area += charge->area;
-        sum += charge->area * regi_loads_distance(charge);
+        part.count++;
+        part.area += charge->area;
+        step = distance - part.mean; /* weighted running mean and squares (West 1979) */
+        part.mean += charge->area / part.area * step;
+        part.squares += charge->area * step * (distance - part.mean);
     }
-    if (count == 0)
+    part.squares = part.count ? part.squares / part.area * (sb_real)part.count : 0;
+    return part;
+}
+
+/* What single charges scatter about the means of their parts: m^2, over all parts. */
+static void regi_loads_pool(regi_loads *l)
+{
+    double squares = 0, freedom = 0;
+    for (int s = 0; s < l->part_count; s++) {
+        regi_loads_part part = regi_loads_look_at(l, s);
+        squares += (double)part.squares;
+        freedom += part.count > 1 ? part.count - 1 : 0;
+    }
+    l->scatter = (sb_real)(freedom > 0 ? squares / freedom : 0);
+}
+
+/* The mean gap along the target's normals of the charges of a part, and the row of its motion. What the gaps scatter
+ * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it
+ * has few charges, of all parts. Charges share vertices with their neighbours, so that some four are worth one in the
+ * mean's variance. */
+static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+{
+    const int prior = 6; /* charges that the scatter of all parts counts for */
+    sb_real misfit = l->def->misfit * l->match->size, scatter;
+    regi_loads_part part = regi_loads_look_at(l, sample);
+    if (part.count == 0)
         return;
     for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-        sb_real off = charge->active ? regi_loads_distance(charge) - sum / area : 0;
         if (!charge->active)
             continue;
-        scatter += charge->area / area * off * off;
-        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / area, row);
-        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / area);
+        regi_loads_add_point(l, l->part_charges[k], charge->line, charge->area / part.area, row);
+        regi_loads_add_pose(l, sample, charge->point, charge->line, charge->area / part.area);
     }
-    l->gap[sample] -= sum / area;
-    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / area +
-                          6 * scatter / (sb_real)count;
+    scatter = (part.squares + (sb_real)prior * l->scatter) / (sb_real)(part.count - 1 + prior);
+    l->gap[sample] -= part.mean;
+    l->variance[sample] = misfit * misfit * (sb_real)(l->total_area / (double)l->part_count) / part.area +
+                          4 * scatter / (sb_real)part.count;
 }
 
 static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
@@ -495,6 +525,7 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     result = regi_loads_stiffness(l, error);
     if (result != SB_OK)
         return result;
+    regi_loads_pool(l);
     regi_loads_respond(l);
     responded = regi_loads_now(l);
     l->info.seconds_response += responded - begin;

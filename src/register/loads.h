@@ -9,11 +9,18 @@
  * follows from the tractions found the time before (iteratively reweighted least squares for a sum of powers). The
  * traction of w is averaged with the neighbours', so that loads fill regions.
  *
- * The samples s are means over small parts of the surface; what the surface scatters about them adds to misfit^2, so
- * that noise of the target is seen as such. Their responses to all forces are one column each of the inverse stiffness
- * (see direct.h), after which a round is a dense system in the samples:
+ * The samples s are means over small parts of the surface; what the surface scatters about them, in each part and in
+ * all of them, adds to misfit^2, so that noise of the target and corners that facets cut are seen as such. Their
+ * responses to all forces are one column each of the inverse stiffness (see direct.h), after which a round is a dense
+ * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
+ *
+ * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
+ * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
+ *
+ * Where loads act on most of the surface there is nothing to find, and rounds do not come to rest: a last change of
+ * more than a hundredth of the organ's size says so, and the match is the better answer then.
  *
  * The tractions are only as good as the material: the error of the corotated law at strains of a tenth bends what is
  * found more than it mends. Give the body a hyperelastic material (sb_body_set_material, e.g. neo-Hookean) after the
@@ -39,7 +46,8 @@ typedef struct reg_loads_def {
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be */
+                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
+                          * after a rigid start; supports then move along */
     double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
                           * before; default 1e9 */
     sb_clock clock;      /* default NULL: times read 0 */
@@ -52,7 +60,7 @@ typedef struct reg_loads_info {
     int rounds;            /* done */
     sb_real mean_distance; /* of the charges before the last round (m) */
     sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
-    sb_real change;        /* largest displacement of a node in the last round (m) */
+    sb_real change;        /* largest displacement of a node in the last round (m): see above */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
     double seconds;        /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */

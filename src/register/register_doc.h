@@ -93,13 +93,15 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * reg_cloud    points with or without normals, from PLY, XYZ and mesh files; normals by local fits, thinning, outliers.
+ * reg_cloud    points with or without normals, from PLY, XYZ and mesh files; normals by local fits, thinning, outliers;
+ *              noise is taken off clouds and surfaces by reg_cloud_smooth and reg_cloud_smooth_mesh.
  * reg_kdtree   nearest points and those within a radius.
  * reg_rigid    a rotation and a translation; reg_rigid_fit gives the best one for pairs.
  * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks.
  * reg_cpd_fit  coherent point drift, rigid to non-rigid, for clouds without a model (and markers of different number).
  * reg_field    the potential about a target: distance, or Laplace's.
  * reg_match    physics-based shape matching: an sb_body drawn to a target by charges on its surface.
+ * reg_loads    what a match leaves open: the few loads on the surface, and the pose, that give the organ its shape.
  * reg_nicp     non-rigid ICP: an sb_body drawn to pairs of points, also by what a camera sees.
  *
  * LICENCE
