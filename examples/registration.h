@@ -544,10 +544,10 @@ static inline int task_find_loads(const task *given, reg_match *match, outcome *
         memcpy(before, sb_body_displacements(out->body), n * sizeof *before);
         found = task_soften(given, out->body, 1) == SB_OK && reg_loads_run(&def, NULL, &info) == SB_OK &&
                 info.change < (sb_real)0.01 * sb_v3_norm(sb_v3_sub(high, low));
-    }
-    if (before && def.max_seconds > 0 && !found) {
-        (void)sb_body_set_displacements(out->body, before);
-        (void)task_soften(given, out->body, 0);
+        if (!found) {
+            (void)sb_body_set_displacements(out->body, before);
+            (void)task_soften(given, out->body, 0);
+        }
     }
     free(before);
     out->seconds_setup += seconds_now() - begun;
