@@ -14,7 +14,7 @@ typedef enum sb_precond_kind {
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
     SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
-    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
+    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow, and all threads work */
 } sb_precond_kind;
 
 enum { SB_PRECOND_PIECES_AUTO = -1 };
@@ -24,8 +24,8 @@ typedef struct sb_preconditioner_def {
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     sb_jobs jobs;    /* copied; default inline */
-    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
-                                       * made below the last. Default NULL: all are made from positions */
+    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more
+                                       * are made below the last. Default NULL: all are made from positions */
     int level_count;
 } sb_preconditioner_def;
 
