@@ -4288,8 +4288,8 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
- * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
+ * (tests/bench/RESULTS.md has the figures). Long steps and nu 0.49 about double its iterations; jumps of the modulus by
+ * 1,000 cost it more than IC0, which still needs as many on large meshes. The choice does not depend on the number of threads, so results do not. Without
  * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
@@ -21509,9 +21509,9 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 
 enum {
     SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
-    SBI_MG_DEGREE = 3,     /* of the smoother: 2 and 4 take a tenth longer, 1 fails nearly incompressible bodies */
+    SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
     SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
-                            * unknowns; once: up by half */
+                            * unknowns; once: up by 40 % */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */

@@ -253,8 +253,8 @@ static void test_series(void)
     }
 }
 
-/* Near incompressibility and a stiff block within about double the iterations of a compressible, even body; stiff slabs
- * between soft ones, which coarse nodes straddle, are what it is worst at. Counts as recorded, and what float needs. */
+/* Counts as recorded, one to spare at most: an even body, nearly incompressible, with a block 1,000 times as stiff, with
+ * slabs of two stiffnesses, which coarse nodes straddle and which it is worst at. */
 static void test_hard(void)
 {
     problem p = problem_beam(7, 0.15);
@@ -264,7 +264,7 @@ static void test_hard(void)
     CHECK(count_for(&p, 0.49, dynamic_mass, 1, tolerance) <= 9);
     CHECK(count_for(&p, 0.45, dynamic_mass, 1000, tolerance) <= 13);
     CHECK(count_for(&p, 0.45, dynamic_mass, -30, tolerance) <= 11);
-    CHECK(count_for(&p, 0.45, dynamic_mass, -1000, tolerance) <= 56);
+    CHECK(count_for(&p, 0.45, dynamic_mass, -1000, tolerance) <= 55);
     CHECK(count_for(&p, 0.45, 0, 1, tolerance) <= 2 * easy);
     for (unsigned long long seed = 3; seed < 6; seed++) { /* single components held, here and there */
         for (int i = 0; i < p.mesh.node_count; i++)
