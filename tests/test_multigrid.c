@@ -253,8 +253,8 @@ static void test_series(void)
     }
 }
 
-/* Counts as recorded, one to spare at most: an even body, nearly incompressible, with a block 1,000 times as stiff, with
- * slabs of two stiffnesses, which coarse nodes straddle and which it is worst at. */
+/* Counts as recorded, one to spare at most: an even body, nearly incompressible, with a block 1,000 times as stiff,
+ * with slabs of two stiffnesses, which coarse nodes straddle and which it is worst at. */
 static void test_hard(void)
 {
     problem p = problem_beam(7, 0.15);
