@@ -297,8 +297,8 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, direct, multigrid,
- * precond, pcg, domain, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
+ * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -4377,9 +4377,9 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
- * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
- * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * (tests/bench/RESULTS.md has the figures). Long steps and nu 0.49 about double its iterations; jumps of the modulus
+ * by 1,000 cost it more than IC0, which still needs as many on large meshes. The choice does not depend on the
+ * number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -22574,8 +22574,8 @@ typedef struct sbi_mg_level {
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
     int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
-    float *scale;             /* [row_count][4] of level 0: S for free components and 0 for prescribed ones, then 1 / S */
-    float *inverse;           /* [row_count][12] of the diagonal blocks, rows of four, 0 in directions without stiffness */
+    float *scale;             /* [row_count][4] of level 0: S for free components, 0 for prescribed ones; then 1 / S */
+    float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
     double bound;             /* of the eigenvalues of D^-1 A */
@@ -22698,7 +22698,8 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
     place.count = 0;
     for (int axis = 0; axis < 3; axis++) {
         int cells = lattice->cells[axis];
-        double t = cells ? (sbi_lattice_coordinate(position, axis) - lattice->low[axis]) / lattice->extent[axis] * cells : 0;
+        double way = sbi_lattice_coordinate(position, axis) - lattice->low[axis];
+        double t = cells ? way / lattice->extent[axis] * cells : 0;
         at[axis] = (int)t;
         if (cells && at[axis] >= cells)
             at[axis] = cells - 1;
@@ -22809,8 +22810,8 @@ static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 
 
 /* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
  * one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level, const sb_vec3 *positions,
-                               double ratio, int most, sbi_lattice_table *table)
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level,
+                               const sb_vec3 *positions, double ratio, int most, sbi_lattice_table *table)
 {
     double sum = 0, edge;
     for (int i = 0; i < level->row_count; i++)
@@ -23010,9 +23011,9 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 
 enum {
     SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
-    SBI_MG_DEGREE = 3,     /* of the smoother: 2 and 4 take a tenth longer, 1 fails nearly incompressible bodies */
+    SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
     SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
-                            * unknowns; once: up by half */
+                            * unknowns; once: up by 40 % */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -23078,7 +23079,8 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r && level->d && level->e && level->partial;
+    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
+           level->d && level->e && level->partial;
 }
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
@@ -23318,8 +23320,8 @@ static sb_result sbi_mg_check_level(const sb_multigrid_level *own, int index, in
     entries = mapping->row_start[rows];
     for (int e = 0; e < entries; e++) {
         if (mapping->nodes[e] < 0 || mapping->nodes[e] >= own->node_count)
-            return sbi_fail_node(error, SB_ERROR_INDEX, mapping->nodes[e], "level %d: node %d is outside 0 to %d", index,
-                                 mapping->nodes[e], own->node_count - 1);
+            return sbi_fail_node(error, SB_ERROR_INDEX, mapping->nodes[e], "level %d: node %d is outside 0 to %d",
+                                 index, mapping->nodes[e], own->node_count - 1);
         if (!sb_is_finite(mapping->weights[e]))
             return sbi_fail_node(error, SB_ERROR_NOT_FINITE, mapping->nodes[e],
                                  "level %d: a weight of node %d is not finite", index, mapping->nodes[e]);
@@ -23719,8 +23721,8 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
- * off. */
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is
+ * cut off. */
 SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
 {
     float x = entry * factor;
@@ -23942,8 +23944,8 @@ static double sbi_mg_largest_eigenvalue(const double *diagonal, const double *si
     return high;
 }
 
-/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin. Five
- * steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
+/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin.
+ * Five steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
  * bound. */
 static void sbi_mg_estimate_bound(sbi_mg_work *work)
 {
@@ -24261,6 +24263,13 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);
 }
+
+#if SBI_MG_WIDE
+#undef SBI_MG_AT
+#undef SBI_MG_PUT
+#undef SBI_MG_TURN
+#endif
+#undef SBI_MG_WIDE
 
 /* ==== src/softbody/float4.h ==== */
 /* float4: four floats as one vector. Floor 0, internal.

@@ -238,8 +238,8 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is cut
- * off. */
+/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is
+ * cut off. */
 SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
 {
     float x = entry * factor;
@@ -461,8 +461,8 @@ static double sbi_mg_largest_eigenvalue(const double *diagonal, const double *si
     return high;
 }
 
-/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin. Five
- * steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
+/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin.
+ * Five steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
  * bound. */
 static void sbi_mg_estimate_bound(sbi_mg_work *work)
 {
@@ -780,3 +780,10 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);
 }
+
+#if SBI_MG_WIDE
+#undef SBI_MG_AT
+#undef SBI_MG_PUT
+#undef SBI_MG_TURN
+#endif
+#undef SBI_MG_WIDE

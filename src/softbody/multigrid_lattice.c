@@ -69,7 +69,8 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
     place.count = 0;
     for (int axis = 0; axis < 3; axis++) {
         int cells = lattice->cells[axis];
-        double t = cells ? (sbi_lattice_coordinate(position, axis) - lattice->low[axis]) / lattice->extent[axis] * cells : 0;
+        double way = sbi_lattice_coordinate(position, axis) - lattice->low[axis];
+        double t = cells ? way / lattice->extent[axis] * cells : 0;
         at[axis] = (int)t;
         if (cells && at[axis] >= cells)
             at[axis] = cells - 1;
@@ -180,8 +181,8 @@ static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 
 
 /* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
  * one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level, const sb_vec3 *positions,
-                               double ratio, int most, sbi_lattice_table *table)
+static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level,
+                               const sb_vec3 *positions, double ratio, int most, sbi_lattice_table *table)
 {
     double sum = 0, edge;
     for (int i = 0; i < level->row_count; i++)

@@ -61,9 +61,9 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Multigrid gains with stiffness, too: dt, Poisson's ratio and jumps of the
- * modulus change its iterations least. The choice does not depend on the number of threads, so results do not. Without
- * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * (tests/bench/RESULTS.md has the figures). Long steps and nu 0.49 about double its iterations; jumps of the modulus
+ * by 1,000 cost it more than IC0, which still needs as many on large meshes. The choice does not depend on the
+ * number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);

@@ -292,6 +292,6 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, direct, multigrid,
- * precond, pcg, domain, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
+ * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */
