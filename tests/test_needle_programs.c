@@ -166,6 +166,8 @@ static void run_programs(programs *p, int count)
         ndl_tissue_mesh_quality(ndl_tissue_get_mesh(p->tissue), NULL, &angles[0], &angles[1]);
         for (int i = 0; i < count; i++)
             run_program(p, 2654435761ULL * (unsigned long long)i + 12345);
+        printf("%d programs, %d in: quality %.3f of the first, angles %.1f to %.1f, mass %.1e, volume %.1e\n", count,
+               p->entered, p->least_quality, p->angles[0], p->angles[1], p->mass_change, p->volume_change);
         CHECK(p->entered >= count / 2);
         CHECK(p->least_quality >= 0.7);
         CHECK(p->angles[0] >= fmin(10.3, (double)angles[0]) - 1e-4);
