@@ -1414,8 +1414,8 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
  *
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
- * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another object's, or a remesher's
- * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
+ * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another
+ * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
  * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
  * allocates where the object has less room than the state needs, else nothing. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
@@ -12446,9 +12446,9 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 /* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
- * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of the tissue, a, and in
- * the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along its tangent t and the
- * motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
+ * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of
+ * the tissue, a, and in the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along
+ * its tangent t and the motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
  *
  *     u = known + kappa (a + t alpha)   coupled        u = known + kappa z   free        u = known   held
  *

@@ -2533,8 +2533,8 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 /* Renumbers nodes by reverse Cuthill-McKee and sorts elements by their lowest node: small bandwidth, good
  * cache use. Worth a call before a body is made of a mesh: a tangent of 9,600 tet10 is assembled in three
  * quarters of the time it takes with nodes as sb_mesh_beam numbers them, and in less than along a
- * space-filling curve; tet4 gain little. node_map [nodes] and element_map [elements] (each may be NULL) receive the new number of each
- * old one. */
+ * space-filling curve; tet4 gain little. node_map [nodes] and element_map [elements] (each may be NULL)
+ * receive the new number of each old one. */
 SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map, sb_error *error);
 
 
@@ -4806,8 +4806,9 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
  * by x (m). x and y: [node_count], not overlapping. K is the tangent that linearised steps take: of SB_COROTATED the
  * rotations stay as they are, of other models it is the derivative of their forces, with Prony terms at once. Supports,
  * loads and constraints have no say. SB_COROTATED tet4 and tet10 need no matrix for it: measured, that takes a tenth
- * (tet10) to two fifths (tet4) of assembling one and multiplying. The state stays as it is, and nothing is allocated. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and
- * SB_ERROR_INVERTED (error->element) leave y untouched; error may be NULL. */
+ * (tet10) to two fifths (tet4) of assembling one and multiplying. The state stays as it is, and nothing is allocated.
+ * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and SB_ERROR_INVERTED (error->element) leave y untouched; error
+ * may be NULL. */
 SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);

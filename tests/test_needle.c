@@ -29,7 +29,8 @@ typedef struct path {
 } path;
 
 /* Steps of `length` each; the tip's places once it has a node of its own in the tissue (nearer to the skin it waits to
- * bend), until it has gone `way` from there. At half of the way the base makes half a turn when `turns` is 1; `twist` (rad/m) all the way. */
+ * bend), until it has gone `way` from there. At half of the way the base makes half a turn when `turns` is 1; `twist`
+ * (rad/m) all the way. */
 static void follow(needle_scene *s, double length, double way, int turns, double twist, path *p)
 {
     double gone = 0;

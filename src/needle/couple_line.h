@@ -1,9 +1,9 @@
 /* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
- * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of the tissue, a, and in
- * the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along its tangent t and the
- * motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
+ * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of
+ * the tissue, a, and in the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along
+ * its tangent t and the motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
  *
  *     u = known + kappa (a + t alpha)   coupled        u = known + kappa z   free        u = known   held
  *

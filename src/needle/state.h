@@ -23,8 +23,8 @@
  *
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
- * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another object's, or a remesher's
- * that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
+ * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another
+ * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
  * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
  * allocates where the object has less room than the state needs, else nothing. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
