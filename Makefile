@@ -95,7 +95,7 @@ build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) t
 	$(2) $$^ -lm $(4) -o $$@
 endef
 
-UNIT_CFLAGS = # of the tests beside the implementation: -O0 there compiles in a fraction of the time
+UNIT_CFLAGS = # of tests and parts that are compiled beside the whole implementation: -O0 there compiles in a fraction of the time
 SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_CFLAGS = -O1 -g
 # Suites that touch most of what a language, a system or threads could change; the other builds are of all.
@@ -124,7 +124,8 @@ QUICK = $(or $(FILTER),$(SLOW))
 # Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), the
 # suites with threads, and those that touch most of what rooms ask of each other.
 VIOLENT = -step -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit
+	-viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit \
+	-needle_programs
 LINKED = mesh body load constraint record
 
 SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
@@ -217,7 +218,7 @@ $(foreach pair,$(LINTS),$(eval $(call lint,$(word 1,$(subst -, ,$(pair))),$(word
 SPLIT = $(patsubst src/%.c,build/split/%.o,$(filter %.c,$(PARTS)))
 build/split/%.o: src/%.c $(HEADERS) build/flags
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -std=c99 $(C_WARNINGS) -Werror -DSB_SPLIT_BUILD -c $< -o $@
+	$(CC) $(CFLAGS) -std=c99 $(C_WARNINGS) -Werror -DSB_SPLIT_BUILD $(UNIT_CFLAGS) -c $< -o $@
 build/split/tests: $(SPLIT) $(filter-out %/implementation.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
 	$(CC) $(CFLAGS) $^ -lm -o $@
 
