@@ -124,9 +124,9 @@ QUICK = $(or $(FILTER),$(SLOW))
 # Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), the
 # suites with threads, and those that touch most of what rooms ask of each other.
 VIOLENT = -step -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit \
+	-viscoelastic/violence -load/1,000 -bbar/violence -integrators -modes -checkpoint \
 	-needle_programs
-LINKED = mesh body load constraint record
+LINKED = mesh body constraint record
 
 SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
