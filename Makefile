@@ -58,23 +58,33 @@ $(HEADERS): %.h: build/amalgamate LICENSE $(PARTS)
 headers: build/amalgamate
 	$(foreach product,$(PRODUCTS),$(call AMALGAMATE,$(product)) &&) true
 
-# ---- examples --------------------------------------------------------------------------------------------------
-# Built as a user would: the header, the compiler's default language and -lm.
+# ---- programs --------------------------------------------------------------------------------------------------
+# Each holds a copy of the implementation, which takes most of the time to build it. LIBRARY=build/double/implementation.o
+# links examples and the soak with that object instead.
+LIBRARY =
+WITHOUT_IMPLEMENTATION = sed '/^\#define [A-Z]*_IMPLEMENTATION$$/d'
+ifeq ($(LIBRARY),)
+PROGRAM = $(CC) $(1) $< -lm -o $@
+else
+PROGRAM = $(WITHOUT_IMPLEMENTATION) $< | $(CC) $(1) -I$(<D) -x c - -x none $(LIBRARY) -lm -o $@
+endif
 
+# Examples are built as a user would: the header, the compiler's default language and -lm.
 EXAMPLE_CFLAGS = -O3
 examples: $(EXAMPLES:examples/%.c=build/%)
 
-build/%: examples/%.c $(HEADERS) $(wildcard examples/*.h) build/flags
-	$(CC) $(EXAMPLE_CFLAGS) -I. $< -lm -o $@
+build/%: examples/%.c $(HEADERS) $(wildcard examples/*.h) build/flags $(LIBRARY)
+	$(call PROGRAM,$(EXAMPLE_CFLAGS) -I.)
 
 demo: build/demo
 	build/demo
 
 # ---- tests -----------------------------------------------------------------------------------------------------
 # Holds the compilers and flags of the last build: objects follow when they change.
+BUILT_WITH = $(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS) $(LIBRARY)
 build/flags: FORCE
 	@mkdir -p build
-	@echo '$(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS)' | cmp -s - $@ || echo '$(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS)' >$@
+	@echo '$(BUILT_WITH)' | cmp -s - $@ || echo '$(BUILT_WITH)' >$@
 
 build/suites.h: $(TESTS)
 	@mkdir -p build
@@ -128,7 +138,8 @@ VIOLENT = -step -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
 	-needle_programs
 LINKED = mesh body constraint record
 
-SNIPPETS = CC='$(CC)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
+SNIPPET_CFLAGS = -O0
+SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
 PROGRAM_TESTS = "tests/case.sh build/case_solve build/case_test" "tests/examples.sh build build/examples_test"
@@ -277,8 +288,8 @@ fuzz: build/fuzz/$(FUZZ_WITH)
 
 # ---- soak and coverage -----------------------------------------------------------------------------------------
 
-build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags
-	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
+build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags $(LIBRARY)
+	$(call PROGRAM,-std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES))
 
 soak: build/soak
 	SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak

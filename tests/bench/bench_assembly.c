@@ -8,6 +8,8 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "measure.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,23 +20,17 @@ enum { ROUNDS = 40, KINDS = 4 };
 
 static int threads = 1;
 
-static double now(void)
+/* Wall time, or with one thread its processor time, in which other work on the machine counts less (s). */
+static double loop_seconds(void)
 {
-    struct timespec t;
 #if defined(CLOCK_THREAD_CPUTIME_ID)
-    if (threads == 1) { /* other work on the machine counts less */
+    struct timespec t;
+    if (threads == 1) {
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
         return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
     }
 #endif
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
+    return now();
 }
 
 /* A bend with some twist, another one in each round, so that rotations have something to follow. */
@@ -141,20 +137,20 @@ static void run(const char *name, const char *order, const sb_mesh *mesh)
     for (int round = 0; round < ROUNDS; round++) {
         double t[KINDS + 1];
         bend(mesh, round, body->displacement);
-        t[0] = now();
+        t[0] = loop_seconds();
         sbi_assembly_force(&body->assembly, body->displacement, body->internal);
-        t[1] = now();
+        t[1] = loop_seconds();
         sbi_assembly_tangent(&body->assembly, body->displacement, SB_TANGENT_QUASI, 1, &body->matrix);
-        t[2] = now();
+        t[2] = loop_seconds();
         sb_matrix_multiply(&body->matrix, &body->displacement[0].x, &body->work[0].x, &body->jobs);
-        t[3] = now();
+        t[3] = loop_seconds();
         sbi_assembly_multiply(&body->assembly, body->displacement, body->work2);
-        t[4] = now();
+        t[4] = loop_seconds();
         for (int k = 0; k < KINDS; k++)
             times[k][round] = t[k + 1] - t[k];
     }
     for (int k = 0; k < KINDS; k++)
-        qsort(times[k], ROUNDS, sizeof times[k][0], compare);
+        qsort(times[k], ROUNDS, sizeof times[k][0], ascending);
     printf("%-15s %-8s %6d %7d |", name, order, mesh->element_count, body->matrix.block_count);
     print_times(times, 0);
     printf(" |");

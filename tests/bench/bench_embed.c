@@ -8,36 +8,13 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum { FRAMES = 200 };
-
-static double now(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static sb_jobs jobs(void)
-{
-    sb_jobs none;
-    memset(&none, 0, sizeof none);
-#if defined(SB_USE_OPENMP)
-    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
-        return sb_jobs_openmp();
-#endif
-    return none;
-}
 
 static int load(sb_mesh *mesh, const char *name)
 {
@@ -101,7 +78,7 @@ static timing time_updates(sb_embedding *embedding, const sb_mesh *mesh, sb_vec3
 {
     double times[FRAMES];
     timing result;
-    sb_jobs threads = jobs();
+    sb_jobs threads = jobs_asked_for();
     for (int f = 0; f < FRAMES; f++) {
         double start;
         deform(mesh, f, x);
@@ -112,7 +89,7 @@ static timing time_updates(sb_embedding *embedding, const sb_mesh *mesh, sb_vec3
             sb_embedding_update(embedding, x, points, normals, &threads);
         times[f] = now() - start;
     }
-    qsort(times, FRAMES, sizeof times[0], compare);
+    qsort(times, FRAMES, sizeof times[0], ascending);
     result.median = 1e3 * times[FRAMES / 2];
     result.least = 1e3 * times[0];
     return result;
@@ -132,7 +109,7 @@ static void run(const char *name, const sb_mesh *mesh, const sb_mesh *surface)
     sb_vec3 *normals = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)surface->node_count);
     def.mesh = mesh;
     def.surface = surface;
-    def.jobs = jobs();
+    def.jobs = jobs_asked_for();
     for (int k = 0; k < 5; k++) {
         double start = now();
         sb_embedding_destroy(embedding);

@@ -11,47 +11,13 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-static double now(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* An allocator that knows how much it gave. */
 static size_t bytes_given;
-static void *count_alloc(void *user, size_t bytes)
-{
-    (void)user;
-    bytes_given += bytes;
-    return malloc(bytes);
-}
-static void count_release(void *user, void *pointer)
-{
-    (void)user;
-    free(pointer);
-}
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static sb_jobs get_jobs(void)
-{
-    sb_jobs none = {NULL, NULL};
-#if defined(SB_USE_OPENMP)
-    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
-        return sb_jobs_openmp();
-#endif
-    return none;
-}
 
 /* Steps a body that is held at its top and prints its line. */
 static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, double build, double sum)
@@ -71,9 +37,8 @@ static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, 
     def.damping_stiffness = (sb_real)0.02;
     def.tolerance = (sb_real)1e-2;
     def.max_newton = 1;
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
-    def.jobs = get_jobs();
+    def.allocator = counting_allocator(&bytes_given);
+    def.jobs = jobs_asked_for();
     def.clock = now;
     if (sb_body_create(&def, &body, &error) != SB_OK) {
         printf("%s: %s\n", name, error.message);
@@ -94,7 +59,7 @@ static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, 
         if (k >= WARM)
             times[k - WARM] = info.seconds_tangent;
     }
-    qsort(times, STEPS, sizeof times[0], compare);
+    qsort(times, STEPS, sizeof times[0], ascending);
     printf("%-14s %7d %7d %8d %9.1f %8.2f %8.2f %10lu %.9e\n", name, 3 * mesh->node_count, mesh->element_count, points,
            1e3 * build, 1e3 * times[STEPS / 2], 1e3 * times[0], (unsigned long)bytes_given, sum);
     fflush(stdout);
@@ -146,7 +111,7 @@ int main(void)
         def.outer.surface = liver;
         def.cells = 30;
         def.level = level;
-        def.jobs = get_jobs();
+        def.jobs = jobs_asked_for();
         memset(&grid, 0, sizeof grid);
         if (sb_grid_create(&def, &grid, &error) != SB_OK) {
             printf("bench_grid: %s\n", error.message);

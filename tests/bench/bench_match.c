@@ -16,34 +16,16 @@
 #define REG_IMPLEMENTATION
 #include "register.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum { RUNS = 20, MOST_STEPS = 200 };
 #define REAL(x) ((sb_real)(x))
 
-static double now(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* An allocator that knows how much it gave. */
 static size_t bytes_given;
-static void *count_alloc(void *user, size_t bytes)
-{
-    (void)user;
-    bytes_given += bytes;
-    return malloc(bytes);
-}
-static void count_release(void *user, void *pointer)
-{
-    (void)user;
-    free(pointer);
-}
 
 /* What is registered, and the truth, which only the score sees. */
 typedef struct workload {
@@ -54,18 +36,6 @@ typedef struct workload {
     unsigned char *scored; /* [nodes] 1: the truth is known there */
     sb_real fixed_below; /* nodes with (x + z) / sqrt 2 below that do not move (m) */
 } workload;
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *values, int count)
-{
-    qsort(values, (size_t)count, sizeof values[0], compare);
-    return values[count / 2];
-}
 
 /* ---- workloads ---- */
 
@@ -78,13 +48,9 @@ static sb_body *make_body(const workload *w)
     sb_error error;
     def.mesh = &w->mesh;
     def.material = sb_material_corotated(5000, REAL(0.45), 1060);
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
+    def.allocator = counting_allocator(&bytes_given);
     def.clock = now;
-#if defined(SB_USE_OPENMP)
-    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
-        def.jobs = sb_jobs_openmp();
-#endif
+    def.jobs = jobs_asked_for();
     if (sb_body_create(&def, &body, &error) != SB_OK) {
         printf("%s: %s\n", w->name, error.message);
         return NULL;
@@ -257,8 +223,7 @@ static int run_match(const workload *w, sb_body *body, course *c)
     def.surface = w->has_surface ? &w->surface : NULL;
     def.target = &w->target;
     def.clock = now;
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
+    def.allocator = counting_allocator(&bytes_given);
     if (reg_match_create(&def, &match, &error) != SB_OK) {
         printf("%s: %s\n", w->name, error.message);
         return 0;
@@ -292,8 +257,7 @@ static int run_nicp(const workload *w, sb_body *body, course *c)
     def.surface = w->has_surface ? &w->surface : NULL;
     def.target = &w->target;
     def.clock = now;
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
+    def.allocator = counting_allocator(&bytes_given);
     if (reg_nicp_create(&def, &nicp, &error) != SB_OK) {
         printf("%s: %s\n", w->name, error.message);
         return 0;

@@ -18,36 +18,13 @@
 
 #include "examples/phantom.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-static double now(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static size_t bytes_given;
-static void *count_alloc(void *user, size_t bytes)
-{
-    (void)user;
-    bytes_given += bytes;
-    return malloc(bytes);
-}
-static void count_release(void *user, void *pointer)
-{
-    (void)user;
-    free(pointer);
-}
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 enum { WARM = 50, MOST_STEPS = 1000 };
 
@@ -59,12 +36,8 @@ static int make_scene(phantom *p, sb_real tolerance)
     def.clock = now;
     def.tolerance = tolerance;
     def.max_iterations = 5000;
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
-#if defined(SB_USE_OPENMP)
-    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
-        def.jobs = sb_jobs_openmp();
-#endif
+    def.allocator = counting_allocator(&bytes_given);
+    def.jobs = jobs_asked_for();
     bytes_given = 0;
     return phantom_make_mesh(&p->mesh, &error) == SB_OK && phantom_survey(p, &error) == SB_OK &&
            phantom_make_tissue(p, &def, &error) == SB_OK &&
@@ -144,7 +117,7 @@ static void run(const char *name, ndl_command (*command_at)(int step), int steps
     bytes = bytes_given;
     n_dof = 3 * p.mesh.node_count;
     phantom_free(&p);
-    qsort(times, (size_t)counted, sizeof times[0], compare);
+    qsort(times, (size_t)counted, sizeof times[0], ascending);
     printf("%s %d %.3f %.3f %.3f %.1f %lu %.9g | %.3f %.3f %.3f %.3f; %.2f/%d; %.2f\n", name, n_dof,
            times[counted / 2], times[0], times[counted * 99 / 100], (double)iterations / counted,
            (unsigned long)bytes, sum_displacements(command_at, steps), phases[0], phases[1], phases[2], phases[3],

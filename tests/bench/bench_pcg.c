@@ -7,6 +7,8 @@
 
 #include "elastic.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -86,19 +88,7 @@ static void beam_free(beam *b)
 
 /* ---- timing ---- */
 
-static int ascending(const void *a, const void *b)
-{
-    double d = *(const double *)a - *(const double *)b;
-    return d < 0 ? -1 : d > 0;
-}
-
 enum { REPEATS = 21 };
-
-static double median(double *times, int count)
-{
-    qsort(times, (size_t)count, sizeof *times, ascending);
-    return times[count / 2];
-}
 
 static const struct {
     const char *name;
@@ -131,11 +121,11 @@ static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, cons
         printf("%s %s: %s\n", mesh, smoothers[smoother].name, error.message);
         exit(1);
     }
-    began = elastic_seconds();
-    for (count = 0; count < REPEATS && (count == 0 || elastic_seconds() - began < 1); count++) {
-        double start = elastic_seconds();
+    began = now();
+    for (count = 0; count < REPEATS && (count == 0 || now() - began < 1); count++) {
+        double start = now();
         sb_preconditioner_update(preconditioner, &b->matrix, b->positions, &error);
-        times[count] = 1e3 * (elastic_seconds() - start);
+        times[count] = 1e3 * (now() - start);
     }
     resolved = sb_preconditioner_get_info(preconditioner);
     printf("%-14s %-6s dof %6d pieces %2d shift %-6g bytes %9lu setup %7.3f ms", mesh, smoothers[smoother].name,
@@ -146,12 +136,12 @@ static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, cons
     for (int t = 0; t < (SB_REAL_IS_FLOAT ? 2 : 3); t++) {
         sb_result result = SB_OK;
         options.tolerance = tolerances[t];
-        began = elastic_seconds();
-        for (count = 0; count < REPEATS && (count == 0 || elastic_seconds() - began < 1); count++) {
-            double start = elastic_seconds();
+        began = now();
+        for (count = 0; count < REPEATS && (count == 0 || now() - began < 1); count++) {
+            double start = now();
             memset(b->x, 0, 3 * (size_t)b->nodes * sizeof(sb_real));
             result = sb_pcg_solve(&b->matrix, preconditioner, b->rhs, b->x, &options, &workspace, &info);
-            times[count] = 1e3 * (elastic_seconds() - start);
+            times[count] = 1e3 * (now() - start);
         }
         printf("  %g: %4d it %8.3f ms%s", tolerances[t], info.iterations, median(times, count),
                result == SB_OK ? "" : sb_result_string(result));

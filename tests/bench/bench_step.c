@@ -15,31 +15,13 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-static double now(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* An allocator that knows how much it gave. */
 static size_t bytes_given;
-static void *count_alloc(void *user, size_t bytes)
-{
-    (void)user;
-    bytes_given += bytes;
-    return malloc(bytes);
-}
-static void count_release(void *user, void *pointer)
-{
-    (void)user;
-    free(pointer);
-}
 
 typedef struct workload {
     const char *name;
@@ -48,12 +30,6 @@ typedef struct workload {
     sb_real dt;
     sb_real young, poisson, density;
 } workload;
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 static sb_body *make_body(const workload *w, double tolerance)
 {
@@ -68,13 +44,9 @@ static sb_body *make_body(const workload *w, double tolerance)
     def.damping_stiffness = (sb_real)0.02;
     def.tolerance = (sb_real)tolerance;
     def.max_iterations = 5000;
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
+    def.allocator = counting_allocator(&bytes_given);
     def.clock = now;
-#if defined(SB_USE_OPENMP)
-    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
-        def.jobs = sb_jobs_openmp();
-#endif
+    def.jobs = jobs_asked_for();
     if (sb_body_create(&def, &body, &error) != SB_OK) {
         printf("%s: %s\n", w->name, error.message);
         return NULL;
@@ -139,7 +111,7 @@ static void run(const workload *w, double tolerance, double sum)
     }
     if (count == 0)
         return;
-    qsort(times, (size_t)count, sizeof times[0], compare);
+    qsort(times, (size_t)count, sizeof times[0], ascending);
     printf("%-15s %.0e %7d %8.2f %8.2f %8.2f %6.1f %10lu ", w->name, tolerance, 3 * w->mesh.node_count,
            1e3 * times[count / 2], 1e3 * times[0], 1e3 * times[count * 99 / 100], (double)iterations / count,
            (unsigned long)bytes);

@@ -5,25 +5,13 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum { RUNS = 21 };
-
-static double seconds(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 static int run(const char *name, const sb_mesh *input, double cells, int levels)
 {
@@ -37,12 +25,12 @@ static int run(const char *name, const sb_mesh *input, double cells, int levels)
         sb_mesh mesh;
         sb_error error;
         sb_vec3 low, high;
-        double start = seconds();
+        double start = now();
         memset(&mesh, 0, sizeof mesh);
         memset(&shape, 0, sizeof shape);
         if (sb_surface_create(input, NULL, &surface, &error) != SB_OK)
             return fprintf(stderr, "%s\n", error.message);
-        tree[i] = seconds() - start;
+        tree[i] = now() - start;
         sb_surface_bounds(surface, &low, &high);
         shape.surface = surface;
         def.shapes = &shape;
@@ -52,15 +40,15 @@ static int run(const char *name, const sb_mesh *input, double cells, int levels)
 #if defined(SB_USE_OPENMP)
         def.jobs = sb_jobs_openmp();
 #endif
-        start = seconds();
+        start = now();
         if (sb_mesh_stuff(&def, &mesh, &report, &error) != SB_OK)
             return fprintf(stderr, "%s\n", error.message);
-        stuff[i] = seconds() - start;
+        stuff[i] = now() - start;
         sb_mesh_free(&mesh);
         sb_surface_destroy(surface);
     }
-    qsort(tree, RUNS, sizeof tree[0], compare);
-    qsort(stuff, RUNS, sizeof stuff[0], compare);
+    qsort(tree, RUNS, sizeof tree[0], ascending);
+    qsort(stuff, RUNS, sizeof stuff[0], ascending);
     printf("%-20s %8d tets %8d nodes  tree %6.2f ms  stuffing %8.2f ms (least %8.2f)  %6.2f %6.2f degrees  %.3f cells  "
            "%.6f\n",
            name, report.element_count, report.node_count, 1e3 * tree[RUNS / 2], 1e3 * stuff[RUNS / 2], 1e3 * stuff[0],

@@ -5,18 +5,12 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
 
 enum { CELLS = 91, GRID = 48, COUNT = GRID * GRID * GRID, RUNS = 7 };
-
-static double seconds(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static double uniform(unsigned long long *state)
 {
@@ -123,20 +117,20 @@ int main(void)
     sb_surface_hit *hits = (sb_surface_hit *)malloc(sizeof(sb_surface_hit) * COUNT);
     double time[RUNS], sum = 0;
     for (int run = 0; run < RUNS; run++) {
-        double start = seconds();
+        double start = now();
         sb_surface_destroy(surface);
         surface = NULL;
         if (sb_surface_create(&mesh, NULL, &surface, NULL) != SB_OK)
             return 1;
-        time[run] = 1e3 * (seconds() - start);
+        time[run] = 1e3 * (now() - start);
     }
     sort(time, RUNS);
     printf("surface_create %d triangles  median %.2f ms  min %.2f ms  %.1f MB\n", mesh.element_count, time[RUNS / 2],
            time[0], 1e-6 * (double)sb_surface_bytes(surface));
     for (int run = 0; run < RUNS; run++) {
-        double start = seconds();
+        double start = now();
         sb_surface_move(surface, mesh.nodes, NULL, NULL);
-        time[run] = 1e3 * (seconds() - start);
+        time[run] = 1e3 * (now() - start);
     }
     sort(time, RUNS);
     printf("surface_move   %d triangles  median %.2f ms  min %.2f ms\n", mesh.element_count, time[RUNS / 2], time[0]);
@@ -145,9 +139,9 @@ int main(void)
         for (int which = 0; which < 5; which++) {
             const char *name = "";
             for (int run = 0; run < RUNS; run++) {
-                double start = seconds();
+                double start = now();
                 name = ask(which, surface, points, numbers, hits, &sum);
-                time[run] = 1e6 * (seconds() - start) / (int)COUNT;
+                time[run] = 1e6 * (now() - start) / (int)COUNT;
             }
             sort(time, RUNS);
             printf("%-4s %-22s %d triangles  median %.3f us  min %.3f us  sum %.9g\n", kinds[kind], name,

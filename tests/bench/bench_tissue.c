@@ -15,36 +15,13 @@
 
 #include "needle.h"
 
+#include "measure.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-static double now(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static size_t bytes_given;
-static void *count_alloc(void *user, size_t bytes)
-{
-    (void)user;
-    bytes_given += bytes;
-    return malloc(bytes);
-}
-static void count_release(void *user, void *pointer)
-{
-    (void)user;
-    free(pointer);
-}
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 enum { WARM = 50, STEPS = 300, LINE = 64 };
 
@@ -74,12 +51,8 @@ static int make_scene(scene *s, sb_real lazy, int needle)
     def.gravity = sb_v3(0, 0, (sb_real)-9.81);
     def.lazy_angle = lazy;
     def.clock = now;
-    def.allocator.alloc = count_alloc;
-    def.allocator.release = count_release;
-#if defined(SB_USE_OPENMP)
-    if (getenv("OMP_NUM_THREADS") && atoi(getenv("OMP_NUM_THREADS")) > 1)
-        def.jobs = sb_jobs_openmp();
-#endif
+    def.allocator = counting_allocator(&bytes_given);
+    def.jobs = jobs_asked_for();
     bytes_given = 0;
     if (ndl_tissue_create(&def, &s->tissue, NULL) != SB_OK)
         return 0;
@@ -151,7 +124,7 @@ static void run(const char *name, sb_real lazy, int needle)
     for (int i = 0; i < at->node_end; i++)
         if (at->node_flags[i])
             sum += (double)sb_v3_norm(sb_v3_sub(at->x[i], at->X[i]));
-    qsort(times, STEPS, sizeof times[0], compare);
+    qsort(times, STEPS, sizeof times[0], ascending);
     printf("%s %d %.3f %.3f %.3f %.1f %d %lu %.9g | %.3f %.3f %.3f %.3f\n", name, 3 * s.mesh.node_count,
            times[STEPS / 2], times[0], times[STEPS * 99 / 100], (double)iterations / (int)STEPS, turned / (int)STEPS,
            (unsigned long)bytes_given, sum, phases[0], phases[1], phases[2], phases[3]);

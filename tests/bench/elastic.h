@@ -3,18 +3,11 @@
 #ifndef ELASTIC_H
 #define ELASTIC_H
 
-#include <time.h>
-
 #include "softbody.h"
 
-static const int elastic_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+#include "measure.h"
 
-static inline double elastic_seconds(void)
-{
-    struct timespec t;
-    timespec_get(&t, TIME_UTC);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
+static const int elastic_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
 
 /* Gradients of the barycentric coordinates; returns the volume. */
 static inline double elastic_gradients(const sb_vec3 *positions, const int *tet, double g[4][3])
