@@ -131,12 +131,11 @@ $(eval $(call suite,wasm,$(WASM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-lwasi-e
 SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c)) \
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
-# Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), the
-# suites with threads, and those that touch most of what rooms ask of each other.
-VIOLENT = -step -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence -integrators -modes -checkpoint \
-	-needle_programs
-LINKED = mesh body constraint record
+# Long random loops that the sanitizers would make longer still (the fuzz target `body` runs such under them), and the
+# suites that touch most of what rooms ask of each other.
+VIOLENT = -step/linearised -step/scale -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
+	-viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit
+LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0
 SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md

@@ -10,7 +10,7 @@
  *     instrument        a tool presses a dent into the upper surface
  *     pneumoperitoneum  gas presses on all that faces up: a fifth of 13 mmHg, since what lies below yields, too
  *     gravity           the patient is turned to the side
- * A fifth of the organ's underside is held. Errors are in mm over all nodes of the fine organ, those of its surface and
+ * The lowest fifth of the organ is held. Errors are in mm over all nodes of the fine organ, those of its surface and
  * ten inside (target registration errors); the distance is the mean one of the target's points from the registered
  * surface: where it is small and errors are not, the motion is one that the shape does not show. icp is the rigid start
  * of all others. The box plot has median, quartiles, and the 5th and 95th percentile of the errors of all nodes.
@@ -35,7 +35,7 @@ static const char *const pattern_names[PATTERNS] = {"respiration", "instrument",
 
 typedef struct settings {
     const char *patterns, *methods, *out;
-    int partial, linear, fix, coarse, fine, seed, help;
+    int partial, linear, plain, fix, coarse, fine, seed, help;
     double scale, amplitude, noise, outliers, angle, shift, seconds;
 } settings;
 
@@ -57,6 +57,7 @@ typedef struct work {
     sb_mesh outline;         /* the same surface with other vertices: what methods know of it, and no vertex of the
                               * target has a partner there */
     sb_boundary boundary;    /* of the organ */
+    sb_real held_below;      /* m */
     int *fixed, fixed_count; /* of the model */
     int *held, held_count;   /* of the organ */
     sb_vec3 low, high;
@@ -213,8 +214,28 @@ static int load_organ(work *w, const char *path)
     return result == SB_OK ? 0 : complain_error(path, &error);
 }
 
-/* The underside's lowest fifth. */
-static int is_held(const work *w, sb_vec3 at) { return at.z < w->low.z + REAL(0.2) * (w->high.z - w->low.z); }
+static int ascending_reals(const void *a, const void *b)
+{
+    sb_real x = *(const sb_real *)a, y = *(const sb_real *)b;
+    return (x > y) - (x < y);
+}
+
+/* The height that a fifth of the organ is below: so much of any shape is held that the rest does not swing from a tip. */
+static int find_held_height(work *w)
+{
+    int n = w->organ.node_count;
+    sb_real *heights = (sb_real *)malloc((size_t)n * sizeof *heights);
+    if (!heights)
+        return complain_memory();
+    for (int i = 0; i < n; i++)
+        heights[i] = w->organ.nodes[i].z;
+    qsort(heights, (size_t)n, sizeof *heights, ascending_reals);
+    w->held_below = heights[n / 5];
+    free(heights);
+    return 0;
+}
+
+static int is_held(const work *w, sb_vec3 at) { return at.z < w->held_below; }
 
 static int *held_nodes(const work *w, const sb_mesh *mesh, int *count)
 {
@@ -292,6 +313,8 @@ static int make_organ(work *w, const char *path)
     progress_end();
     if (result != SB_OK)
         return complain_error("the organ", &error);
+    if (find_held_height(w))
+        return EXIT_FAILED;
     w->held = held_nodes(w, &w->organ, &w->held_count);
     w->fixed = held_nodes(w, &w->model, &w->fixed_count);
     w->truth = (sb_vec3 *)malloc((size_t)w->organ.node_count * sizeof *w->truth);
@@ -596,6 +619,7 @@ static int run_method(work *w, int pattern, method how)
     given.partial = w->set->partial;
     given.linear = w->set->linear;
     given.noisy = w->set->noise > 0;
+    given.loads = !w->set->plain && !w->set->linear;
     given.fixed = w->fixed;
     given.fixed_count = w->set->fix ? w->fixed_count : 0;
     given.young = 5000;
@@ -768,7 +792,7 @@ static int run(work *w, const char *path)
 
 int main(int argc, char **argv)
 {
-    settings set = {"all", "pbsm,nicp,icp,cpd", "insilico.svg", 0, 0, 0, 12, 32, 1, 0, 1, 0.08, 0, 0, 10, 20, 30};
+    settings set = {"all", "pbsm,nicp,icp,cpd", "insilico.svg", 0, 0, 0, 0, 12, 32, 1, 0, 1, 0.08, 0, 0, 10, 20, 30};
     const char *file = NULL;
     const option options[] = {
         {"--patterns", "LIST", OPTION_TEXT, NULL, NULL, &set.patterns, 0, 0,
@@ -777,6 +801,8 @@ int main(int argc, char **argv)
          "pbsm, pbsm-laplace, nicp, icp, cpd, or all"},
         {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0, "only what a camera above sees"},
         {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "linear instead of corotated models"},
+        {"--plain", NULL, OPTION_FLAG, &set.plain, NULL, NULL, 0, 0,
+         "pbsm only: without the loads that say more of motion along the surface"},
         {"--fix", NULL, OPTION_FLAG, &set.fix, NULL, NULL, 0, 0, "the methods are told what was held"},
         {"--amplitude", "S", OPTION_NUMBER, NULL, &set.amplitude, NULL, 0, 0.5,
          "largest motion that is prescribed, in organ sizes"},
