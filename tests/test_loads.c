@@ -206,7 +206,7 @@ static void test_landmark(void)
         def = def_of(match);
         def.samples = 60; /* so few that the surface leaves something to say */
         CHECK_OK(reg_loads_run(&def, NULL, &info));
-    CHECK(error_of(&made) < plain);
+        CHECK(error_of(&made) < plain);
         reg_match_landmarks(match, &now);
         CHECK(sb_v3_norm(sb_v3_sub(now, seen)) < REAL(0.0005));
         reg_match_destroy(match);
