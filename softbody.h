@@ -5209,6 +5209,9 @@ typedef struct sb_static_options {
     int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
                                * rotation per element converge linearly and take at least 300 */
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
+    int quasi_newton;         /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
+                               * corotated tets several times cheaper to assemble, but convergence is linear, which
+                               * pays where the tolerance is loose; default 0 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
     int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
@@ -31382,7 +31385,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
     SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
-                                    * instantaneous; reals: tolerance */
+                                    * instantaneous + 2 quasi_newton; reals: tolerance */
     SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away; reals: one vector per element */
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
@@ -38569,6 +38572,7 @@ typedef struct sbi_newton {
     sb_real energy;           /* elastic, at the current u; valid when energy_known */
     int energy_known;
     int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
 } sbi_newton;
 
 /* ---- small vector loops ---- */
@@ -39120,8 +39124,11 @@ static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangen
 /* The exact tangent where its convergence pays. Far from the solution its directions are poor, which shows in short
  * increments; and while a time step still moves supports, no line search watches the increment, so that the tangent
  * must be safe by itself. */
-static sb_tangent_kind sbi_newton_first_kind(const sbi_newton *newton)
+static sb_tangent_kind sbi_newton_first_kind(sbi_newton *newton)
 {
+    newton->quasi = newton->quasi && !(newton->last_norm > 0 && newton->norm > (sb_real)0.5 * newton->last_norm);
+    if (newton->quasi)
+        return SB_TANGENT_QUASI;
     return newton->cautious || (newton->dynamic && newton->moves_supports) ? SB_TANGENT_SPD : SB_TANGENT_EXACT;
 }
 
@@ -39649,6 +39656,7 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
         newton->loads_factor = newton->load_factor;
         newton->norm = newton->last_norm = 0;
         newton->energy_known = newton->cautious = 0;
+        newton->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, newton->load_factor);
         result = sbi_newton_run(newton);
         spent = newton->info->newton_iterations - before;
@@ -39699,7 +39707,7 @@ static void sbi_static_commit(sbi_newton *newton)
 static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
 {
     const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
-                         options->instantaneous};
+                         (options->instantaneous != 0) + 2 * (options->quasi_newton != 0)};
     sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 
@@ -42072,7 +42080,8 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
     options.max_newton = c->ints[1];
     options.max_iterations = c->ints[2];
     options.keep_progress = c->ints[3];
-    options.instantaneous = c->ints[4];
+    options.instantaneous = c->ints[4] & 1;
+    options.quasi_newton = c->ints[4] >> 1 & 1;
     options.tolerance = c->reals[0];
     result = sb_body_solve_static(body, &options, &info);
     *error = info.error;

@@ -261,6 +261,54 @@ static void test_static_balance(void)
         }
 }
 
+/* A cantilever under its weight, then under a tenth more of it: Newton's iterations of the second solve. */
+static int quasi_newton(const sb_mesh *mesh, int model, double weight, int quasi, sb_vec3 *found)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_static_options options = sb_default_static_options();
+    sb_step_info info;
+    sb_body *body;
+    def.mesh = mesh;
+    def.material = test_material(model);
+    def.gravity = sb_v3(0, REAL(-0.4 * weight), REAL(-weight));
+    body = scene_body(&def);
+    scene_fix_plane(body, mesh, 0, 0, SB_XYZ);
+    options.tolerance = sizeof(sb_real) == 4 ? REAL(1e-4) : REAL(1e-8);
+    CHECK_OK(sb_body_solve_static(body, &options, NULL));
+    sb_body_set_gravity(body, sb_v3_scale(REAL(1.1), def.gravity));
+    options.quasi_newton = quasi;
+    CHECK_OK(sb_body_solve_static(body, &options, &info));
+    CHECK(info.residual <= options.tolerance);
+    memcpy(found, sb_body_displacements(body), (size_t)mesh->node_count * sizeof *found);
+    sb_body_destroy(body);
+    return info.newton_iterations;
+}
+
+/* Newton's method that begins with the tangent that leaves out how rotations change finds the same equilibrium: where
+ * that converges (little weight), and where it does not (much of it, tet10) and the exact tangent takes over. */
+static void test_quasi_newton(void)
+{
+    static const sb_element_type types[2] = {SB_TET4, SB_TET10};
+    for (int t = 0; t < 2; t++) {
+        sb_mesh mesh = scene_box(types[t], 8, 2, 2, sb_v3(REAL(0.2), REAL(0.04), REAL(0.04)), 0.1);
+        size_t n = (size_t)mesh.node_count;
+        sb_vec3 *exact = (sb_vec3 *)malloc(n * sizeof *exact), *quasi = (sb_vec3 *)malloc(n * sizeof *quasi);
+        for (int m = 0; m < MODELS; m++)
+            for (int much = 0; much < 2; much++) {
+                double weight = much ? 0.5 : 0.01, most = 0;
+                int least = quasi_newton(&mesh, m, weight, 0, exact), spent = quasi_newton(&mesh, m, weight, 1, quasi);
+                CHECK(spent <= least + 1);
+                CHECK_INT(memcmp(quasi, exact, n * sizeof *exact) != 0, m != 0); /* it went another way */
+                for (size_t i = 0; i < n; i++)
+                    most = fmax(most, (double)sb_v3_norm(exact[i]));
+                CHECK(scene_distance(quasi, exact, mesh.node_count) < 1e-3 * most);
+            }
+        free(exact);
+        free(quasi);
+        sb_mesh_free(&mesh);
+    }
+}
+
 static void test_traction_and_stress(void)
 {
     /* A bar pulled at both ends: uniform stress in closed form, whatever the element. */
@@ -747,6 +795,7 @@ static void test_memory(void)
 
 CHECK_SUITE(body, {"patch test to 1e-12", test_patch}, {"patch test with curved sides", test_patch_curved},
             {"manufactured solution orders", test_manufactured}, {"reactions balance loads", test_static_balance},
+            {"quasi Newton", test_quasi_newton},
             {"traction and stress", test_traction_and_stress}, {"rigid motions cost nothing", test_rigid_motion_is_free},
             {"mass, momentum, kinetic energy", test_mass}, {"regions", test_regions},
             {"bad arguments", test_bad_arguments}, {"unsupported bodies", test_unsupported},

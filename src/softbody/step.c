@@ -39,6 +39,7 @@ typedef struct sbi_newton {
     sb_real energy;           /* elastic, at the current u; valid when energy_known */
     int energy_known;
     int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
 } sbi_newton;
 
 /* ---- small vector loops ---- */
@@ -590,8 +591,11 @@ static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangen
 /* The exact tangent where its convergence pays. Far from the solution its directions are poor, which shows in short
  * increments; and while a time step still moves supports, no line search watches the increment, so that the tangent
  * must be safe by itself. */
-static sb_tangent_kind sbi_newton_first_kind(const sbi_newton *newton)
+static sb_tangent_kind sbi_newton_first_kind(sbi_newton *newton)
 {
+    newton->quasi = newton->quasi && !(newton->last_norm > 0 && newton->norm > (sb_real)0.5 * newton->last_norm);
+    if (newton->quasi)
+        return SB_TANGENT_QUASI;
     return newton->cautious || (newton->dynamic && newton->moves_supports) ? SB_TANGENT_SPD : SB_TANGENT_EXACT;
 }
 
@@ -1119,6 +1123,7 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
         newton->loads_factor = newton->load_factor;
         newton->norm = newton->last_norm = 0;
         newton->energy_known = newton->cautious = 0;
+        newton->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, newton->load_factor);
         result = sbi_newton_run(newton);
         spent = newton->info->newton_iterations - before;
@@ -1169,7 +1174,7 @@ static void sbi_static_commit(sbi_newton *newton)
 static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
 {
     const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
-                         options->instantaneous};
+                         (options->instantaneous != 0) + 2 * (options->quasi_newton != 0)};
     sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 

@@ -75,6 +75,9 @@ typedef struct sb_static_options {
     int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
                                * rotation per element converge linearly and take at least 300 */
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
+    int quasi_newton;         /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
+                               * corotated tets several times cheaper to assemble, but convergence is linear, which
+                               * pays where the tolerance is loose; default 0 */
     int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
                                * returns to where it was */
     int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
