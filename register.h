@@ -1002,7 +1002,7 @@ typedef struct reg_nicp_def {
     int increments;           /* of the stiffness, >= 1; default 4 */
     int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
     int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
-    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.1: the next look changes them more than that */
+    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.07: the next look changes them more than that */
     sb_real tolerance;        /* rms motion of the surface that counts as none, > 0; default 5e-5 */
     sb_real least_active;     /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
                                * with landmarks */
@@ -7012,7 +7012,7 @@ REG_API reg_nicp_def reg_default_nicp_def(void)
     def.increments = 4;
     def.iterations = 2;
     def.newton = 6;
-    def.newton_tolerance = (sb_real)0.1;
+    def.newton_tolerance = (sb_real)0.07;
     def.tolerance = (sb_real)5e-5;
     def.least_active = (sb_real)0.05;
     def.landmark_stiffness = 50;

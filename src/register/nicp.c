@@ -28,7 +28,7 @@ REG_API reg_nicp_def reg_default_nicp_def(void)
     def.increments = 4;
     def.iterations = 2;
     def.newton = 6;
-    def.newton_tolerance = (sb_real)0.1;
+    def.newton_tolerance = (sb_real)0.07;
     def.tolerance = (sb_real)5e-5;
     def.least_active = (sb_real)0.05;
     def.landmark_stiffness = 50;

@@ -78,7 +78,7 @@ typedef struct reg_nicp_def {
     int increments;           /* of the stiffness, >= 1; default 4 */
     int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
     int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
-    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.1: the next look changes them more than that */
+    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.07: the next look changes them more than that */
     sb_real tolerance;        /* rms motion of the surface that counts as none, > 0; default 5e-5 */
     sb_real least_active;     /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
                                * with landmarks */
