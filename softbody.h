@@ -23519,19 +23519,77 @@ SBI_FORCE_INLINE void sbi_mg_add_block(float factor, const float *from, float *t
 #endif
 }
 
+/* Four floats of a node. Compilers do not find these vectors by themselves, and rows are short: what follows a row's
+ * sums takes a fifth of its time otherwise. */
+#if SBI_MG_WIDE
+typedef sbi_mg_four sbi_mg_node;
+#define SBI_MG_LANE(v, k) ((v)[k])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_load(const float *from) { return *(const sbi_mg_four *)(const void *)from; }
+SBI_FORCE_INLINE void sbi_mg_store(float *to, sbi_mg_node v) { *(sbi_mg_four *)(void *)to = v; }
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_plus(sbi_mg_node a, sbi_mg_node b) { return a + b; }
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_minus(sbi_mg_node a, sbi_mg_node b) { return a - b; }
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_times(float a, sbi_mg_node b) { return a * b; }
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_each(sbi_mg_node a, const float *b) { return a * sbi_mg_load(b); }
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_make(float a, float b, float c) { return (sbi_mg_node)_mm_setr_ps(a, b, c, 0); }
+#else
+typedef struct sbi_mg_node {
+    float lane[4];
+} sbi_mg_node;
+#define SBI_MG_LANE(v, k) ((v).lane[k])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_load(const float *from)
+{
+    sbi_mg_node v;
+    memcpy(v.lane, from, sizeof v.lane);
+    return v;
+}
+SBI_FORCE_INLINE void sbi_mg_store(float *to, sbi_mg_node v) { memcpy(to, v.lane, sizeof v.lane); }
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_plus(sbi_mg_node a, sbi_mg_node b)
+{
+    for (int k = 0; k < 4; k++)
+        a.lane[k] += b.lane[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_minus(sbi_mg_node a, sbi_mg_node b)
+{
+    for (int k = 0; k < 4; k++)
+        a.lane[k] -= b.lane[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_times(float a, sbi_mg_node b)
+{
+    for (int k = 0; k < 4; k++)
+        b.lane[k] *= a;
+    return b;
+}
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_each(sbi_mg_node a, const float *b)
+{
+    for (int k = 0; k < 4; k++)
+        a.lane[k] *= b[k];
+    return a;
+}
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_make(float a, float b, float c)
+{
+    sbi_mg_node v;
+    v.lane[0] = a, v.lane[1] = b, v.lane[2] = c, v.lane[3] = 0;
+    return v;
+}
+#endif
+
 /* Sums of a row of blocks times v: one for each place of the blocks, so that none waits for another and all forms of
  * the code give the same bits. The ninth place is the last lane of a vector that begins one float before x, y, z. */
 #if SBI_MG_WIDE
-SBI_FORCE_INLINE void sbi_mg_finish(sbi_mg_eight sum, sbi_mg_four last, float out[4])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_finish(sbi_mg_eight sum, sbi_mg_four last)
 {
-    out[0] = sum[0] + sum[1] + sum[2];
-    out[1] = sum[3] + sum[4] + sum[5];
-    out[2] = sum[6] + sum[7] + last[3];
-    out[3] = 0;
+    enum { LAST_TO_THIRD = 3 << 6 | 2 << 4, FOURTH = 8 };
+    __m256 v = (__m256)sum;
+    __m128 a = _mm256_castps256_ps128(_mm256_permutevar8x32_ps(v, _mm256_setr_epi32(0, 3, 6, 7, 7, 7, 7, 7)));
+    __m128 b = _mm256_castps256_ps128(_mm256_permutevar8x32_ps(v, _mm256_setr_epi32(1, 4, 7, 7, 7, 7, 7, 7)));
+    __m128 c = _mm256_castps256_ps128(_mm256_permutevar8x32_ps(v, _mm256_setr_epi32(2, 5, 7, 7, 7, 7, 7, 7)));
+    c = _mm_insert_ps(c, (__m128)last, LAST_TO_THIRD);
+    return (sbi_mg_node)_mm_blend_ps(_mm_add_ps(_mm_add_ps(a, b), c), _mm_setzero_ps(), FOURTH);
 }
 
-SBI_FORCE_INLINE void sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v,
-                                        float out[4])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v)
 {
     sbi_mg_eight sum = {0, 0, 0, 0, 0, 0, 0, 0};
     sbi_mg_four last = {0, 0, 0, 0};
@@ -23541,7 +23599,7 @@ SBI_FORCE_INLINE void sbi_mg_sum_floats(const float *block, const int *column, c
         sum += SBI_MG_AT(block) * SBI_MG_TURN(x);
         last += *(const sbi_mg_four *)(const void *)(block + 5) * *(const sbi_mg_four *)(const void *)(from - 1);
     }
-    sbi_mg_finish(sum, last, out);
+    return sbi_mg_finish(sum, last);
 }
 
 /* sum += block times v, eight places of it and the ninth. Compilers do not find the first conversion by themselves. */
@@ -23554,8 +23612,7 @@ SBI_FORCE_INLINE void sbi_mg_add_packed(const int16_t *block, const float *from,
     *last += (sbi_mg_four)_mm_cvtepi32_ps(four) * *(const sbi_mg_four *)(const void *)(from - 1);
 }
 
-SBI_FORCE_INLINE void sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v,
-                                        float out[4])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v)
 {
     sbi_mg_eight even = {0, 0, 0, 0, 0, 0, 0, 0}, odd = even;
     sbi_mg_four even_last = {0, 0, 0, 0}, odd_last = even_last;
@@ -23565,18 +23622,19 @@ SBI_FORCE_INLINE void sbi_mg_sum_packed(const int16_t *block, const int *column,
     }
     if (column < end)
         sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
-    sbi_mg_finish((even + odd) * (1 / SBI_MG_UNIT), (even_last + odd_last) * (1 / SBI_MG_UNIT), out);
+    return sbi_mg_finish((even + odd) * (1 / SBI_MG_UNIT), (even_last + odd_last) * (1 / SBI_MG_UNIT));
 }
 #else
-SBI_FORCE_INLINE void sbi_mg_finish(const float s[9], float factor, float out[4])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_finish(const float s[9], float factor)
 {
+    sbi_mg_node out;
     for (int k = 0; k < 3; k++)
-        out[k] = s[3 * k] * factor + s[3 * k + 1] * factor + s[3 * k + 2] * factor;
-    out[3] = 0;
+        out.lane[k] = s[3 * k] * factor + s[3 * k + 1] * factor + s[3 * k + 2] * factor;
+    out.lane[3] = 0;
+    return out;
 }
 
-SBI_FORCE_INLINE void sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v,
-                                        float out[4])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v)
 {
     float s[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
     for (; column < end; column++, block += 9) {
@@ -23584,11 +23642,10 @@ SBI_FORCE_INLINE void sbi_mg_sum_floats(const float *block, const int *column, c
         for (int k = 0; k < 9; k++)
             s[k] += block[k] * from[k % 3];
     }
-    sbi_mg_finish(s, 1, out);
+    return sbi_mg_finish(s, 1);
 }
 
-SBI_FORCE_INLINE void sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v,
-                                        float out[4])
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v)
 {
     float s[2][9] = {{0, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 0, 0, 0, 0, 0}}; /* even and odd blocks */
     int odd = 0;
@@ -23599,26 +23656,26 @@ SBI_FORCE_INLINE void sbi_mg_sum_packed(const int16_t *block, const int *column,
     }
     for (int k = 0; k < 9; k++)
         s[0][k] += s[1][k];
-    sbi_mg_finish(s[0], 1 / SBI_MG_UNIT, out);
+    return sbi_mg_finish(s[0], 1 / SBI_MG_UNIT);
 }
 #endif
 
-/* out = row i of A times v. */
-SBI_FORCE_INLINE void sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v, float out[4])
+/* Row i of A times v. */
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v)
 {
     const int *column = level->columns + level->row_start[i], *end = level->columns + level->row_start[i + 1];
     size_t first = 9 * (size_t)level->row_start[i];
     if (level->packed)
-        sbi_mg_sum_packed(level->packed + first, column, end, v, out);
-    else
-        sbi_mg_sum_floats(level->blocks + first, column, end, v, out);
+        return sbi_mg_sum_packed(level->packed + first, column, end, v);
+    return sbi_mg_sum_floats(level->blocks + first, column, end, v);
 }
 
-/* out = D_i^-1 v */
-SBI_FORCE_INLINE void sbi_mg_relax(const float *inverse, const float *v, float out[4])
+/* D_i^-1 v */
+SBI_FORCE_INLINE sbi_mg_node sbi_mg_relax(const float *inverse, sbi_mg_node v)
 {
-    for (int k = 0; k < 4; k++)
-        out[k] = inverse[k] * v[0] + inverse[4 + k] * v[1] + inverse[8 + k] * v[2]; /* symmetric */
+    return sbi_mg_plus(sbi_mg_plus(sbi_mg_times(SBI_MG_LANE(v, 0), sbi_mg_load(inverse)), /* symmetric */
+                                   sbi_mg_times(SBI_MG_LANE(v, 1), sbi_mg_load(inverse + 4))),
+                       sbi_mg_times(SBI_MG_LANE(v, 2), sbi_mg_load(inverse + 8)));
 }
 
 /* ---- tasks --------------------------------------------------------------------------------------------- */
@@ -23874,7 +23931,7 @@ static void sbi_mg_bound_begin_task(void *user, int task)
                 r[k] *= level->blocks[9 * (size_t)level->diagonal[i] + 4 * (size_t)k];
         }
         r[3] = d[3] = 0;
-        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, d);
+        sbi_mg_store(d, sbi_mg_relax(level->inverse + 12 * (size_t)i, sbi_mg_load(r)));
         sum += (double)r[0] * (double)d[0] + (double)r[1] * (double)d[1] + (double)r[2] * (double)d[2];
     }
     level->partial[task] = sum;
@@ -23889,7 +23946,7 @@ static void sbi_mg_bound_product_task(void *user, int task)
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         float *e = level->e + 4 * (size_t)i;
         const float *d = level->d + 4 * (size_t)i;
-        sbi_mg_multiply_row(level, i, level->d, e);
+        sbi_mg_store(e, sbi_mg_multiply_row(level, i, level->d));
         sum += (double)d[0] * (double)e[0] + (double)d[1] * (double)e[1] + (double)d[2] * (double)e[2];
     }
     level->partial[task] = sum;
@@ -23906,7 +23963,7 @@ static void sbi_mg_bound_residual_task(void *user, int task)
         const float *e = level->e + 4 * (size_t)i;
         for (int k = 0; k < 3; k++)
             r[k] -= work->alpha * e[k];
-        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, x);
+        sbi_mg_store(x, sbi_mg_relax(level->inverse + 12 * (size_t)i, sbi_mg_load(r)));
         sum += (double)r[0] * (double)x[0] + (double)r[1] * (double)x[1] + (double)r[2] * (double)x[2];
     }
     level->partial[task] = sum;
@@ -24083,12 +24140,15 @@ static void sbi_mg_begin_task(void *user, int task)
     const sbi_mg_work *work = (const sbi_mg_work *)user;
     sbi_mg_level *level = work->level;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
-        float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
-        for (size_t k = 0; k < 3; k++)
-            r[k] = (float)(work->in[3 * (size_t)i + k] * work->factor) * level->scale[4 * (size_t)i + 3];
-        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, z);
-        for (int k = 0; k < 4; k++)
-            x[k] = d[k] = work->add * z[k];
+        float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
+        const sb_real *in = work->in + 3 * (size_t)i;
+        sbi_mg_node left = sbi_mg_make((float)(in[0] * work->factor), (float)(in[1] * work->factor),
+                                       (float)(in[2] * work->factor)), step;
+        left = sbi_mg_times(level->scale[4 * (size_t)i + 3], left);
+        step = sbi_mg_times(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left));
+        sbi_mg_store(r, left);
+        sbi_mg_store(d, step);
+        sbi_mg_store(x, step);
     }
 }
 
@@ -24100,18 +24160,16 @@ static void sbi_mg_restrict_task(void *user, int task)
     const sbi_mg_level *finer = work->finer;
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
         float *r = level->r + 4 * (size_t)a, *d = level->d + 4 * (size_t)a, *x = level->x + 4 * (size_t)a;
-        float sum[4] = {0, 0, 0, 0}, z[4];
+        sbi_mg_node sum = sbi_mg_make(0, 0, 0), step;
         for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
             size_t i = 4 * (size_t)finer->children[c];
-            float share = finer->child_shares[c];
-            for (size_t k = 0; k < 4; k++)
-                sum[k] += share * finer->r[i + k] * (finer->scale ? finer->scale[i + k] : 1.0f);
+            sbi_mg_node part = sbi_mg_times(finer->child_shares[c], sbi_mg_load(finer->r + i));
+            sum = sbi_mg_plus(sum, finer->scale ? sbi_mg_each(part, finer->scale + i) : part);
         }
-        sbi_mg_relax(level->inverse + 12 * (size_t)a, sum, z);
-        for (int k = 0; k < 4; k++) {
-            r[k] = sum[k];
-            x[k] = d[k] = work->add * z[k];
-        }
+        step = sbi_mg_times(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)a, sum));
+        sbi_mg_store(r, sum);
+        sbi_mg_store(d, step);
+        sbi_mg_store(x, step);
     }
 }
 
@@ -24121,12 +24179,11 @@ static void sbi_mg_again_task(void *user, int task)
     const sbi_mg_work *work = (const sbi_mg_work *)user;
     sbi_mg_level *level = work->level;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
-        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, z[4];
-        sbi_mg_relax(level->inverse + 12 * (size_t)i, level->r + 4 * (size_t)i, z);
-        for (int k = 0; k < 4; k++) {
-            d[k] = work->add * z[k];
-            x[k] += d[k];
-        }
+        float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
+        const float *inverse = level->inverse + 12 * (size_t)i;
+        sbi_mg_node step = sbi_mg_times(work->add, sbi_mg_relax(inverse, sbi_mg_load(level->r + 4 * (size_t)i)));
+        sbi_mg_store(d, step);
+        sbi_mg_store(x, sbi_mg_plus(sbi_mg_load(x), step));
     }
 }
 
@@ -24137,12 +24194,10 @@ static void sbi_mg_prolong_task(void *user, int task)
     sbi_mg_level *level = work->level;
     const float *x = (level + 1)->x;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
-        float sum[4] = {0, 0, 0, 0};
+        sbi_mg_node sum = sbi_mg_make(0, 0, 0);
         for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++)
-            for (size_t k = 0; k < 4; k++)
-                sum[k] += level->shares[p] * x[4 * (size_t)level->parents[p] + k];
-        for (size_t k = 0; k < 4; k++)
-            level->e[4 * (size_t)i + k] = sum[k] * (level->scale ? level->scale[4 * (size_t)i + k] : 1.0f);
+            sum = sbi_mg_plus(sum, sbi_mg_times(level->shares[p], sbi_mg_load(x + 4 * (size_t)level->parents[p])));
+        sbi_mg_store(level->e + 4 * (size_t)i, level->scale ? sbi_mg_each(sum, level->scale + 4 * (size_t)i) : sum);
     }
 }
 
@@ -24156,19 +24211,16 @@ static void sbi_mg_step_task(void *user, int task)
     const float *from = first_after ? level->e : level->d, keep = work->keep, add = work->add;
     float *to = first_after ? level->d : level->e;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
-        float *r = level->r + 4 * (size_t)i, *x = level->x + 4 * (size_t)i, product[4], z[4];
-        const float *own = from + 4 * (size_t)i;
-        float *next = to + 4 * (size_t)i;
-        sbi_mg_multiply_row(level, i, from, product);
-        for (int k = 0; k < 4; k++)
-            r[k] -= product[k];
+        float *r = level->r + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
+        sbi_mg_node own, next, left = sbi_mg_minus(sbi_mg_load(r), sbi_mg_multiply_row(level, i, from));
+        sbi_mg_store(r, left);
         if (work->last)
             continue;
-        sbi_mg_relax(level->inverse + 12 * (size_t)i, r, z);
-        for (int k = 0; k < 4; k++) {
-            next[k] = keep * own[k] + add * z[k];
-            x[k] += first_after ? own[k] + next[k] : next[k];
-        }
+        own = sbi_mg_load(from + 4 * (size_t)i);
+        next = sbi_mg_plus(sbi_mg_times(keep, own),
+                           sbi_mg_times(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
+        sbi_mg_store(to + 4 * (size_t)i, next);
+        sbi_mg_store(x, sbi_mg_plus(sbi_mg_load(x), first_after ? sbi_mg_plus(own, next) : next));
     }
 }
 
@@ -24271,6 +24323,7 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
 #undef SBI_MG_TURN
 #endif
 #undef SBI_MG_WIDE
+#undef SBI_MG_LANE
 
 /* ==== src/softbody/float4.h ==== */
 /* float4: four floats as one vector. Floor 0, internal.
