@@ -5658,6 +5658,14 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
 /* ==== src/softbody/multigrid.h, internal ==== */
 typedef struct sbi_multigrid sbi_multigrid;
 
+/* What updates remember: how far above the mean of the finest level's eigenvalues its bound was found to lie, in their
+ * deviations (0: not known), and how many updates have used it since. */
+#define SBI_MG_MAX_REACH 100.0
+typedef struct sbi_mg_reach {
+    double deviations; /* below SBI_MG_MAX_REACH */
+    int age;
+} sbi_mg_reach;
+
 typedef struct sbi_multigrid_setup {
     const sb_vec3 *positions;         /* [row_count] (m) of the finest nodes */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
@@ -5680,6 +5688,8 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_
 /* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
  * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
 SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
+SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *multigrid);
+SBI_API void sbi_multigrid_set_reach(sbi_multigrid *multigrid, sbi_mg_reach reach);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 
@@ -5699,7 +5709,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
-/* What updates remember of the ones before: all that is not made anew from the matrix. */
+/* What updates remember of the ones before: all that is not made anew from the matrix. Of multigrid the first two are
+ * its sbi_mg_reach. */
 typedef struct sbi_precond_memory {
     double shift;
     int successes, wait;
@@ -22558,7 +22569,9 @@ enum {
     SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64         /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue */
+    SBI_MG_REACH_AGE = 16     /* updates that make do with one */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
@@ -22603,6 +22616,7 @@ struct sbi_multigrid {
     int degree;               /* of the Chebyshev smoother */
     int twice_from;           /* levels from here on go through their cycle twice */
     int softened;             /* how often the bounds were doubled since the last update */
+    sbi_mg_reach reach;       /* of level 0 */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
@@ -24002,37 +24016,67 @@ static double sbi_mg_largest_eigenvalue(const double *diagonal, const double *si
     return high;
 }
 
-/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin.
- * Five steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
- * bound. */
-static void sbi_mg_estimate_bound(sbi_mg_work *work)
+/* Coefficients of Lanczos' process, from conjugate gradients' steps. */
+typedef struct sbi_mg_lanczos {
+    double diagonal[SBI_MG_LANCZOS], side[SBI_MG_LANCZOS];
+    double rz, last_alpha, last_beta;
+    int steps;
+} sbi_mg_lanczos;
+
+/* One more step, which costs a product; 0 when there is no more to be had. */
+static int sbi_mg_lanczos_step(sbi_mg_work *work, sbi_mg_lanczos *l)
 {
-    enum { STEPS = 5 };
-    sbi_mg_level *level = work->level;
-    double diagonal[STEPS], side[STEPS], rz, last_alpha = 0, last_beta = 0;
-    int steps = 0;
+    double curvature, alpha, next;
+    if (l->steps)
+        sbi_mg_run(work, sbi_mg_bound_direction_task);
+    sbi_mg_run(work, sbi_mg_bound_product_task);
+    curvature = sbi_mg_sum(work->level);
+    if (!(curvature > 0))
+        return 0;
+    alpha = l->rz / curvature;
+    work->alpha = (float)alpha;
+    sbi_mg_run(work, sbi_mg_bound_residual_task);
+    next = sbi_mg_sum(work->level);
+    l->diagonal[l->steps] = 1 / alpha + (l->steps ? l->last_beta / l->last_alpha : 0);
+    l->last_beta = next / l->rz;
+    l->last_alpha = alpha;
+    l->side[l->steps] = next > 0 ? sqrt(l->last_beta) / alpha : 0;
+    l->rz = next;
+    work->beta = (float)l->last_beta;
+    l->steps++;
+    return next > 0;
+}
+
+/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps and a margin. Five steps come within 12 % of the
+ * largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its bound.
+ *
+ * Matrices of one body are much alike. The first step tells mean and deviation of the eigenvalues, as the fixed start
+ * weighs them, and where the largest lies counted in deviations from the mean hardly changes: D^-1 A = I + N, and when
+ * dt or the stiffness changes everywhere N is multiplied. So `reach`, that distance, is kept for some updates. */
+static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
+{
+    sbi_mg_lanczos l;
+    double bound = 1, deviations;
+    int more;
+    memset(&l, 0, sizeof l);
     sbi_mg_run(work, sbi_mg_bound_begin_task);
-    rz = sbi_mg_sum(level);
-    while (steps < STEPS && rz > 0) {
-        double curvature, alpha, next;
-        sbi_mg_run(work, sbi_mg_bound_product_task);
-        curvature = sbi_mg_sum(level);
-        if (!(curvature > 0))
-            break;
-        alpha = rz / curvature;
-        work->alpha = (float)alpha;
-        sbi_mg_run(work, sbi_mg_bound_residual_task);
-        next = sbi_mg_sum(level);
-        diagonal[steps] = 1 / alpha + (steps ? last_beta / last_alpha : 0);
-        last_beta = next / rz;
-        last_alpha = alpha;
-        side[steps] = next > 0 ? sqrt(last_beta) / alpha : 0;
-        rz = next;
-        work->beta = (float)last_beta;
-        if (++steps < STEPS)
-            sbi_mg_run(work, sbi_mg_bound_direction_task);
+    l.rz = sbi_mg_sum(work->level);
+    more = l.rz > 0 && sbi_mg_lanczos_step(work, &l);
+    if (more && reach && reach->deviations > 0 && reach->age < SBI_MG_REACH_AGE) {
+        reach->age++;
+        work->level->bound = l.diagonal[0] + reach->deviations * l.side[0];
+        return;
     }
-    level->bound = steps ? 1.2 * sbi_mg_largest_eigenvalue(diagonal, side, steps) : 1;
+    while (more && l.steps < SBI_MG_LANCZOS)
+        more = sbi_mg_lanczos_step(work, &l);
+    if (l.steps)
+        bound = 1.2 * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
+    work->level->bound = bound;
+    if (!reach)
+        return;
+    deviations = l.steps > 1 ? (bound - l.diagonal[0]) / l.side[0] : 0;
+    reach->deviations = deviations > 0 && deviations < SBI_MG_MAX_REACH ? deviations : 0;
+    reach->age = 0;
 }
 
 /* ---- the coarsest level -------------------------------------------------------------------------------- */
@@ -24103,8 +24147,12 @@ SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
     m->softened++;
     for (int l = 0; l < m->level_count; l++)
         m->levels[l].bound *= 2;
+    memset(&m->reach, 0, sizeof m->reach); /* it was too short */
     return 1;
 }
+
+SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *m) { return m->reach; }
+SBI_API void sbi_multigrid_set_reach(sbi_multigrid *m, sbi_mg_reach reach) { m->reach = reach; }
 
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
@@ -24125,7 +24173,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
         if (l == 0)
             sbi_mg_run(&work, sbi_mg_load_task);
         if (!coarsest || !m->dense)
-            sbi_mg_estimate_bound(&work);
+            sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
     if (m->dense)
         sbi_mg_factor_dense(m);
@@ -25906,14 +25954,26 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
     memory.shift = preconditioner->shift;
     memory.successes = preconditioner->successes;
     memory.wait = preconditioner->wait;
+    if (preconditioner->multigrid) {
+        sbi_mg_reach reach = sbi_multigrid_get_reach(preconditioner->multigrid);
+        memory.shift = reach.deviations;
+        memory.successes = reach.age;
+    }
     return memory;
 }
 
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
 {
+    preconditioner->wait = memory.wait;
+    if (preconditioner->multigrid) {
+        sbi_mg_reach reach;
+        reach.deviations = memory.shift < SBI_MG_MAX_REACH ? memory.shift : 0;
+        reach.age = memory.successes;
+        sbi_multigrid_set_reach(preconditioner->multigrid, reach);
+        return;
+    }
     preconditioner->shift = memory.shift;
     preconditioner->successes = memory.successes;
-    preconditioner->wait = memory.wait;
 }
 
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)

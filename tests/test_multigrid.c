@@ -338,7 +338,7 @@ static void test_updates(void)
 {
     static const double scales[4] = {1e-9, 1e-3, 1e3, 1e9};
     problem p = problem_beam(5, 0.1);
-    int n = 3 * p.mesh.node_count, count;
+    int n = 3 * p.mesh.node_count, count, forgot = 0;
     sb_preconditioner *kept = multigrid_of(&p, NULL, 0), *fresh = multigrid_of(&p, NULL, 0);
     sb_real *r = random_vector(n, 9), *z = random_vector(n, 1), *again = random_vector(n, 1);
     double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
@@ -351,12 +351,16 @@ static void test_updates(void)
                 p.a.blocks[q][k] *= REAL(scales[s]);
         CHECK(abs(iterations(&p, kept, tolerance) - count) <= 1);
     }
-    assemble(&p, 0.3, 0, 1000);
-    CHECK_OK(sb_preconditioner_update(kept, &p.a, NULL, NULL));
-    CHECK_OK(sb_preconditioner_update(fresh, &p.a, NULL, NULL));
-    sb_preconditioner_apply(kept, r, z);
+    assemble(&p, 0.3, 0, 1000); /* another material, static: what was learnt must do no harm, */
+    count = iterations(&p, fresh, tolerance);
+    CHECK(abs(iterations(&p, kept, tolerance) - count) <= 1 + count / 10);
     sb_preconditioner_apply(fresh, r, again);
-    CHECK(memcmp(z, again, (size_t)n * sizeof *z) == 0);
+    for (int s = 0; s < 17 && !forgot; s++) { /* and is forgotten after a while */
+        CHECK_OK(sb_preconditioner_update(kept, &p.a, NULL, NULL));
+        sb_preconditioner_apply(kept, r, z);
+        forgot = memcmp(z, again, (size_t)n * sizeof *z) == 0;
+    }
+    CHECK(forgot);
     sb_preconditioner_free(kept);
     sb_preconditioner_free(fresh);
     problem_free(&p);
@@ -404,6 +408,11 @@ static void test_bits(void)
             CHECK_OK(sb_body_state_save(body, state, size));
             CHECK_OK(sb_body_step(body, REAL(0.01), &info));
             hash = scene_hash(sb_body_displacements(body), (size_t)mesh.node_count * sizeof(sb_vec3));
+            CHECK_OK(sb_body_state_load(body, state, size, NULL));
+            CHECK_OK(sb_body_step(body, REAL(0.01), &info));
+            CHECK(hash == scene_hash(sb_body_displacements(body), (size_t)mesh.node_count * sizeof(sb_vec3)));
+            sb_body_destroy(body);
+            body = body_make(&mesh, SB_PRECOND_MULTIGRID, jobs); /* one that has learnt nothing */
             CHECK_OK(sb_body_state_load(body, state, size, NULL));
             CHECK_OK(sb_body_step(body, REAL(0.01), &info));
             CHECK(hash == scene_hash(sb_body_displacements(body), (size_t)mesh.node_count * sizeof(sb_vec3)));

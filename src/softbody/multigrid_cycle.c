@@ -518,37 +518,67 @@ static double sbi_mg_largest_eigenvalue(const double *diagonal, const double *si
     return high;
 }
 
-/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps as conjugate gradients take them, and a margin.
- * Five steps come within 12 % of the largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its
- * bound. */
-static void sbi_mg_estimate_bound(sbi_mg_work *work)
+/* Coefficients of Lanczos' process, from conjugate gradients' steps. */
+typedef struct sbi_mg_lanczos {
+    double diagonal[SBI_MG_LANCZOS], side[SBI_MG_LANCZOS];
+    double rz, last_alpha, last_beta;
+    int steps;
+} sbi_mg_lanczos;
+
+/* One more step, which costs a product; 0 when there is no more to be had. */
+static int sbi_mg_lanczos_step(sbi_mg_work *work, sbi_mg_lanczos *l)
 {
-    enum { STEPS = 5 };
-    sbi_mg_level *level = work->level;
-    double diagonal[STEPS], side[STEPS], rz, last_alpha = 0, last_beta = 0;
-    int steps = 0;
+    double curvature, alpha, next;
+    if (l->steps)
+        sbi_mg_run(work, sbi_mg_bound_direction_task);
+    sbi_mg_run(work, sbi_mg_bound_product_task);
+    curvature = sbi_mg_sum(work->level);
+    if (!(curvature > 0))
+        return 0;
+    alpha = l->rz / curvature;
+    work->alpha = (float)alpha;
+    sbi_mg_run(work, sbi_mg_bound_residual_task);
+    next = sbi_mg_sum(work->level);
+    l->diagonal[l->steps] = 1 / alpha + (l->steps ? l->last_beta / l->last_alpha : 0);
+    l->last_beta = next / l->rz;
+    l->last_alpha = alpha;
+    l->side[l->steps] = next > 0 ? sqrt(l->last_beta) / alpha : 0;
+    l->rz = next;
+    work->beta = (float)l->last_beta;
+    l->steps++;
+    return next > 0;
+}
+
+/* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps and a margin. Five steps come within 12 % of the
+ * largest eigenvalue of solids' matrices; the smoother bears one a sixth beyond its bound.
+ *
+ * Matrices of one body are much alike. The first step tells mean and deviation of the eigenvalues, as the fixed start
+ * weighs them, and where the largest lies counted in deviations from the mean hardly changes: D^-1 A = I + N, and when
+ * dt or the stiffness changes everywhere N is multiplied. So `reach`, that distance, is kept for some updates. */
+static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
+{
+    sbi_mg_lanczos l;
+    double bound = 1, deviations;
+    int more;
+    memset(&l, 0, sizeof l);
     sbi_mg_run(work, sbi_mg_bound_begin_task);
-    rz = sbi_mg_sum(level);
-    while (steps < STEPS && rz > 0) {
-        double curvature, alpha, next;
-        sbi_mg_run(work, sbi_mg_bound_product_task);
-        curvature = sbi_mg_sum(level);
-        if (!(curvature > 0))
-            break;
-        alpha = rz / curvature;
-        work->alpha = (float)alpha;
-        sbi_mg_run(work, sbi_mg_bound_residual_task);
-        next = sbi_mg_sum(level);
-        diagonal[steps] = 1 / alpha + (steps ? last_beta / last_alpha : 0);
-        last_beta = next / rz;
-        last_alpha = alpha;
-        side[steps] = next > 0 ? sqrt(last_beta) / alpha : 0;
-        rz = next;
-        work->beta = (float)last_beta;
-        if (++steps < STEPS)
-            sbi_mg_run(work, sbi_mg_bound_direction_task);
+    l.rz = sbi_mg_sum(work->level);
+    more = l.rz > 0 && sbi_mg_lanczos_step(work, &l);
+    if (more && reach && reach->deviations > 0 && reach->age < SBI_MG_REACH_AGE) {
+        reach->age++;
+        work->level->bound = l.diagonal[0] + reach->deviations * l.side[0];
+        return;
     }
-    level->bound = steps ? 1.2 * sbi_mg_largest_eigenvalue(diagonal, side, steps) : 1;
+    while (more && l.steps < SBI_MG_LANCZOS)
+        more = sbi_mg_lanczos_step(work, &l);
+    if (l.steps)
+        bound = 1.2 * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
+    work->level->bound = bound;
+    if (!reach)
+        return;
+    deviations = l.steps > 1 ? (bound - l.diagonal[0]) / l.side[0] : 0;
+    reach->deviations = deviations > 0 && deviations < SBI_MG_MAX_REACH ? deviations : 0;
+    reach->age = 0;
 }
 
 /* ---- the coarsest level -------------------------------------------------------------------------------- */
@@ -619,8 +649,12 @@ SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
     m->softened++;
     for (int l = 0; l < m->level_count; l++)
         m->levels[l].bound *= 2;
+    memset(&m->reach, 0, sizeof m->reach); /* it was too short */
     return 1;
 }
+
+SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *m) { return m->reach; }
+SBI_API void sbi_multigrid_set_reach(sbi_multigrid *m, sbi_mg_reach reach) { m->reach = reach; }
 
 SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, double scale)
 {
@@ -641,7 +675,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
         if (l == 0)
             sbi_mg_run(&work, sbi_mg_load_task);
         if (!coarsest || !m->dense)
-            sbi_mg_estimate_bound(&work);
+            sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
     if (m->dense)
         sbi_mg_factor_dense(m);

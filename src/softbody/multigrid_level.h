@@ -11,7 +11,9 @@ enum {
     SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64         /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue */
+    SBI_MG_REACH_AGE = 16     /* updates that make do with one */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
@@ -56,6 +58,7 @@ struct sbi_multigrid {
     int degree;               /* of the Chebyshev smoother */
     int twice_from;           /* levels from here on go through their cycle twice */
     int softened;             /* how often the bounds were doubled since the last update */
+    sbi_mg_reach reach;       /* of level 0 */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */

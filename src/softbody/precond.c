@@ -846,14 +846,26 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
     memory.shift = preconditioner->shift;
     memory.successes = preconditioner->successes;
     memory.wait = preconditioner->wait;
+    if (preconditioner->multigrid) {
+        sbi_mg_reach reach = sbi_multigrid_get_reach(preconditioner->multigrid);
+        memory.shift = reach.deviations;
+        memory.successes = reach.age;
+    }
     return memory;
 }
 
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
 {
+    preconditioner->wait = memory.wait;
+    if (preconditioner->multigrid) {
+        sbi_mg_reach reach;
+        reach.deviations = memory.shift < SBI_MG_MAX_REACH ? memory.shift : 0;
+        reach.age = memory.successes;
+        sbi_multigrid_set_reach(preconditioner->multigrid, reach);
+        return;
+    }
     preconditioner->shift = memory.shift;
     preconditioner->successes = memory.successes;
-    preconditioner->wait = memory.wait;
 }
 
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)

@@ -144,7 +144,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
-/* What updates remember of the ones before: all that is not made anew from the matrix. */
+/* What updates remember of the ones before: all that is not made anew from the matrix. Of multigrid the first two are
+ * its sbi_mg_reach. */
 typedef struct sbi_precond_memory {
     double shift;
     int successes, wait;
