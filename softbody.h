@@ -22570,6 +22570,8 @@ enum {
     SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
+                               * second cache then; a smaller one is faster without the conversion */
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue */
     SBI_MG_REACH_AGE = 16     /* updates that make do with one */
 };
@@ -22577,18 +22579,20 @@ enum {
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
  * vectors have room for reading past their end.
  *
- * It is memory that limits a cycle, and most of it is the finest matrix. So that one is kept in 16 bits an entry, as
- * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
- * The vectors of level 0 are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The rounding is
- * symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
+ * It is memory that limits a cycle, and most of it is the finest matrix. So that one, and a coarser one that is large,
+ * is kept in 16 bits an entry, as S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive
+ * definite A is then beyond 1. The vectors of such a level are those of this scaled system (S x, S^-1 r), and S enters
+ * where levels meet. The rounding is symmetric and leaves the cycle positive definite; coarser levels are made from A as
+ * it was before. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
     sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
-    int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
-    float *scale;             /* [row_count][4] of level 0: S for free components, 0 for prescribed ones; then 1 / S */
+    int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_UNIT, or NULL */
+    float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
+                               * 1 / S */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
@@ -23082,19 +23086,20 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count;
-    if (level == m->levels) {
+    int finest = level == m->levels, packed = finest || level->block_count >= SBI_MG_PACKED;
+    if (packed) {
         level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
         level->scale = sbi_mg_take_floats(m, rows, 4);
-    } else {
-        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
     }
+    if (!finest)
+        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
     level->inverse = sbi_mg_take_floats(m, rows, 12);
     level->x = sbi_mg_take_floats(m, rows, 4);
     level->r = sbi_mg_take_floats(m, rows, 4);
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
+    return (level->blocks || finest) && (!packed || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
            level->d && level->e && level->partial;
 }
 
@@ -23907,6 +23912,34 @@ static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *fin
     }
 }
 
+/* S of a row of a coarser level, and the inverse of its diagonal block as the scaled one's. */
+static void sbi_mg_scale_row(const sbi_mg_level *level, int a)
+{
+    const float *block = level->blocks + 9 * (size_t)level->diagonal[a];
+    float *scale = level->scale + 4 * (size_t)a, *inverse = level->inverse + 12 * (size_t)a, largest = 0;
+    for (int k = 0; k < 9; k += 4)
+        largest = block[k] > largest ? block[k] : largest;
+    largest = largest > 0 ? largest : 1; /* all that moves with it is prescribed */
+    for (int k = 0; k < 3; k++)
+        scale[k] = sqrtf(largest);
+    scale[3] = 1 / scale[0];
+    for (int k = 0; k < 12; k++)
+        inverse[k] *= largest;
+}
+
+/* Rows of a coarser level in 16 bits, when all are scaled. */
+static void sbi_mg_pack_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    const sbi_mg_level *level = work->level;
+    const float *scales = level->scale;
+    for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++)
+        for (int q = level->row_start[a]; q < level->row_start[a + 1]; q++)
+            sbi_mg_pack(level->blocks + 9 * (size_t)q,
+                        (scales[4 * (size_t)a + 3] * scales[4 * (size_t)level->columns[q] + 3]) * SBI_MG_UNIT,
+                        level->packed + 9 * (size_t)q);
+}
+
 static void sbi_mg_load_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
@@ -23922,6 +23955,8 @@ static void sbi_mg_gather_task(void *user, int task)
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
         sbi_mg_gather_row(level, work->finer, a);
         sbi_mg_invert(level->blocks + 9 * (size_t)level->diagonal[a], level->inverse + 12 * (size_t)a);
+        if (level->packed)
+            sbi_mg_scale_row(level, a);
         if (level->mixed)
             sbi_mg_mix_row(level, a);
     }
@@ -23941,7 +23976,7 @@ static void sbi_mg_bound_begin_task(void *user, int task)
             uint32_t bits = ((uint32_t)i * 3u + (uint32_t)k + 1u) * 2654435761u;
             bits = (bits ^ (bits >> 15)) * 2246822519u;
             r[k] = (float)(bits >> 8) * (1.0f / 8388608.0f) - 1.0f;
-            if (level->blocks)
+            if (!level->packed)
                 r[k] *= level->blocks[9 * (size_t)level->diagonal[i] + 4 * (size_t)k];
         }
         r[3] = d[3] = 0;
@@ -24170,8 +24205,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
         for (int t = 0; l == 0 && t < sbi_mg_tasks(work.level); t++)
             if (work.level->partial[t] >= 0)
                 return (int)work.level->partial[t];
-        if (l == 0)
-            sbi_mg_run(&work, sbi_mg_load_task);
+        if (work.level->packed)
+            sbi_mg_run(&work, l ? sbi_mg_pack_task : sbi_mg_load_task);
         if (!coarsest || !m->dense)
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
@@ -24214,6 +24249,8 @@ static void sbi_mg_restrict_task(void *user, int task)
             sbi_mg_node part = sbi_mg_times(finer->child_shares[c], sbi_mg_load(finer->r + i));
             sum = sbi_mg_plus(sum, finer->scale ? sbi_mg_each(part, finer->scale + i) : part);
         }
+        if (level->scale)
+            sum = sbi_mg_times(level->scale[4 * (size_t)a + 3], sum);
         step = sbi_mg_times(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)a, sum));
         sbi_mg_store(r, sum);
         sbi_mg_store(d, step);
@@ -24240,11 +24277,14 @@ static void sbi_mg_prolong_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
     sbi_mg_level *level = work->level;
-    const float *x = (level + 1)->x;
+    const float *x = (level + 1)->x, *scales = (level + 1)->scale;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         sbi_mg_node sum = sbi_mg_make(0, 0, 0);
-        for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++)
-            sum = sbi_mg_plus(sum, sbi_mg_times(level->shares[p], sbi_mg_load(x + 4 * (size_t)level->parents[p])));
+        for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++) {
+            size_t a = 4 * (size_t)level->parents[p];
+            float share = scales ? level->shares[p] * scales[a + 3] : level->shares[p];
+            sum = sbi_mg_plus(sum, sbi_mg_times(share, sbi_mg_load(x + a)));
+        }
         sbi_mg_store(level->e + 4 * (size_t)i, level->scale ? sbi_mg_each(sum, level->scale + 4 * (size_t)i) : sum);
     }
 }

@@ -232,6 +232,47 @@ static void test_symmetry(void)
     free(my);
 }
 
+/* A coarser level of 100,000 blocks and more is kept in 16 bits as the finest is: here one like the mesh itself, so that
+ * the matrix has two levels of its own size. */
+static void test_large_level(void)
+{
+    problem p = problem_beam(14, 0.1);
+    int nodes = p.mesh.node_count, n = 3 * nodes;
+    int *start = (int *)malloc((size_t)(nodes + 1) * sizeof(int));
+    sb_real *weights = (sb_real *)malloc((size_t)nodes * sizeof(sb_real));
+    sb_real *mx = random_vector(n, 1), *my = random_vector(n, 2), *x = random_vector(n, 3), *y = random_vector(n, 4);
+    sb_preconditioner *plain = multigrid_of(&p, NULL, 0), *doubled;
+    sb_multigrid_level level;
+    double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
+    int count;
+    for (int i = 0; i <= nodes; i++)
+        start[i] = i;
+    for (int i = 0; i < nodes; i++)
+        weights[i] = 1;
+    level.mapping.row_count = level.node_count = nodes;
+    level.mapping.row_start = level.mapping.nodes = start;
+    level.mapping.weights = weights;
+    level.positions = p.mesh.nodes;
+    CHECK(p.a.block_count >= 100000);
+    doubled = multigrid_of(&p, &level, 1);
+    assemble(&p, 0.45, dynamic_mass, 1);
+    count = iterations(&p, plain, tolerance);
+    CHECK(iterations(&p, doubled, tolerance) < count); /* it is smoothed once more */
+    CHECK_INT(sb_preconditioner_get_info(doubled).level_count, sb_preconditioner_get_info(plain).level_count + 1);
+    sb_preconditioner_apply(doubled, x, mx);
+    sb_preconditioner_apply(doubled, y, my);
+    CHECK_NEAR(dot(x, my, n) - dot(y, mx, n), 0, 2e-6 * sqrt(dot(x, mx, n) * dot(y, my, n)));
+    sb_preconditioner_free(plain);
+    sb_preconditioner_free(doubled);
+    problem_free(&p);
+    free(start);
+    free(weights);
+    free(mx);
+    free(my);
+    free(x);
+    free(y);
+}
+
 /* ---- iteration counts ---- */
 
 /* Iterations hardly grow from 5,000 to 300,000 unknowns. */
@@ -639,7 +680,8 @@ static void test_memory(void)
     problem_free(&p);
 }
 
-CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry}, {"series", test_series},
-            {"hard", test_hard}, {"free", test_free}, {"shapes", test_shapes}, {"updates", test_updates},
-            {"the same bits", test_bits}, {"bodies", test_body}, {"levels of one's own", test_own_levels},
-            {"choice", test_choice}, {"refusals", test_refusals}, {"failing allocations", test_memory});
+CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
+            {"large coarser levels", test_large_level}, {"series", test_series}, {"hard", test_hard},
+            {"free", test_free}, {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits},
+            {"bodies", test_body}, {"levels of one's own", test_own_levels}, {"choice", test_choice},
+            {"refusals", test_refusals}, {"failing allocations", test_memory});

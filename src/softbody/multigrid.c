@@ -62,19 +62,20 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count;
-    if (level == m->levels) {
+    int finest = level == m->levels, packed = finest || level->block_count >= SBI_MG_PACKED;
+    if (packed) {
         level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
         level->scale = sbi_mg_take_floats(m, rows, 4);
-    } else {
-        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
     }
+    if (!finest)
+        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
     level->inverse = sbi_mg_take_floats(m, rows, 12);
     level->x = sbi_mg_take_floats(m, rows, 4);
     level->r = sbi_mg_take_floats(m, rows, 4);
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
+    return (level->blocks || finest) && (!packed || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
            level->d && level->e && level->partial;
 }
 

@@ -409,6 +409,34 @@ static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *fin
     }
 }
 
+/* S of a row of a coarser level, and the inverse of its diagonal block as the scaled one's. */
+static void sbi_mg_scale_row(const sbi_mg_level *level, int a)
+{
+    const float *block = level->blocks + 9 * (size_t)level->diagonal[a];
+    float *scale = level->scale + 4 * (size_t)a, *inverse = level->inverse + 12 * (size_t)a, largest = 0;
+    for (int k = 0; k < 9; k += 4)
+        largest = block[k] > largest ? block[k] : largest;
+    largest = largest > 0 ? largest : 1; /* all that moves with it is prescribed */
+    for (int k = 0; k < 3; k++)
+        scale[k] = sqrtf(largest);
+    scale[3] = 1 / scale[0];
+    for (int k = 0; k < 12; k++)
+        inverse[k] *= largest;
+}
+
+/* Rows of a coarser level in 16 bits, when all are scaled. */
+static void sbi_mg_pack_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    const sbi_mg_level *level = work->level;
+    const float *scales = level->scale;
+    for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++)
+        for (int q = level->row_start[a]; q < level->row_start[a + 1]; q++)
+            sbi_mg_pack(level->blocks + 9 * (size_t)q,
+                        (scales[4 * (size_t)a + 3] * scales[4 * (size_t)level->columns[q] + 3]) * SBI_MG_UNIT,
+                        level->packed + 9 * (size_t)q);
+}
+
 static void sbi_mg_load_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
@@ -424,6 +452,8 @@ static void sbi_mg_gather_task(void *user, int task)
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
         sbi_mg_gather_row(level, work->finer, a);
         sbi_mg_invert(level->blocks + 9 * (size_t)level->diagonal[a], level->inverse + 12 * (size_t)a);
+        if (level->packed)
+            sbi_mg_scale_row(level, a);
         if (level->mixed)
             sbi_mg_mix_row(level, a);
     }
@@ -443,7 +473,7 @@ static void sbi_mg_bound_begin_task(void *user, int task)
             uint32_t bits = ((uint32_t)i * 3u + (uint32_t)k + 1u) * 2654435761u;
             bits = (bits ^ (bits >> 15)) * 2246822519u;
             r[k] = (float)(bits >> 8) * (1.0f / 8388608.0f) - 1.0f;
-            if (level->blocks)
+            if (!level->packed)
                 r[k] *= level->blocks[9 * (size_t)level->diagonal[i] + 4 * (size_t)k];
         }
         r[3] = d[3] = 0;
@@ -672,8 +702,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
         for (int t = 0; l == 0 && t < sbi_mg_tasks(work.level); t++)
             if (work.level->partial[t] >= 0)
                 return (int)work.level->partial[t];
-        if (l == 0)
-            sbi_mg_run(&work, sbi_mg_load_task);
+        if (work.level->packed)
+            sbi_mg_run(&work, l ? sbi_mg_pack_task : sbi_mg_load_task);
         if (!coarsest || !m->dense)
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
@@ -716,6 +746,8 @@ static void sbi_mg_restrict_task(void *user, int task)
             sbi_mg_node part = sbi_mg_times(finer->child_shares[c], sbi_mg_load(finer->r + i));
             sum = sbi_mg_plus(sum, finer->scale ? sbi_mg_each(part, finer->scale + i) : part);
         }
+        if (level->scale)
+            sum = sbi_mg_times(level->scale[4 * (size_t)a + 3], sum);
         step = sbi_mg_times(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)a, sum));
         sbi_mg_store(r, sum);
         sbi_mg_store(d, step);
@@ -742,11 +774,14 @@ static void sbi_mg_prolong_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
     sbi_mg_level *level = work->level;
-    const float *x = (level + 1)->x;
+    const float *x = (level + 1)->x, *scales = (level + 1)->scale;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         sbi_mg_node sum = sbi_mg_make(0, 0, 0);
-        for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++)
-            sum = sbi_mg_plus(sum, sbi_mg_times(level->shares[p], sbi_mg_load(x + 4 * (size_t)level->parents[p])));
+        for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++) {
+            size_t a = 4 * (size_t)level->parents[p];
+            float share = scales ? level->shares[p] * scales[a + 3] : level->shares[p];
+            sum = sbi_mg_plus(sum, sbi_mg_times(share, sbi_mg_load(x + a)));
+        }
         sbi_mg_store(level->e + 4 * (size_t)i, level->scale ? sbi_mg_each(sum, level->scale + 4 * (size_t)i) : sum);
     }
 }
