@@ -4504,10 +4504,16 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
  * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
  * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
- * threads. */
+ * threads.
+ * Multigrid has the matrix of its update in 32 bits an entry, which has half the bytes: directions are multiplied by that
+ * one, the true residual is computed with the matrix itself, and where the two part the iteration goes on from the true
+ * one, at last without the other. So the residual holds for the matrix given whatever the preconditioner was made of. */
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                               sb_pcg_info *info);
+
+/* ---- internal ------------------------------------------------------------------------------------------ */
+
 
 #endif /* SB_PCG_H */
 
@@ -5688,6 +5694,13 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_
 /* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
  * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
 SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
+/* The matrix of the last update in 32 bits an entry, to multiply by. Its product differs from the matrix's own by at
+ * most sbi_multigrid_deviation() |S x|, S x being what sbi_multigrid_spread makes of x; 0: there is none (float builds;
+ * matrices that are not positive definite or not finite). The first of these writes rows first <= i < last of S x and
+ * returns the sum of their squares, the second rows of y = A x when all of S x is there. */
+SBI_API double sbi_multigrid_deviation(const sbi_multigrid *multigrid);
+SBI_API double sbi_multigrid_spread(sbi_multigrid *multigrid, const sb_real *x, int first, int last);
+SBI_API void sbi_multigrid_multiply(const sbi_multigrid *multigrid, sb_real *y, int first, int last);
 SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *multigrid);
 SBI_API void sbi_multigrid_set_reach(sbi_multigrid *multigrid, sbi_mg_reach reach);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
@@ -5703,6 +5716,8 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
  * nothing milder. */
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
+/* The multigrid that has the matrix of the last update in fewer bytes, to multiply by; NULL: there is none. */
+SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
@@ -5719,6 +5734,13 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
 /* The memory must be valid. */
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
+
+/* ==== src/softbody/pcg.h, internal ==== */
+/* The same for a preconditioner that was updated with this very matrix. The product in 32 bits is then known to differ by
+ * no more than its rounding, and a residual that meets the tolerance with that added needs no look at the matrix. */
+SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                        sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                        sb_pcg_info *info);
 
 /* ==== src/softbody/load.h, internal ==== */
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
@@ -22562,7 +22584,10 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
 #define SB_MULTIGRID_LEVEL_H
 
 
-#define SBI_MG_UNIT 32767.0f
+#define SBI_MG_UNIT 32767.0f         /* largest number of 16 bits that is used */
+#define SBI_MG_ONE 32766.96875f      /* what stands for 1 there: what rounding makes larger than 1 has room */
+#define SBI_MG_WORD 2147416064.0     /* what stands for 1 in 32 bits: SBI_MG_ONE << 16 */
+#define SBI_MG_MAX_WORD 2147418112.0 /* SBI_MG_UNIT << 16 */
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
@@ -22590,7 +22615,8 @@ typedef struct sbi_mg_level {
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
-    int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_UNIT, or NULL */
+    int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_ONE, or NULL */
+    uint16_t *rest;           /* [block_count][9] of level 0; NULL in float builds */
     float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
                                * 1 / S */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
@@ -22624,6 +22650,10 @@ struct sbi_multigrid {
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
+    double *spread;           /* [rows of level 0][4] S x of the x to multiply by */
+    double matrix_scale;      /* of the last update */
+    double deviation;         /* see sbi_multigrid_deviation */
+    int longest_row;          /* of level 0 */
     size_t bytes;
     int array_count;
     void *arrays[SBI_MG_MAX_ARRAYS];
@@ -23093,14 +23123,21 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
     }
     if (!finest)
         level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
+    if (finest && !SB_REAL_IS_FLOAT) {
+        level->rest = (uint16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(uint16_t));
+        m->spread = (double *)sbi_mg_take(m, rows, 4 * sizeof(double));
+        if (!level->rest || !m->spread)
+            return 0;
+    }
     level->inverse = sbi_mg_take_floats(m, rows, 12);
     level->x = sbi_mg_take_floats(m, rows, 4);
     level->r = sbi_mg_take_floats(m, rows, 4);
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    return (level->blocks || finest) && (!packed || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
-           level->d && level->e && level->partial;
+    if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks))
+        return 0;
+    return level->inverse && level->x && level->r && level->d && level->e && level->partial;
 }
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
@@ -23116,6 +23153,8 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
     memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
     memcpy(level->columns, pattern->columns, blocks * sizeof(int));
     memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
+    for (int i = 0; i < level->row_count; i++)
+        m->longest_row = sbi_max_int(m->longest_row, level->row_start[i + 1] - level->row_start[i]);
     return sbi_mg_take_values(m, level);
 }
 
@@ -23641,7 +23680,7 @@ SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *
     }
     if (column < end)
         sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
-    return sbi_mg_finish((even + odd) * (1 / SBI_MG_UNIT), (even_last + odd_last) * (1 / SBI_MG_UNIT));
+    return sbi_mg_finish((even + odd) * (1 / SBI_MG_ONE), (even_last + odd_last) * (1 / SBI_MG_ONE));
 }
 #else
 SBI_FORCE_INLINE sbi_mg_node sbi_mg_finish(const float s[9], float factor)
@@ -23675,7 +23714,7 @@ SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *
     }
     for (int k = 0; k < 9; k++)
         s[0][k] += s[1][k];
-    return sbi_mg_finish(s[0], 1 / SBI_MG_UNIT);
+    return sbi_mg_finish(s[0], 1 / SBI_MG_ONE);
 }
 #endif
 
@@ -23825,6 +23864,51 @@ SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *pac
     packed[8] = sbi_mg_round(block[8], factor);
 }
 
+#if !SB_REAL_IS_FLOAT
+/* An entry in units of 1 / SBI_MG_WORD, rounded to the nearest, even when it is between two; *bad when it is beyond
+ * the range, where it is cut off, or not a number. */
+SBI_FORCE_INLINE int32_t sbi_mg_round_word(double x, int *bad)
+{
+    const double whole = 6755399441055744.0; /* 1.5 * 2^52: what is added to it is rounded to integers */
+    *bad |= !(x <= SBI_MG_MAX_WORD && x >= -SBI_MG_MAX_WORD);
+    x = x < SBI_MG_MAX_WORD ? x : SBI_MG_MAX_WORD;
+    x = x > -SBI_MG_MAX_WORD ? x : -SBI_MG_MAX_WORD;
+    return (int32_t)((x + whole) - whole);
+}
+
+SBI_FORCE_INLINE void sbi_mg_split(int32_t word, int16_t *packed, uint16_t *rest)
+{
+    int32_t up = word + 32768;
+    *rest = (uint16_t)(up & 65535);
+    *packed = (int16_t)((up - (up & 65535)) / 65536);
+}
+
+/* A block in 32 bits an entry, by halves. */
+SBI_FORCE_INLINE void sbi_mg_pack_words(const sb_real *block, double factor, int16_t *packed, uint16_t *rest, int *bad)
+{
+#if SBI_MG_WIDE
+    const __m256d most = _mm256_set1_pd(SBI_MG_MAX_WORD), least = _mm256_set1_pd(-SBI_MG_MAX_WORD);
+    const __m128i half = _mm_set1_epi32(32768), low = _mm_set1_epi32(65535);
+    __m256d a = _mm256_mul_pd(_mm256_loadu_pd(block), _mm256_set1_pd(factor));
+    __m256d b = _mm256_mul_pd(_mm256_loadu_pd(block + 4), _mm256_set1_pd(factor));
+    __m256d inside_a = _mm256_and_pd(_mm256_cmp_pd(a, most, _CMP_LE_OQ), _mm256_cmp_pd(a, least, _CMP_GE_OQ));
+    __m256d inside_b = _mm256_and_pd(_mm256_cmp_pd(b, most, _CMP_LE_OQ), _mm256_cmp_pd(b, least, _CMP_GE_OQ));
+    __m128i p, q;
+    *bad |= _mm256_movemask_pd(_mm256_and_pd(inside_a, inside_b)) != 15;
+    p = _mm256_cvtpd_epi32(_mm256_max_pd(_mm256_min_pd(a, most), least));
+    q = _mm256_cvtpd_epi32(_mm256_max_pd(_mm256_min_pd(b, most), least));
+    p = _mm_add_epi32(p, half);
+    q = _mm_add_epi32(q, half);
+    _mm_storeu_si128((__m128i *)(void *)rest, _mm_packus_epi32(_mm_and_si128(p, low), _mm_and_si128(q, low)));
+    _mm_storeu_si128((__m128i *)(void *)packed, _mm_packs_epi32(_mm_srai_epi32(p, 16), _mm_srai_epi32(q, 16)));
+#else
+    for (int k = 0; k < 8; k++)
+        sbi_mg_split(sbi_mg_round_word(block[k] * factor, bad), packed + k, rest + k);
+#endif
+    sbi_mg_split(sbi_mg_round_word(block[8] * factor, bad), packed + 8, rest + 8);
+}
+#endif
+
 SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
     for (int k = 0; k < 8; k++)
@@ -23862,8 +23946,8 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
 }
 
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
- * does not reach the coarser level. */
-static void sbi_mg_load_row(const sbi_mg_work *work, int i)
+ * does not reach the coarser level. Returns 1 when an entry is beyond the range. */
+static int sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
     const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
@@ -23871,6 +23955,7 @@ static void sbi_mg_load_row(const sbi_mg_work *work, int i)
     const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
     const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
     int16_t *packed = level->packed;
+    int bad = 0;
     sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
@@ -23878,12 +23963,18 @@ static void sbi_mg_load_row(const sbi_mg_work *work, int i)
         float block[9];
         int j = columns[q];
         sbi_mg_round_block(from[q], scale, block);
-        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
+#if SB_REAL_IS_FLOAT
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
+#else
+        sbi_mg_pack_words(from[q], (double)own * (double)scales[4 * (size_t)j + 3] * (work->scale * SBI_MG_WORD),
+                          packed + 9 * (size_t)q, level->rest + 9 * (size_t)q, &bad);
+#endif
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
             sbi_mg_mix(&mixer, j, block);
     }
+    return bad;
 }
 
 /* Row i of A P. */
@@ -23936,15 +24027,17 @@ static void sbi_mg_pack_task(void *user, int task)
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++)
         for (int q = level->row_start[a]; q < level->row_start[a + 1]; q++)
             sbi_mg_pack(level->blocks + 9 * (size_t)q,
-                        (scales[4 * (size_t)a + 3] * scales[4 * (size_t)level->columns[q] + 3]) * SBI_MG_UNIT,
+                        (scales[4 * (size_t)a + 3] * scales[4 * (size_t)level->columns[q] + 3]) * SBI_MG_ONE,
                         level->packed + 9 * (size_t)q);
 }
 
 static void sbi_mg_load_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
+    int bad = 0;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(work->level, task); i++)
-        sbi_mg_load_row(work, i);
+        bad |= sbi_mg_load_row(work, i);
+    work->level->partial[task] = bad;
 }
 
 /* Rows of a coarser level with all that the next one needs of them. */
@@ -24186,6 +24279,112 @@ SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
     return 1;
 }
 
+/* ---- the product in 32 bits an entry ---- */
+
+/* An entry is off by half a unit at most, 0.5 / (SBI_MG_WORD s) S_i S_j with the matrix scale s. So a row of the
+ * difference D from the matrix has |D x|_i <= that S_i times the sum of |S_j x_j| over three components of each block of
+ * the row; and a matrix of ones on the pattern has no eigenvalue beyond its longest row. */
+static void sbi_mg_set_deviation(sbi_mg_work *work)
+{
+    const sbi_mg_level *level = work->level;
+    float least = FLT_MAX; /* 1 / S */
+    work->m->matrix_scale = work->scale;
+    work->m->deviation = 0;
+    if (!level->rest || sbi_mg_sum(level) > 0)
+        return;
+    for (int i = 0; i < level->row_count; i++)
+        least = level->scale[4 * (size_t)i + 3] < least ? level->scale[4 * (size_t)i + 3] : least;
+    /* a little more than 0.5: entries are scaled in doubles */
+    work->m->deviation = 0.51 * 3 * work->m->longest_row / (SBI_MG_WORD * work->scale * (double)least);
+}
+
+SBI_API double sbi_multigrid_deviation(const sbi_multigrid *m) { return m->deviation; }
+
+SBI_API double sbi_multigrid_spread(sbi_multigrid *m, const sb_real *x, int first, int last)
+{
+    const float *scale = m->levels[0].scale;
+    double square = 0;
+    for (size_t i = (size_t)first; i < (size_t)last; i++) {
+        double s = 1 / (double)scale[4 * i + 3], *to = m->spread + 4 * i;
+        for (size_t k = 0; k < 3; k++)
+            to[k] = s * (double)x[3 * i + k];
+        to[3] = 0;
+        square += to[0] * to[0] + to[1] * to[1] + to[2] * to[2];
+    }
+    return square;
+}
+
+/* out = a row of words times x: one sum for each place of the blocks. */
+#if SBI_MG_WIDE
+/* Four words of a block, and two. */
+SBI_FORCE_INLINE __m256d sbi_mg_four_words(__m128i halves)
+{
+    return _mm256_cvtepi32_pd(_mm_sub_epi32(halves, _mm_set1_epi32(32768)));
+}
+
+SBI_FORCE_INLINE __m128d sbi_mg_last_words(const int16_t *packed, const uint16_t *rest)
+{
+    int32_t up, low;
+    memcpy(&up, packed + 7, sizeof up);
+    memcpy(&low, rest + 7, sizeof low);
+    return _mm_cvtepi32_pd(_mm_sub_epi32(_mm_unpacklo_epi16(_mm_cvtsi32_si128(low), _mm_cvtsi32_si128(up)),
+                                         _mm_set1_epi32(32768)));
+}
+
+static void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
+                             const double *x, double out[3])
+{
+    __m256d a = _mm256_setzero_pd(), b = a;
+    __m128d c = _mm_setzero_pd();
+    double s[10];
+    for (; column < end; column++, packed += 9, rest += 9) {
+        const double *from = x + 4 * (size_t)*column;
+        __m256d v = _mm256_loadu_pd(from);
+        __m128i up = _mm_loadu_si128((const __m128i *)(const void *)packed);
+        __m128i low = _mm_loadu_si128((const __m128i *)(const void *)rest);
+        a = _mm256_add_pd(a, _mm256_mul_pd(sbi_mg_four_words(_mm_unpacklo_epi16(low, up)),
+                                           _mm256_permute4x64_pd(v, 0 | 1 << 2 | 2 << 4 | 0 << 6)));
+        b = _mm256_add_pd(b, _mm256_mul_pd(sbi_mg_four_words(_mm_unpackhi_epi16(low, up)),
+                                           _mm256_permute4x64_pd(v, 1 | 2 << 2 | 0 << 4 | 1 << 6)));
+        c = _mm_add_pd(c, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));
+    }
+    _mm256_storeu_pd(s, a);
+    _mm256_storeu_pd(s + 4, b);
+    _mm_storeu_pd(s + 8, c); /* its first is not wanted */
+    out[0] = s[0] + s[1] + s[2];
+    out[1] = s[3] + s[4] + s[5];
+    out[2] = s[6] + s[7] + s[9];
+}
+#else
+static void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
+                             const double *x, double out[3])
+{
+    double s[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    for (; column < end; column++, packed += 9, rest += 9) {
+        const double *from = x + 4 * (size_t)*column;
+        for (int k = 0; k < 9; k++)
+            s[k] += (double)(packed[k] * 65536 + (int)rest[k] - 32768) * from[k % 3];
+    }
+    for (int k = 0; k < 3; k++)
+        out[k] = s[3 * k] + s[3 * k + 1] + s[3 * k + 2];
+}
+#endif
+
+SBI_API void sbi_multigrid_multiply(const sbi_multigrid *m, sb_real *y, int first, int last)
+{
+    const sbi_mg_level *level = m->levels;
+    for (int i = first; i < last; i++) {
+        size_t begin = 9 * (size_t)level->row_start[i];
+        double sum[3], back = 1 / ((double)level->scale[4 * (size_t)i + 3] * (m->matrix_scale * SBI_MG_WORD));
+        sbi_mg_sum_words(level->packed + begin, level->rest + begin, level->columns + level->row_start[i],
+                         level->columns + level->row_start[i + 1], m->spread, sum);
+        for (size_t k = 0; k < 3; k++)
+            y[3 * (size_t)i + k] = (sb_real)(sum[k] * back);
+    }
+}
+
+/* ---- update, and what it remembers ---- */
+
 SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *m) { return m->reach; }
 SBI_API void sbi_multigrid_set_reach(sbi_multigrid *m, sbi_mg_reach reach) { m->reach = reach; }
 
@@ -24197,6 +24396,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.matrix = matrix;
     work.scale = scale;
     m->softened = 0;
+    m->deviation = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -24207,6 +24407,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
                 return (int)work.level->partial[t];
         if (work.level->packed)
             sbi_mg_run(&work, l ? sbi_mg_pack_task : sbi_mg_load_task);
+        if (l == 0)
+            sbi_mg_set_deviation(&work);
         if (!coarsest || !m->dense)
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
@@ -25986,6 +26188,12 @@ SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
     return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
 }
 
+SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner)
+{
+    sbi_multigrid *multigrid = preconditioner->ready ? preconditioner->multigrid : NULL;
+    return multigrid && sbi_multigrid_deviation(multigrid) > 0 ? multigrid : NULL;
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
@@ -26806,7 +27014,12 @@ typedef struct sbi_pcg_state {
     const sb_matrix *matrix;
     const sb_real *rhs;
     sb_real *x, *r, *z, *p, *q;
+    const sb_real *start; /* x as it was given */
     sb_real factor;  /* of the update at work */
+    sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
+    int current;            /* 1: it is known to be of this matrix */
+    int fresh;              /* 1: the iteration starts; 0: it goes on along p, whose step was `alpha` */
+    double alpha, last_rz;
     double *partial; /* [chunks][2] */
     const sb_jobs *jobs;
 } sbi_pcg_state;
@@ -26845,12 +27058,29 @@ static void sbi_pcg_square_task(void *user, int chunk)
     s->partial[2 * chunk + 1] = sbi_pcg_dot(s->x + begin, s->x + begin, count);
 }
 
+/* to = A v for the rows of a chunk; v is spread where there is a compact matrix. */
+static void sbi_pcg_multiply(const sbi_pcg_state *s, const sb_real *v, sb_real *to, int first, int last)
+{
+    if (s->compact)
+        sbi_multigrid_multiply(s->compact, to, first, last);
+    else
+        sbi_matrix_multiply_rows(s->matrix, v, to, first, last);
+}
+
+/* The compact matrix's x, and |S x|^2. */
+static void sbi_pcg_spread_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
+    s->partial[2 * chunk] = sbi_multigrid_spread(s->compact, s->x, (int)(begin / 3), (int)(end / 3));
+}
+
 /* r = rhs - A x, r.r */
 static void sbi_pcg_residual_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
     size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_matrix_multiply_rows(s->matrix, s->x, s->r, (int)(begin / 3), (int)(end / 3));
+    sbi_pcg_multiply(s, s->x, s->r, (int)(begin / 3), (int)(end / 3));
     for (size_t k = begin; k < end; k++)
         s->r[k] = s->rhs[k] - s->r[k];
     s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
@@ -26861,7 +27091,7 @@ static void sbi_pcg_product_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
     size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_matrix_multiply_rows(s->matrix, s->p, s->q, (int)(begin / 3), (int)(end / 3));
+    sbi_pcg_multiply(s, s->p, s->q, (int)(begin / 3), (int)(end / 3));
     s->partial[2 * chunk] = sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
 }
 
@@ -26899,6 +27129,8 @@ static void sbi_pcg_direction_task(void *user, int chunk)
     sb_real factor = s->factor;
     for (size_t k = 0; k < count; k++)
         p[k] = z[k] + factor * p[k];
+    if (s->compact)
+        sbi_multigrid_spread(s->compact, s->p, (int)(begin / 3), (int)((begin + count) / 3));
 }
 
 /* Runs a task over all chunks; the sum of the chunks' first (or second) partial sums, in order. */
@@ -26926,6 +27158,7 @@ static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditione
 {
     if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
         return square;
+    s->compact = NULL; /* a preconditioner with a coarse space has none */
     sbi_pcg_run(s, sbi_pcg_product_task, NULL);
     s->factor = 1;
     return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
@@ -26937,8 +27170,6 @@ static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditione
 static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
-    double alpha = 0, last_rz = 0;
-    int first = 1;
     while (*square > target) {
         double rz, qz, pq;
         if (info->iterations >= max_iterations) {
@@ -26949,9 +27180,9 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             sbi_precond_apply(preconditioner, s->r, s->z, sqrt(*square));
         else
             memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (first)
+        if (s->fresh)
             memset(s->p, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (first)
+        if (s->fresh)
             memset(s->q, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
         rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
         if (!sbi_pcg_is_finite(rz))
@@ -26959,10 +27190,10 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         if (rz <= 0) {
             if (!preconditioner || !sbi_precond_soften(preconditioner))
                 return SB_ERROR_INDEFINITE;
-            first = 1;
+            s->fresh = 1;
             continue;
         }
-        s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
+        s->factor = s->fresh ? 0 : (sb_real)(-s->alpha * qz / s->last_rz);
         sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
         pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
         if (!sbi_pcg_is_finite(pq))
@@ -26971,48 +27202,106 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             info->negative_curvature = 1;
             return SB_ERROR_INDEFINITE;
         }
-        alpha = rz / pq;
-        last_rz = rz;
-        s->factor = (sb_real)alpha;
+        s->alpha = rz / pq;
+        s->last_rz = rz;
+        s->factor = (sb_real)s->alpha;
         *square = sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         info->iterations++;
-        first = 0;
+        s->fresh = 0;
     }
     return SB_OK;
 }
 
+/* r = rhs - A x with the matrix itself, when the residual in r is of the compact one; r.r. */
+static double sbi_pcg_true_residual(sbi_pcg_state *s)
+{
+    sbi_multigrid *compact = s->compact;
+    double square;
+    s->compact = NULL;
+    square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+    s->compact = compact;
+    return square;
+}
+
+/* r = rhs - A x, r.r, with the compact matrix where that is known to be of this one. */
+static double sbi_pcg_first_residual(sbi_pcg_state *s)
+{
+    if (!s->compact || !s->current)
+        return sbi_pcg_true_residual(s);
+    sbi_run(s->jobs, sbi_pcg_spread_task, s, sbi_row_chunks(s->matrix->row_count));
+    return sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+}
+
+/* 1 when the residual meets the target also with all that the compact matrix's may be off. */
+static int sbi_pcg_is_sure(sbi_pcg_state *s, double square, double target)
+{
+    double off;
+    if (!s->current)
+        return 0;
+    off = sbi_multigrid_deviation(s->compact) * sqrt(sbi_pcg_run(s, sbi_pcg_spread_task, NULL));
+    return sqrt(square) + off <= sqrt(target);
+}
+
+/* 1 when an iteration's result can stand without a look at the true residual: what was found without the compact
+ * matrix, and with it what is sure. That it is indefinite may come from its rounding. */
+static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify, double square, double target)
+{
+    if (!s->compact)
+        return result != SB_OK || !verify;
+    if (result == SB_OK)
+        return !verify && sbi_pcg_is_sure(s, square, target);
+    if (result == SB_ERROR_NOT_CONVERGED)
+        return s->current;
+    return result != SB_ERROR_INDEFINITE;
+}
+
 /* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
- * x. */
+ * x. With the compact matrix the true one replaces it every few digits, and the iteration goes on as if nothing had
+ * happened: what the compact one is off by is then a share of the little that is left to add to x. */
 static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
                                 const sb_pcg_options *options, double rhs_square, double *square,
                                 sb_pcg_info *info)
 {
+    const double digits = 1e-3;
     double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
     double least =
         (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
     for (;;) {
         sb_result result;
+        double goal = target > least ? target : least, recurred;
         if (*square <= target)
             return SB_OK;
         *square = sbi_pcg_deflate(s, preconditioner, *square);
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
-        result = sbi_pcg_iterate(s, preconditioner, target > least ? target : least, options->max_iterations,
-                                 square, info);
+        if (s->compact && goal < digits * digits * *square)
+            goal = digits * digits * *square;
+        result = sbi_pcg_iterate(s, preconditioner, goal, options->max_iterations, square, info);
         info->residual_is_true = 0;
-        if (result != SB_OK || !verify)
+        if (sbi_pcg_is_final(s, result, verify, *square, target))
             return result;
-        *square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+        recurred = *square;
+        *square = sbi_pcg_true_residual(s);
         info->residual_is_true = 1;
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         if (*square <= target)
             return SB_OK;
-        if (*square > 0.25 * before) /* not even halved: the last digit of x is reached */
+        if (result == SB_ERROR_NOT_CONVERGED)
+            return result;
+        if (*square > 0.25 * before && !s->compact) /* not even halved: the last digit of x is reached */
             return SB_ERROR_NOT_CONVERGED;
+        s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
+        if (s->compact && *square > before) { /* it is none of this matrix */
+            memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+            *square = sbi_pcg_true_residual(s);
+        }
+        if (*square > 1.5 * recurred || result != SB_OK)
+            s->compact = NULL;
+        info->negative_curvature = 0; /* of the compact matrix, if any */
         before = *square;
     }
 }
@@ -27027,9 +27316,9 @@ static int sbi_pcg_valid(const sb_matrix *matrix, const sb_preconditioner *preco
     return options->tolerance >= 0 && sbi_pcg_is_finite(options->tolerance) && options->max_iterations >= 0;
 }
 
-SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                              sb_pcg_info *info)
+static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                   int current, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -27045,6 +27334,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     state.matrix = matrix;
     state.rhs = rhs;
     state.x = x;
+    state.start = workspace->start;
     state.r = workspace->residual;
     state.z = workspace->search;
     state.p = workspace->direction;
@@ -27052,13 +27342,17 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     state.partial = workspace->partial;
     state.jobs = options->jobs;
     state.factor = 0;
+    state.fresh = 1;
+    state.alpha = state.last_rz = 0;
+    state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
+    state.current = current;
     memcpy(workspace->start, x, bytes);
     rhs_square = sbi_pcg_run(&state, sbi_pcg_square_task, &x_square);
     if (rhs_square > 0 && x_square == 0) { /* no product needed */
         memcpy(state.r, rhs, bytes);
         square = rhs_square;
     } else if (rhs_square > 0) {
-        square = sbi_pcg_run(&state, sbi_pcg_residual_task, NULL);
+        square = sbi_pcg_first_residual(&state);
     } else if (rhs_square == 0) {
         memset(x, 0, bytes);
     }
@@ -27075,6 +27369,20 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     if (info)
         *info = report;
     return result;
+}
+
+SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                              sb_pcg_info *info)
+{
+    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 0, info);
+}
+
+SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                        sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                        sb_pcg_info *info)
+{
+    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 1, info);
 }
 
 /* ==== src/softbody/domain.c ==== */
@@ -39073,7 +39381,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     options.tolerance = (double)sbi_newton_linear_tolerance(newton, iteration);
     options.max_iterations = newton->max_iterations;
     options.jobs = &b->jobs;
-    result = sb_pcg_solve(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_current(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - middle;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;

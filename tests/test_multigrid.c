@@ -232,8 +232,8 @@ static void test_symmetry(void)
     free(my);
 }
 
-/* A coarser level of 100,000 blocks and more is kept in 16 bits as the finest is: here one like the mesh itself, so that
- * the matrix has two levels of its own size. */
+/* A coarser level of 100,000 blocks and more is kept in 16 bits as the finest is: here one like the mesh itself, so
+ * that the matrix has two levels of its own size. */
 static void test_large_level(void)
 {
     problem p = problem_beam(14, 0.1);
@@ -271,6 +271,63 @@ static void test_large_level(void)
     free(my);
     free(x);
     free(y);
+}
+
+/* |rhs - A x| / |rhs| by the matrix's own product. */
+static double residual_of(const problem *p)
+{
+    int n = 3 * p->mesh.node_count;
+    sb_real *y = random_vector(n, 1);
+    double sum = 0;
+    sb_matrix_multiply(&p->a, p->x, y, NULL);
+    for (int k = 0; k < n; k++)
+        sum += ((double)p->rhs[k] - (double)y[k]) * ((double)p->rhs[k] - (double)y[k]);
+    sum = sqrt(sum / dot(p->rhs, p->rhs, n));
+    free(y);
+    return sum;
+}
+
+static sb_result solve_to(problem *p, sb_preconditioner *multigrid, double tolerance, int most, sb_pcg_info *info)
+{
+    sb_pcg_options options = sb_default_pcg_options();
+    options.tolerance = tolerance;
+    options.max_iterations = most;
+    memset(p->x, 0, 3 * (size_t)p->mesh.node_count * sizeof(sb_real));
+    return sb_pcg_solve(&p->a, multigrid, p->rhs, p->x, &options, &p->workspace, info);
+}
+
+/* Directions are multiplied by a matrix in 32 bits an entry: the residual must hold for the matrix itself, on an
+ * ill-conditioned one down to what doubles hold, for one that the preconditioner was not made of, and when the cap
+ * comes first. */
+static void test_residual(void)
+{
+    static const double tolerances[4] = {1e-2, 1e-4, 1e-6, 1e-10};
+    problem p = problem_make(scene_box(SB_TET4, 24, 4, 4, sb_v3(REAL(0.36), REAL(0.06), REAL(0.06)), 0.1), 1);
+    sb_preconditioner *multigrid = multigrid_of(&p, NULL, 0);
+    sb_pcg_info info;
+    int most = 2000, other;
+    assemble(&p, 0.49, 0, 1);
+    CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
+    for (int t = 0; t < (SB_REAL_IS_FLOAT ? 1 : 4); t++) {
+        CHECK_OK(solve_to(&p, multigrid, tolerances[t], most, &info));
+        CHECK(info.residual <= tolerances[t]);
+        CHECK_NEAR(residual_of(&p), info.residual, (SB_REAL_IS_FLOAT ? 0.2 : 1e-2) * tolerances[t]);
+    }
+    CHECK_RESULT(solve_to(&p, multigrid, 1e-8, 5, &info), SB_ERROR_NOT_CONVERGED);
+    CHECK(info.capped && info.iterations == 5);
+    CHECK_NEAR(residual_of(&p), info.residual, (SB_REAL_IS_FLOAT ? 0.2 : 1e-2) * info.residual);
+    assemble(&p, 0.45, dynamic_mass, -3); /* another matrix, and no update */
+    CHECK_OK(solve_to(&p, multigrid, SB_REAL_IS_FLOAT ? 1e-3 : 1e-9, most, &info));
+    CHECK(residual_of(&p) <= (SB_REAL_IS_FLOAT ? 1.1e-3 : 1.01e-9));
+    CHECK_RESULT(solve_to(&p, multigrid, 1e-8, 3, &info), SB_ERROR_NOT_CONVERGED);
+    CHECK_NEAR(residual_of(&p), info.residual, (SB_REAL_IS_FLOAT ? 0.2 : 1e-2) * info.residual);
+    other = p.a.row_start[300]; /* beyond what a positive definite matrix may have off its diagonal */
+    CHECK(other != p.a.diagonal[300]);
+    p.a.blocks[other][0] = p.a.blocks[p.a.transpose[other]][0] = 10 * p.a.blocks[p.a.diagonal[300]][0];
+    CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
+    CHECK(solve_to(&p, multigrid, 1e-3, most, &info) != SB_OK || residual_of(&p) <= 1.1e-3);
+    sb_preconditioner_free(multigrid);
+    problem_free(&p);
 }
 
 /* ---- iteration counts ---- */
@@ -681,7 +738,7 @@ static void test_memory(void)
 }
 
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
-            {"large coarser levels", test_large_level}, {"series", test_series}, {"hard", test_hard},
-            {"free", test_free}, {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits},
-            {"bodies", test_body}, {"levels of one's own", test_own_levels}, {"choice", test_choice},
-            {"refusals", test_refusals}, {"failing allocations", test_memory});
+            {"large coarser levels", test_large_level}, {"residual", test_residual}, {"series", test_series},
+            {"hard", test_hard}, {"free", test_free}, {"shapes", test_shapes}, {"updates", test_updates},
+            {"the same bits", test_bits}, {"bodies", test_body}, {"levels of one's own", test_own_levels},
+            {"choice", test_choice}, {"refusals", test_refusals}, {"failing allocations", test_memory});

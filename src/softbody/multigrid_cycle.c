@@ -138,7 +138,7 @@ SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *
     }
     if (column < end)
         sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
-    return sbi_mg_finish((even + odd) * (1 / SBI_MG_UNIT), (even_last + odd_last) * (1 / SBI_MG_UNIT));
+    return sbi_mg_finish((even + odd) * (1 / SBI_MG_ONE), (even_last + odd_last) * (1 / SBI_MG_ONE));
 }
 #else
 SBI_FORCE_INLINE sbi_mg_node sbi_mg_finish(const float s[9], float factor)
@@ -172,7 +172,7 @@ SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *
     }
     for (int k = 0; k < 9; k++)
         s[0][k] += s[1][k];
-    return sbi_mg_finish(s[0], 1 / SBI_MG_UNIT);
+    return sbi_mg_finish(s[0], 1 / SBI_MG_ONE);
 }
 #endif
 
@@ -322,6 +322,51 @@ SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *pac
     packed[8] = sbi_mg_round(block[8], factor);
 }
 
+#if !SB_REAL_IS_FLOAT
+/* An entry in units of 1 / SBI_MG_WORD, rounded to the nearest, even when it is between two; *bad when it is beyond
+ * the range, where it is cut off, or not a number. */
+SBI_FORCE_INLINE int32_t sbi_mg_round_word(double x, int *bad)
+{
+    const double whole = 6755399441055744.0; /* 1.5 * 2^52: what is added to it is rounded to integers */
+    *bad |= !(x <= SBI_MG_MAX_WORD && x >= -SBI_MG_MAX_WORD);
+    x = x < SBI_MG_MAX_WORD ? x : SBI_MG_MAX_WORD;
+    x = x > -SBI_MG_MAX_WORD ? x : -SBI_MG_MAX_WORD;
+    return (int32_t)((x + whole) - whole);
+}
+
+SBI_FORCE_INLINE void sbi_mg_split(int32_t word, int16_t *packed, uint16_t *rest)
+{
+    int32_t up = word + 32768;
+    *rest = (uint16_t)(up & 65535);
+    *packed = (int16_t)((up - (up & 65535)) / 65536);
+}
+
+/* A block in 32 bits an entry, by halves. */
+SBI_FORCE_INLINE void sbi_mg_pack_words(const sb_real *block, double factor, int16_t *packed, uint16_t *rest, int *bad)
+{
+#if SBI_MG_WIDE
+    const __m256d most = _mm256_set1_pd(SBI_MG_MAX_WORD), least = _mm256_set1_pd(-SBI_MG_MAX_WORD);
+    const __m128i half = _mm_set1_epi32(32768), low = _mm_set1_epi32(65535);
+    __m256d a = _mm256_mul_pd(_mm256_loadu_pd(block), _mm256_set1_pd(factor));
+    __m256d b = _mm256_mul_pd(_mm256_loadu_pd(block + 4), _mm256_set1_pd(factor));
+    __m256d inside_a = _mm256_and_pd(_mm256_cmp_pd(a, most, _CMP_LE_OQ), _mm256_cmp_pd(a, least, _CMP_GE_OQ));
+    __m256d inside_b = _mm256_and_pd(_mm256_cmp_pd(b, most, _CMP_LE_OQ), _mm256_cmp_pd(b, least, _CMP_GE_OQ));
+    __m128i p, q;
+    *bad |= _mm256_movemask_pd(_mm256_and_pd(inside_a, inside_b)) != 15;
+    p = _mm256_cvtpd_epi32(_mm256_max_pd(_mm256_min_pd(a, most), least));
+    q = _mm256_cvtpd_epi32(_mm256_max_pd(_mm256_min_pd(b, most), least));
+    p = _mm_add_epi32(p, half);
+    q = _mm_add_epi32(q, half);
+    _mm_storeu_si128((__m128i *)(void *)rest, _mm_packus_epi32(_mm_and_si128(p, low), _mm_and_si128(q, low)));
+    _mm_storeu_si128((__m128i *)(void *)packed, _mm_packs_epi32(_mm_srai_epi32(p, 16), _mm_srai_epi32(q, 16)));
+#else
+    for (int k = 0; k < 8; k++)
+        sbi_mg_split(sbi_mg_round_word(block[k] * factor, bad), packed + k, rest + k);
+#endif
+    sbi_mg_split(sbi_mg_round_word(block[8] * factor, bad), packed + 8, rest + 8);
+}
+#endif
+
 SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
     for (int k = 0; k < 8; k++)
@@ -359,8 +404,8 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
 }
 
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
- * does not reach the coarser level. */
-static void sbi_mg_load_row(const sbi_mg_work *work, int i)
+ * does not reach the coarser level. Returns 1 when an entry is beyond the range. */
+static int sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
     const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
@@ -368,6 +413,7 @@ static void sbi_mg_load_row(const sbi_mg_work *work, int i)
     const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
     const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
     int16_t *packed = level->packed;
+    int bad = 0;
     sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
@@ -375,12 +421,18 @@ static void sbi_mg_load_row(const sbi_mg_work *work, int i)
         float block[9];
         int j = columns[q];
         sbi_mg_round_block(from[q], scale, block);
-        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_UNIT, packed + 9 * (size_t)q);
+#if SB_REAL_IS_FLOAT
+        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
+#else
+        sbi_mg_pack_words(from[q], (double)own * (double)scales[4 * (size_t)j + 3] * (work->scale * SBI_MG_WORD),
+                          packed + 9 * (size_t)q, level->rest + 9 * (size_t)q, &bad);
+#endif
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
             sbi_mg_mix(&mixer, j, block);
     }
+    return bad;
 }
 
 /* Row i of A P. */
@@ -433,15 +485,17 @@ static void sbi_mg_pack_task(void *user, int task)
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++)
         for (int q = level->row_start[a]; q < level->row_start[a + 1]; q++)
             sbi_mg_pack(level->blocks + 9 * (size_t)q,
-                        (scales[4 * (size_t)a + 3] * scales[4 * (size_t)level->columns[q] + 3]) * SBI_MG_UNIT,
+                        (scales[4 * (size_t)a + 3] * scales[4 * (size_t)level->columns[q] + 3]) * SBI_MG_ONE,
                         level->packed + 9 * (size_t)q);
 }
 
 static void sbi_mg_load_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
+    int bad = 0;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(work->level, task); i++)
-        sbi_mg_load_row(work, i);
+        bad |= sbi_mg_load_row(work, i);
+    work->level->partial[task] = bad;
 }
 
 /* Rows of a coarser level with all that the next one needs of them. */
@@ -683,6 +737,112 @@ SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
     return 1;
 }
 
+/* ---- the product in 32 bits an entry ---- */
+
+/* An entry is off by half a unit at most, 0.5 / (SBI_MG_WORD s) S_i S_j with the matrix scale s. So a row of the
+ * difference D from the matrix has |D x|_i <= that S_i times the sum of |S_j x_j| over three components of each block of
+ * the row; and a matrix of ones on the pattern has no eigenvalue beyond its longest row. */
+static void sbi_mg_set_deviation(sbi_mg_work *work)
+{
+    const sbi_mg_level *level = work->level;
+    float least = FLT_MAX; /* 1 / S */
+    work->m->matrix_scale = work->scale;
+    work->m->deviation = 0;
+    if (!level->rest || sbi_mg_sum(level) > 0)
+        return;
+    for (int i = 0; i < level->row_count; i++)
+        least = level->scale[4 * (size_t)i + 3] < least ? level->scale[4 * (size_t)i + 3] : least;
+    /* a little more than 0.5: entries are scaled in doubles */
+    work->m->deviation = 0.51 * 3 * work->m->longest_row / (SBI_MG_WORD * work->scale * (double)least);
+}
+
+SBI_API double sbi_multigrid_deviation(const sbi_multigrid *m) { return m->deviation; }
+
+SBI_API double sbi_multigrid_spread(sbi_multigrid *m, const sb_real *x, int first, int last)
+{
+    const float *scale = m->levels[0].scale;
+    double square = 0;
+    for (size_t i = (size_t)first; i < (size_t)last; i++) {
+        double s = 1 / (double)scale[4 * i + 3], *to = m->spread + 4 * i;
+        for (size_t k = 0; k < 3; k++)
+            to[k] = s * (double)x[3 * i + k];
+        to[3] = 0;
+        square += to[0] * to[0] + to[1] * to[1] + to[2] * to[2];
+    }
+    return square;
+}
+
+/* out = a row of words times x: one sum for each place of the blocks. */
+#if SBI_MG_WIDE
+/* Four words of a block, and two. */
+SBI_FORCE_INLINE __m256d sbi_mg_four_words(__m128i halves)
+{
+    return _mm256_cvtepi32_pd(_mm_sub_epi32(halves, _mm_set1_epi32(32768)));
+}
+
+SBI_FORCE_INLINE __m128d sbi_mg_last_words(const int16_t *packed, const uint16_t *rest)
+{
+    int32_t up, low;
+    memcpy(&up, packed + 7, sizeof up);
+    memcpy(&low, rest + 7, sizeof low);
+    return _mm_cvtepi32_pd(_mm_sub_epi32(_mm_unpacklo_epi16(_mm_cvtsi32_si128(low), _mm_cvtsi32_si128(up)),
+                                         _mm_set1_epi32(32768)));
+}
+
+static void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
+                             const double *x, double out[3])
+{
+    __m256d a = _mm256_setzero_pd(), b = a;
+    __m128d c = _mm_setzero_pd();
+    double s[10];
+    for (; column < end; column++, packed += 9, rest += 9) {
+        const double *from = x + 4 * (size_t)*column;
+        __m256d v = _mm256_loadu_pd(from);
+        __m128i up = _mm_loadu_si128((const __m128i *)(const void *)packed);
+        __m128i low = _mm_loadu_si128((const __m128i *)(const void *)rest);
+        a = _mm256_add_pd(a, _mm256_mul_pd(sbi_mg_four_words(_mm_unpacklo_epi16(low, up)),
+                                           _mm256_permute4x64_pd(v, 0 | 1 << 2 | 2 << 4 | 0 << 6)));
+        b = _mm256_add_pd(b, _mm256_mul_pd(sbi_mg_four_words(_mm_unpackhi_epi16(low, up)),
+                                           _mm256_permute4x64_pd(v, 1 | 2 << 2 | 0 << 4 | 1 << 6)));
+        c = _mm_add_pd(c, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));
+    }
+    _mm256_storeu_pd(s, a);
+    _mm256_storeu_pd(s + 4, b);
+    _mm_storeu_pd(s + 8, c); /* its first is not wanted */
+    out[0] = s[0] + s[1] + s[2];
+    out[1] = s[3] + s[4] + s[5];
+    out[2] = s[6] + s[7] + s[9];
+}
+#else
+static void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
+                             const double *x, double out[3])
+{
+    double s[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    for (; column < end; column++, packed += 9, rest += 9) {
+        const double *from = x + 4 * (size_t)*column;
+        for (int k = 0; k < 9; k++)
+            s[k] += (double)(packed[k] * 65536 + (int)rest[k] - 32768) * from[k % 3];
+    }
+    for (int k = 0; k < 3; k++)
+        out[k] = s[3 * k] + s[3 * k + 1] + s[3 * k + 2];
+}
+#endif
+
+SBI_API void sbi_multigrid_multiply(const sbi_multigrid *m, sb_real *y, int first, int last)
+{
+    const sbi_mg_level *level = m->levels;
+    for (int i = first; i < last; i++) {
+        size_t begin = 9 * (size_t)level->row_start[i];
+        double sum[3], back = 1 / ((double)level->scale[4 * (size_t)i + 3] * (m->matrix_scale * SBI_MG_WORD));
+        sbi_mg_sum_words(level->packed + begin, level->rest + begin, level->columns + level->row_start[i],
+                         level->columns + level->row_start[i + 1], m->spread, sum);
+        for (size_t k = 0; k < 3; k++)
+            y[3 * (size_t)i + k] = (sb_real)(sum[k] * back);
+    }
+}
+
+/* ---- update, and what it remembers ---- */
+
 SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *m) { return m->reach; }
 SBI_API void sbi_multigrid_set_reach(sbi_multigrid *m, sbi_mg_reach reach) { m->reach = reach; }
 
@@ -694,6 +854,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.matrix = matrix;
     work.scale = scale;
     m->softened = 0;
+    m->deviation = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -704,6 +865,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
                 return (int)work.level->partial[t];
         if (work.level->packed)
             sbi_mg_run(&work, l ? sbi_mg_pack_task : sbi_mg_load_task);
+        if (l == 0)
+            sbi_mg_set_deviation(&work);
         if (!coarsest || !m->dense)
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }

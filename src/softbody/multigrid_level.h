@@ -4,7 +4,10 @@
 
 #include "multigrid.h"
 
-#define SBI_MG_UNIT 32767.0f
+#define SBI_MG_UNIT 32767.0f         /* largest number of 16 bits that is used */
+#define SBI_MG_ONE 32766.96875f      /* what stands for 1 there: what rounding makes larger than 1 has room */
+#define SBI_MG_WORD 2147416064.0     /* what stands for 1 in 32 bits: SBI_MG_ONE << 16 */
+#define SBI_MG_MAX_WORD 2147418112.0 /* SBI_MG_UNIT << 16 */
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
@@ -32,7 +35,8 @@ typedef struct sbi_mg_level {
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
-    int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_UNIT, or NULL */
+    int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_ONE, or NULL */
+    uint16_t *rest;           /* [block_count][9] of level 0; NULL in float builds */
     float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
                                * 1 / S */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
@@ -66,6 +70,10 @@ struct sbi_multigrid {
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
+    double *spread;           /* [rows of level 0][4] S x of the x to multiply by */
+    double matrix_scale;      /* of the last update */
+    double deviation;         /* see sbi_multigrid_deviation */
+    int longest_row;          /* of level 0 */
     size_t bytes;
     int array_count;
     void *arrays[SBI_MG_MAX_ARRAYS];

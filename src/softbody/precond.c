@@ -838,6 +838,12 @@ SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
     return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
 }
 
+SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner)
+{
+    sbi_multigrid *multigrid = preconditioner->ready ? preconditioner->multigrid : NULL;
+    return multigrid && sbi_multigrid_deviation(multigrid) > 0 ? multigrid : NULL;
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
