@@ -740,8 +740,8 @@ SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
 /* ---- the product in 32 bits an entry ---- */
 
 /* An entry is off by half a unit at most, 0.5 / (SBI_MG_WORD s) S_i S_j with the matrix scale s. So a row of the
- * difference D from the matrix has |D x|_i <= that S_i times the sum of |S_j x_j| over three components of each block of
- * the row; and a matrix of ones on the pattern has no eigenvalue beyond its longest row. */
+ * difference D from the matrix has |D x|_i <= that S_i times the sum of |S_j x_j| over the three components of each
+ * block of the row; and a matrix of ones on the pattern has no eigenvalue beyond its longest row. */
 static void sbi_mg_set_deviation(sbi_mg_work *work)
 {
     const sbi_mg_level *level = work->level;
@@ -772,59 +772,88 @@ SBI_API double sbi_multigrid_spread(sbi_multigrid *m, const sb_real *x, int firs
     return square;
 }
 
-/* out = a row of words times x: one sum for each place of the blocks. */
+/* out = a row of words times x: one sum for each place of the blocks, whatever the vectors. The 32768 that is in every
+ * word is taken off at the end, from the sum of all x. */
 #if SBI_MG_WIDE
-/* Four words of a block, and two. */
-SBI_FORCE_INLINE __m256d sbi_mg_four_words(__m128i halves)
+#if defined(__AVX512F__)
+/* Sums of the first eight places. */
+typedef __m512d sbi_mg_words;
+SBI_FORCE_INLINE sbi_mg_words sbi_mg_no_words(void) { return _mm512_setzero_pd(); }
+SBI_FORCE_INLINE sbi_mg_words sbi_mg_add_words(sbi_mg_words sum, __m128i up, __m128i low, __m256d v)
 {
-    return _mm256_cvtepi32_pd(_mm_sub_epi32(halves, _mm_set1_epi32(32768)));
+    __m256i words = _mm256_or_si256(_mm256_slli_epi32(_mm256_cvtepi16_epi32(up), 16), _mm256_cvtepu16_epi32(low));
+    __m512d x = _mm512_permutexvar_pd(_mm512_setr_epi64(0, 1, 2, 0, 1, 2, 0, 1), _mm512_castpd256_pd512(v));
+    return _mm512_add_pd(sum, _mm512_mul_pd(_mm512_cvtepi32_pd(words), x));
 }
+SBI_FORCE_INLINE void sbi_mg_put_words(double *out, sbi_mg_words sum) { _mm512_storeu_pd(out, sum); }
+#else
+typedef struct sbi_mg_words {
+    __m256d first, second;
+} sbi_mg_words;
+SBI_FORCE_INLINE sbi_mg_words sbi_mg_no_words(void)
+{
+    sbi_mg_words sum;
+    sum.first = sum.second = _mm256_setzero_pd();
+    return sum;
+}
+SBI_FORCE_INLINE sbi_mg_words sbi_mg_add_words(sbi_mg_words sum, __m128i up, __m128i low, __m256d v)
+{
+    __m256d a = _mm256_cvtepi32_pd(_mm_unpacklo_epi16(low, up)), b = _mm256_cvtepi32_pd(_mm_unpackhi_epi16(low, up));
+    a = _mm256_mul_pd(a, _mm256_permute4x64_pd(v, 0 | 1 << 2 | 2 << 4 | 0 << 6));
+    b = _mm256_mul_pd(b, _mm256_permute4x64_pd(v, 1 | 2 << 2 | 0 << 4 | 1 << 6));
+    sum.first = _mm256_add_pd(sum.first, a);
+    sum.second = _mm256_add_pd(sum.second, b);
+    return sum;
+}
+SBI_FORCE_INLINE void sbi_mg_put_words(double *out, sbi_mg_words sum)
+{
+    _mm256_storeu_pd(out, sum.first);
+    _mm256_storeu_pd(out + 4, sum.second);
+}
+#endif
 
+/* Words 7 and 8 of a block. */
 SBI_FORCE_INLINE __m128d sbi_mg_last_words(const int16_t *packed, const uint16_t *rest)
 {
     int32_t up, low;
     memcpy(&up, packed + 7, sizeof up);
     memcpy(&low, rest + 7, sizeof low);
-    return _mm_cvtepi32_pd(_mm_sub_epi32(_mm_unpacklo_epi16(_mm_cvtsi32_si128(low), _mm_cvtsi32_si128(up)),
-                                         _mm_set1_epi32(32768)));
+    return _mm_cvtepi32_pd(_mm_unpacklo_epi16(_mm_cvtsi32_si128(low), _mm_cvtsi32_si128(up)));
 }
 
-static void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
-                             const double *x, double out[3])
+SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
+                                       const double *x, double s[9], double all[4])
 {
-    __m256d a = _mm256_setzero_pd(), b = a;
-    __m128d c = _mm_setzero_pd();
-    double s[10];
+    sbi_mg_words sum = sbi_mg_no_words();
+    __m256d total = _mm256_setzero_pd();
+    __m128d ninth = _mm_setzero_pd();
+    double pair[2];
     for (; column < end; column++, packed += 9, rest += 9) {
         const double *from = x + 4 * (size_t)*column;
         __m256d v = _mm256_loadu_pd(from);
-        __m128i up = _mm_loadu_si128((const __m128i *)(const void *)packed);
-        __m128i low = _mm_loadu_si128((const __m128i *)(const void *)rest);
-        a = _mm256_add_pd(a, _mm256_mul_pd(sbi_mg_four_words(_mm_unpacklo_epi16(low, up)),
-                                           _mm256_permute4x64_pd(v, 0 | 1 << 2 | 2 << 4 | 0 << 6)));
-        b = _mm256_add_pd(b, _mm256_mul_pd(sbi_mg_four_words(_mm_unpackhi_epi16(low, up)),
-                                           _mm256_permute4x64_pd(v, 1 | 2 << 2 | 0 << 4 | 1 << 6)));
-        c = _mm_add_pd(c, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));
+        sum = sbi_mg_add_words(sum, _mm_loadu_si128((const __m128i *)(const void *)packed),
+                               _mm_loadu_si128((const __m128i *)(const void *)rest), v);
+        ninth = _mm_add_pd(ninth, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));
+        total = _mm256_add_pd(total, v);
     }
-    _mm256_storeu_pd(s, a);
-    _mm256_storeu_pd(s + 4, b);
-    _mm_storeu_pd(s + 8, c); /* its first is not wanted */
-    out[0] = s[0] + s[1] + s[2];
-    out[1] = s[3] + s[4] + s[5];
-    out[2] = s[6] + s[7] + s[9];
+    sbi_mg_put_words(s, sum);
+    _mm_storeu_pd(pair, ninth);
+    s[8] = pair[1];
+    _mm256_storeu_pd(all, total);
 }
 #else
-static void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
-                             const double *x, double out[3])
+SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
+                                       const double *x, double s[9], double all[4])
 {
-    double s[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    memset(s, 0, 9 * sizeof(double));
+    memset(all, 0, 4 * sizeof(double));
     for (; column < end; column++, packed += 9, rest += 9) {
         const double *from = x + 4 * (size_t)*column;
         for (int k = 0; k < 9; k++)
-            s[k] += (double)(packed[k] * 65536 + (int)rest[k] - 32768) * from[k % 3];
+            s[k] += (double)(packed[k] * 65536 + (int)rest[k]) * from[k % 3];
+        for (int k = 0; k < 3; k++)
+            all[k] += from[k];
     }
-    for (int k = 0; k < 3; k++)
-        out[k] = s[3 * k] + s[3 * k + 1] + s[3 * k + 2];
 }
 #endif
 
@@ -833,11 +862,13 @@ SBI_API void sbi_multigrid_multiply(const sbi_multigrid *m, sb_real *y, int firs
     const sbi_mg_level *level = m->levels;
     for (int i = first; i < last; i++) {
         size_t begin = 9 * (size_t)level->row_start[i];
-        double sum[3], back = 1 / ((double)level->scale[4 * (size_t)i + 3] * (m->matrix_scale * SBI_MG_WORD));
+        double back = 1 / ((double)level->scale[4 * (size_t)i + 3] * (m->matrix_scale * SBI_MG_WORD));
+        double s[9], all[4], off;
         sbi_mg_sum_words(level->packed + begin, level->rest + begin, level->columns + level->row_start[i],
-                         level->columns + level->row_start[i + 1], m->spread, sum);
+                         level->columns + level->row_start[i + 1], m->spread, s, all);
+        off = 32768 * (all[0] + all[1] + all[2]);
         for (size_t k = 0; k < 3; k++)
-            y[3 * (size_t)i + k] = (sb_real)(sum[k] * back);
+            y[3 * (size_t)i + k] = (sb_real)((s[3 * k] + s[3 * k + 1] + s[3 * k + 2] - off) * back);
     }
 }
 
