@@ -62,11 +62,18 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count;
-    if (level == m->levels) {
+    int finest = level == m->levels, packed = finest || level->block_count >= SBI_MG_PACKED;
+    if (packed) {
         level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
         level->scale = sbi_mg_take_floats(m, rows, 4);
-    } else {
+    }
+    if (!finest)
         level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
+    if (finest && !SB_REAL_IS_FLOAT) {
+        level->rest = (uint16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(uint16_t));
+        m->spread = (double *)sbi_mg_take(m, rows, 4 * sizeof(double));
+        if (!level->rest || !m->spread)
+            return 0;
     }
     level->inverse = sbi_mg_take_floats(m, rows, 12);
     level->x = sbi_mg_take_floats(m, rows, 4);
@@ -74,8 +81,9 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    return (level->blocks || (level->packed && level->scale)) && level->inverse && level->x && level->r &&
-           level->d && level->e && level->partial;
+    if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks))
+        return 0;
+    return level->inverse && level->x && level->r && level->d && level->e && level->partial;
 }
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
@@ -91,6 +99,8 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
     memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
     memcpy(level->columns, pattern->columns, blocks * sizeof(int));
     memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
+    for (int i = 0; i < level->row_count; i++)
+        m->longest_row = sbi_max_int(m->longest_row, level->row_start[i + 1] - level->row_start[i]);
     return sbi_mg_take_values(m, level);
 }
 

@@ -23,6 +23,14 @@ typedef struct sb_multigrid_level {
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 typedef struct sbi_multigrid sbi_multigrid;
 
+/* What updates remember: how far above the mean of the finest level's eigenvalues its bound was found to lie, in their
+ * deviations (0: not known), and how many updates have used it since. */
+#define SBI_MG_MAX_REACH 100.0
+typedef struct sbi_mg_reach {
+    double deviations; /* below SBI_MG_MAX_REACH */
+    int age;
+} sbi_mg_reach;
+
 typedef struct sbi_multigrid_setup {
     const sb_vec3 *positions;         /* [row_count] (m) of the finest nodes */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
@@ -45,6 +53,15 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_
 /* Doubles the bounds that the smoothers work with, for a matrix whose largest eigenvalue the update missed; the next
  * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
 SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
+/* The matrix of the last update in 32 bits an entry, to multiply by. Its product differs from the matrix's own by at
+ * most sbi_multigrid_deviation() |S x|, S x being what sbi_multigrid_spread makes of x; 0: there is none (float builds;
+ * matrices that are not positive definite or not finite). The first of these writes rows first <= i < last of S x and
+ * returns the sum of their squares, the second rows of y = A x when all of S x is there. */
+SBI_API double sbi_multigrid_deviation(const sbi_multigrid *multigrid);
+SBI_API double sbi_multigrid_spread(sbi_multigrid *multigrid, const sb_real *x, int first, int last);
+SBI_API void sbi_multigrid_multiply(const sbi_multigrid *multigrid, sb_real *y, int first, int last);
+SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *multigrid);
+SBI_API void sbi_multigrid_set_reach(sbi_multigrid *multigrid, sbi_mg_reach reach);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 #endif

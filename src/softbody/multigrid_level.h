@@ -4,31 +4,41 @@
 
 #include "multigrid.h"
 
-#define SBI_MG_UNIT 32767.0f
+#define SBI_MG_UNIT 32767.0f         /* largest number of 16 bits that is used */
+#define SBI_MG_ONE 32766.96875f      /* what stands for 1 there: what rounding makes larger than 1 has room */
+#define SBI_MG_WORD 2147416064.0     /* what stands for 1 in 32 bits: SBI_MG_ONE << 16 */
+#define SBI_MG_MAX_WORD 2147418112.0 /* SBI_MG_UNIT << 16 */
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
     SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64         /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
+                               * second cache then; a smaller one is faster without the conversion */
+    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue */
+    SBI_MG_REACH_AGE = 16     /* updates that make do with one */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
  * vectors have room for reading past their end.
  *
- * It is memory that limits a cycle, and most of it is the finest matrix. So that one is kept in 16 bits an entry, as
- * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
- * The vectors of level 0 are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The rounding is
- * symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
+ * It is memory that limits a cycle, and most of it is the finest matrix. So that one, and a coarser one that is large,
+ * is kept in 16 bits an entry, as S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive
+ * definite A is then beyond 1. The vectors of such a level are those of this scaled system (S x, S^-1 r), and S enters
+ * where levels meet. The rounding is symmetric and leaves the cycle positive definite; coarser levels are made from A as
+ * it was before. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
     sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
-    int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
-    float *scale;             /* [row_count][4] of level 0: S for free components, 0 for prescribed ones; then 1 / S */
+    int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_ONE, or NULL */
+    uint16_t *rest;           /* [block_count][9] of level 0; NULL in float builds */
+    float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
+                               * 1 / S */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
@@ -56,9 +66,14 @@ struct sbi_multigrid {
     int degree;               /* of the Chebyshev smoother */
     int twice_from;           /* levels from here on go through their cycle twice */
     int softened;             /* how often the bounds were doubled since the last update */
+    sbi_mg_reach reach;       /* of level 0 */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
     double *pivot, *solution; /* [dense] */
+    double *spread;           /* [rows of level 0][4] S x of the x to multiply by */
+    double matrix_scale;      /* of the last update */
+    double deviation;         /* see sbi_multigrid_deviation */
+    int longest_row;          /* of level 0 */
     size_t bytes;
     int array_count;
     void *arrays[SBI_MG_MAX_ARRAYS];

@@ -57,7 +57,12 @@ typedef struct sbi_pcg_state {
     const sb_matrix *matrix;
     const sb_real *rhs;
     sb_real *x, *r, *z, *p, *q;
+    const sb_real *start; /* x as it was given */
     sb_real factor;  /* of the update at work */
+    sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
+    int current;            /* 1: it is known to be of this matrix */
+    int fresh;              /* 1: the iteration starts; 0: it goes on along p, whose step was `alpha` */
+    double alpha, last_rz;
     double *partial; /* [chunks][2] */
     const sb_jobs *jobs;
 } sbi_pcg_state;
@@ -96,12 +101,29 @@ static void sbi_pcg_square_task(void *user, int chunk)
     s->partial[2 * chunk + 1] = sbi_pcg_dot(s->x + begin, s->x + begin, count);
 }
 
+/* to = A v for the rows of a chunk; v is spread where there is a compact matrix. */
+static void sbi_pcg_multiply(const sbi_pcg_state *s, const sb_real *v, sb_real *to, int first, int last)
+{
+    if (s->compact)
+        sbi_multigrid_multiply(s->compact, to, first, last);
+    else
+        sbi_matrix_multiply_rows(s->matrix, v, to, first, last);
+}
+
+/* The compact matrix's x, and |S x|^2. */
+static void sbi_pcg_spread_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
+    s->partial[2 * chunk] = sbi_multigrid_spread(s->compact, s->x, (int)(begin / 3), (int)(end / 3));
+}
+
 /* r = rhs - A x, r.r */
 static void sbi_pcg_residual_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
     size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_matrix_multiply_rows(s->matrix, s->x, s->r, (int)(begin / 3), (int)(end / 3));
+    sbi_pcg_multiply(s, s->x, s->r, (int)(begin / 3), (int)(end / 3));
     for (size_t k = begin; k < end; k++)
         s->r[k] = s->rhs[k] - s->r[k];
     s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
@@ -112,7 +134,7 @@ static void sbi_pcg_product_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
     size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_matrix_multiply_rows(s->matrix, s->p, s->q, (int)(begin / 3), (int)(end / 3));
+    sbi_pcg_multiply(s, s->p, s->q, (int)(begin / 3), (int)(end / 3));
     s->partial[2 * chunk] = sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
 }
 
@@ -150,6 +172,8 @@ static void sbi_pcg_direction_task(void *user, int chunk)
     sb_real factor = s->factor;
     for (size_t k = 0; k < count; k++)
         p[k] = z[k] + factor * p[k];
+    if (s->compact)
+        sbi_multigrid_spread(s->compact, s->p, (int)(begin / 3), (int)((begin + count) / 3));
 }
 
 /* Runs a task over all chunks; the sum of the chunks' first (or second) partial sums, in order. */
@@ -177,6 +201,7 @@ static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditione
 {
     if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
         return square;
+    s->compact = NULL; /* a preconditioner with a coarse space has none */
     sbi_pcg_run(s, sbi_pcg_product_task, NULL);
     s->factor = 1;
     return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
@@ -188,8 +213,6 @@ static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditione
 static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
                                  int max_iterations, double *square, sb_pcg_info *info)
 {
-    double alpha = 0, last_rz = 0;
-    int first = 1;
     while (*square > target) {
         double rz, qz, pq;
         if (info->iterations >= max_iterations) {
@@ -200,9 +223,9 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             sbi_precond_apply(preconditioner, s->r, s->z, sqrt(*square));
         else
             memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (first)
+        if (s->fresh)
             memset(s->p, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (first)
+        if (s->fresh)
             memset(s->q, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
         rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
         if (!sbi_pcg_is_finite(rz))
@@ -210,10 +233,10 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         if (rz <= 0) {
             if (!preconditioner || !sbi_precond_soften(preconditioner))
                 return SB_ERROR_INDEFINITE;
-            first = 1;
+            s->fresh = 1;
             continue;
         }
-        s->factor = first ? 0 : (sb_real)(-alpha * qz / last_rz);
+        s->factor = s->fresh ? 0 : (sb_real)(-s->alpha * qz / s->last_rz);
         sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
         pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
         if (!sbi_pcg_is_finite(pq))
@@ -222,48 +245,106 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             info->negative_curvature = 1;
             return SB_ERROR_INDEFINITE;
         }
-        alpha = rz / pq;
-        last_rz = rz;
-        s->factor = (sb_real)alpha;
+        s->alpha = rz / pq;
+        s->last_rz = rz;
+        s->factor = (sb_real)s->alpha;
         *square = sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         info->iterations++;
-        first = 0;
+        s->fresh = 0;
     }
     return SB_OK;
 }
 
+/* r = rhs - A x with the matrix itself, when the residual in r is of the compact one; r.r. */
+static double sbi_pcg_true_residual(sbi_pcg_state *s)
+{
+    sbi_multigrid *compact = s->compact;
+    double square;
+    s->compact = NULL;
+    square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+    s->compact = compact;
+    return square;
+}
+
+/* r = rhs - A x, r.r, with the compact matrix where that is known to be of this one. */
+static double sbi_pcg_first_residual(sbi_pcg_state *s)
+{
+    if (!s->compact || !s->current)
+        return sbi_pcg_true_residual(s);
+    sbi_run(s->jobs, sbi_pcg_spread_task, s, sbi_row_chunks(s->matrix->row_count));
+    return sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+}
+
+/* 1 when the residual meets the target also with all that the compact matrix's may be off. */
+static int sbi_pcg_is_sure(sbi_pcg_state *s, double square, double target)
+{
+    double off;
+    if (!s->current)
+        return 0;
+    off = sbi_multigrid_deviation(s->compact) * sqrt(sbi_pcg_run(s, sbi_pcg_spread_task, NULL));
+    return sqrt(square) + off <= sqrt(target);
+}
+
+/* 1 when an iteration's result can stand without a look at the true residual: what was found without the compact
+ * matrix, and with it what is sure. That it is indefinite may come from its rounding. */
+static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify, double square, double target)
+{
+    if (!s->compact)
+        return result != SB_OK || !verify;
+    if (result == SB_OK)
+        return !verify && sbi_pcg_is_sure(s, square, target);
+    if (result == SB_ERROR_NOT_CONVERGED)
+        return s->current;
+    return result != SB_ERROR_INDEFINITE;
+}
+
 /* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
- * x. */
+ * x. With the compact matrix the true one replaces it every few digits, and the iteration goes on as if nothing had
+ * happened: what the compact one is off by is then a share of the little that is left to add to x. */
 static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
                                 const sb_pcg_options *options, double rhs_square, double *square,
                                 sb_pcg_info *info)
 {
+    const double digits = 1e-3;
     double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
     double least =
         (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
     for (;;) {
         sb_result result;
+        double goal = target > least ? target : least, recurred;
         if (*square <= target)
             return SB_OK;
         *square = sbi_pcg_deflate(s, preconditioner, *square);
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
-        result = sbi_pcg_iterate(s, preconditioner, target > least ? target : least, options->max_iterations,
-                                 square, info);
+        if (s->compact && goal < digits * digits * *square)
+            goal = digits * digits * *square;
+        result = sbi_pcg_iterate(s, preconditioner, goal, options->max_iterations, square, info);
         info->residual_is_true = 0;
-        if (result != SB_OK || !verify)
+        if (sbi_pcg_is_final(s, result, verify, *square, target))
             return result;
-        *square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+        recurred = *square;
+        *square = sbi_pcg_true_residual(s);
         info->residual_is_true = 1;
         if (!sbi_pcg_is_finite(*square))
             return SB_ERROR_DIVERGED;
         if (*square <= target)
             return SB_OK;
-        if (*square > 0.25 * before) /* not even halved: the last digit of x is reached */
+        if (result == SB_ERROR_NOT_CONVERGED)
+            return result;
+        if (*square > 0.25 * before && !s->compact) /* not even halved: the last digit of x is reached */
             return SB_ERROR_NOT_CONVERGED;
+        s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
+        if (s->compact && *square > before) { /* it is none of this matrix */
+            memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+            *square = sbi_pcg_true_residual(s);
+        }
+        if (*square > 1.5 * recurred || result != SB_OK)
+            s->compact = NULL;
+        info->negative_curvature = 0; /* of the compact matrix, if any */
         before = *square;
     }
 }
@@ -278,9 +359,9 @@ static int sbi_pcg_valid(const sb_matrix *matrix, const sb_preconditioner *preco
     return options->tolerance >= 0 && sbi_pcg_is_finite(options->tolerance) && options->max_iterations >= 0;
 }
 
-SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                              sb_pcg_info *info)
+static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                   int current, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -296,6 +377,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     state.matrix = matrix;
     state.rhs = rhs;
     state.x = x;
+    state.start = workspace->start;
     state.r = workspace->residual;
     state.z = workspace->search;
     state.p = workspace->direction;
@@ -303,13 +385,17 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     state.partial = workspace->partial;
     state.jobs = options->jobs;
     state.factor = 0;
+    state.fresh = 1;
+    state.alpha = state.last_rz = 0;
+    state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
+    state.current = current;
     memcpy(workspace->start, x, bytes);
     rhs_square = sbi_pcg_run(&state, sbi_pcg_square_task, &x_square);
     if (rhs_square > 0 && x_square == 0) { /* no product needed */
         memcpy(state.r, rhs, bytes);
         square = rhs_square;
     } else if (rhs_square > 0) {
-        square = sbi_pcg_run(&state, sbi_pcg_residual_task, NULL);
+        square = sbi_pcg_first_residual(&state);
     } else if (rhs_square == 0) {
         memset(x, 0, bytes);
     }
@@ -326,4 +412,18 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
     if (info)
         *info = report;
     return result;
+}
+
+SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                              sb_pcg_info *info)
+{
+    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 0, info);
+}
+
+SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                        sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                        sb_pcg_info *info)
+{
+    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 1, info);
 }

@@ -716,14 +716,14 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 
 /* ---- update -------------------------------------------------------------------------------------------- */
 
+/* *scale: the mean of its diagonal. */
 static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, sb_error *error)
+                                          const sb_vec3 *positions, double *scale, sb_error *error)
 {
-    double scale;
     if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
-    scale = (double)sb_matrix_diagonal_scale(matrix, NULL);
-    if (!(scale - scale == 0))
+    *scale = (double)sb_matrix_diagonal_scale(matrix, NULL);
+    if (!(*scale - *scale == 0))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the matrix has a diagonal entry that is not finite");
     for (int i = 0; positions && p->coarse.piece_count && i < p->row_count; i++)
         if (!sb_v3_is_finite(positions[i]))
@@ -764,10 +764,11 @@ static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error)
 {
-    sb_result result = sbi_precond_check_matrix(p, matrix, positions, error);
+    double scale;
+    sb_result result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (result != SB_OK)
         return result;
-    p->matrix_scale = sbi_precond_power((double)sb_matrix_diagonal_scale(matrix, NULL));
+    p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
     p->turned = 0;
@@ -816,7 +817,8 @@ static void sbi_precond_turn(sb_preconditioner *p, const sb_matrix *a, const sb_
 SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *matrix, const sb_quat *rotations,
                                         const sb_vec3 *positions, sb_error *error)
 {
-    sb_result result = sbi_precond_check_matrix(p, matrix, positions, error);
+    double scale;
+    sb_result result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (result == SB_OK && p->kind == SB_PRECOND_MULTIGRID)
         result = sbi_fail(error, SB_ERROR_UNSUPPORTED, "multigrid is not turned, but updated");
     if (result == SB_OK && !p->ready)
@@ -838,6 +840,12 @@ SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner)
     return preconditioner->multigrid && sbi_multigrid_soften(preconditioner->multigrid);
 }
 
+SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner)
+{
+    sbi_multigrid *multigrid = preconditioner->ready ? preconditioner->multigrid : NULL;
+    return multigrid && sbi_multigrid_deviation(multigrid) > 0 ? multigrid : NULL;
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
@@ -846,14 +854,26 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
     memory.shift = preconditioner->shift;
     memory.successes = preconditioner->successes;
     memory.wait = preconditioner->wait;
+    if (preconditioner->multigrid) {
+        sbi_mg_reach reach = sbi_multigrid_get_reach(preconditioner->multigrid);
+        memory.shift = reach.deviations;
+        memory.successes = reach.age;
+    }
     return memory;
 }
 
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory)
 {
+    preconditioner->wait = memory.wait;
+    if (preconditioner->multigrid) {
+        sbi_mg_reach reach;
+        reach.deviations = memory.shift < SBI_MG_MAX_REACH ? memory.shift : 0;
+        reach.age = memory.successes;
+        sbi_multigrid_set_reach(preconditioner->multigrid, reach);
+        return;
+    }
     preconditioner->shift = memory.shift;
     preconditioner->successes = memory.successes;
-    preconditioner->wait = memory.wait;
 }
 
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)

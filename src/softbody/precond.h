@@ -138,13 +138,16 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
  * nothing milder. */
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
+/* The multigrid that has the matrix of the last update in fewer bytes, to multiply by; NULL: there is none. */
+SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner);
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
-/* What updates remember of the ones before: all that is not made anew from the matrix. */
+/* What updates remember of the ones before: all that is not made anew from the matrix. Of multigrid the first two are
+ * its sbi_mg_reach. */
 typedef struct sbi_precond_memory {
     double shift;
     int successes, wait;

@@ -391,7 +391,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     options.tolerance = (double)sbi_newton_linear_tolerance(newton, iteration);
     options.max_iterations = newton->max_iterations;
     options.jobs = &b->jobs;
-    result = sb_pcg_solve(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_current(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - middle;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
