@@ -12200,6 +12200,20 @@ static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const n
         *plan = other;
 }
 
+/* Leaves out first pieces with no length to speak of: with nothing to insert the needle would wait at them for ever. */
+static void ndli_steer_skip_empty(ndl_plan *plan, sb_real least)
+{
+    while (plan->piece_count > 1 && plan->pieces[0].length < least) {
+        sb_real turn = plan->pieces[0].turn + plan->pieces[1].turn;
+        plan->length -= plan->pieces[0].length;
+        plan->piece_count--;
+        memmove(plan->pieces, plan->pieces + 1, (size_t)plan->piece_count * sizeof plan->pieces[0]);
+        plan->pieces[0].turn = turn > (sb_real)3.14159265358979  ? turn - (sb_real)6.28318530717959
+                               : turn < -(sb_real)3.14159265358979 ? turn + (sb_real)6.28318530717959
+                                                                   : turn;
+    }
+}
+
 /* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
  * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
  * needle would turn and never go on. */
@@ -12226,6 +12240,7 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
         if (!clear || other.distance < plan.distance - enough)
             plan = other;
     }
+    ndli_steer_skip_empty(&plan, (sb_real)0.25 * steer->def.step);
     steer->plan = plan;
     ndli_steer_mark(steer, &def, pose);
 }

@@ -930,6 +930,42 @@ static void test_steer_obstacles(void)
     CHECK(hits >= runs - 1);
 }
 
+/* A way found past obstacles may begin with a piece of no length: the needle must not wait at it for ever. */
+static void test_steer_goes_on(void)
+{
+    unsigned long long seed = 31;
+    for (int i = 0; i < 3; i++) { /* the third one waited */
+        ndl_steer_def def = ndl_default_steer_def(10, REAL(0.16));
+        double y = check_random_in(&seed, -0.005, 0.005), x = check_random_in(&seed, 0.001, 0.011);
+        double tx = check_random_in(&seed, -0.01, 0.01), ty = check_random_in(&seed, -0.01, 0.01);
+        sb_vec3 target = sb_v3(REAL(tx), REAL(ty), REAL(check_random_in(&seed, 0.115, 0.125)));
+        ndl_tip_pose tip = start_pose();
+        ndl_steer_command command;
+        ndl_obstacle o[2];
+        ndl_steer steer;
+        o[0] = obstacle(NDL_OBSTACLE_CYLINDER, sb_v3(REAL(-0.05), REAL(y), REAL(0.05)),
+                        sb_v3(REAL(0.05), REAL(y), REAL(0.05)), 0.008);
+        o[1] = obstacle(NDL_OBSTACLE_CYLINDER, sb_v3(REAL(x), REAL(-0.05), REAL(0.085)),
+                        sb_v3(REAL(x), REAL(0.05), REAL(0.085)), 0.008);
+        def.plan.obstacles = o;
+        def.plan.obstacle_count = 2;
+        def.plan.clearance = REAL(0.003);
+        def.step = REAL(1e-3);
+        def.reserve = REAL(0.25);
+        def.learn = 0;
+        def.max_updates = 400;
+        CHECK_OK(ndl_steer_begin(&def, &steer, NULL));
+        do {
+            if (!CHECK_OK(ndl_steer_update(&steer, &tip, target, &command)))
+                break;
+            tip = ndl_tip_turn(&tip, command.turn);
+            tip = ndl_helix_pose(&tip, 10, 0, command.insertion);
+        } while (command.status == NDL_STEER_GOING);
+        CHECK(steer.updates < def.max_updates);
+        CHECK(steer.inserted > REAL(0.1));
+    }
+}
+
 static void test_steer_ends(void)
 {
     ndl_steer_def def = ndl_default_steer_def(10, REAL(0.05));
@@ -1377,7 +1413,8 @@ CHECK_SUITE(steer, {"helices have the rates of the model", test_helix_rates},
             {"outcomes of plans", test_plan_outcomes}, {"plan failures", test_plan_failures},
             {"95 of 100 targets", test_steer_hits}, {"steady twist", test_steer_steady_twist},
             {"tissue that gives way", test_steer_learns}, {"air before the tissue", test_steer_in_air},
-            {"two cylinders", test_steer_obstacles}, {"how steering ends", test_steer_ends},
+            {"two cylinders", test_steer_obstacles}, {"no waiting for ever", test_steer_goes_on},
+            {"how steering ends", test_steer_ends},
             {"golden commands", test_steer_golden},
             {"steering failures", test_steer_failures}, {"pushing onto a path", test_push_onto_path},
             {"pushing in any unit", test_push_scale}, {"no wind-up", test_push_windup},
