@@ -739,10 +739,10 @@ typedef struct ndl_remesh_def {
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
                                * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than half of smooth_below, when what lies below has made
-                               * way, may go to a node or edge of the skin not further away than this share of the face's
-                               * longest edge: where the skin is not flat, no node of it can be moved to the needle; in
-                               * [0, 1]. Default 0.25 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than half of smooth_below, when what lies below has
+                               * made way, may go to a node or edge of the skin not further away than this share of the
+                               * face's longest edge: where the skin is not flat, no node of it can be moved to the
+                               * needle; in [0, 1]. Default 0.25 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
@@ -1127,9 +1127,10 @@ typedef struct ndl_steer_def {
     int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
     sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
     int max_updates;     /* >= 1; default 10000 */
-    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes (see
-                          * ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is good,
-                          * longer where it is noisy; 0: the tip is taken to go where it looks, with the given curvature */
+    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+                          * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
+                          * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
+                          * curvature */
     unsigned cookie;     /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
@@ -1489,8 +1490,8 @@ NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
 
 /* ==== src/needle/remesh.h, internal ==== */
-/* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed, also
- * when tets about it would be worse than `enough` and than they are. */
+/* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
+ * also when tets about it would be worse than `enough` and than they are. */
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info);
 
@@ -6407,12 +6408,14 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
         ndli_remesh_rank(r);
 }
 
-/* All 15 standard operations in the tet that holds X_new. */
-static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], sb_vec3 X,
+/* All standard operations in the tet that holds X_new on up to `most` of its nodes: 15 for 4, the snaps for 1. */
+static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], int most, sb_vec3 X,
                                      ndli_move move)
 {
     for (int set = 1; set < 16; set++) {
         ndli_candidate *t = &r->trial;
+        if ((set & 1) + (set >> 1 & 1) + (set >> 2 & 1) + (set >> 3) > most)
+            continue;
         t->size = 0;
         t->X = X;
         t->undo = move == NDLI_UNDO;
@@ -7076,11 +7079,11 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
     r->conflict = -1;
     ndli_remesh_try_snap_tip(r, tip, X);
     if (penetrates)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_AHEAD);
+        ndli_remesh_try_standard(r, &r->here, holder, 4, X, NDLI_AHEAD);
     if (can_undo)
-        ndli_remesh_try_standard(r, &r->undone, undone_holder, X, NDLI_UNDO);
-    if (!can_undo && !penetrates && needle->count > 1)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_DROP);
+        ndli_remesh_try_standard(r, &r->undone, undone_holder, 4, X, NDLI_UNDO);
+    if (!penetrates && needle->count > 1) /* no split over one that could be undone: stacks would grow on the way out */
+        ndli_remesh_try_standard(r, &r->here, holder, can_undo ? 1 : 4, X, NDLI_DROP);
     if (!r->final_count)
         return ndli_remesh_fail_operation(r, error);
     if (!ndli_remesh_make_way(r, (const int(*)[4])holders))
@@ -12099,7 +12102,7 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
  * times as fast as what is measured. It never goes beyond that: to count on more bend than there is ends beside the
  * target, to count on less costs a longer way. */
 
-enum { NDLI_STEER_MEMORY = 2 }; /* of the curvature, in lengths of def.learn: noise tells more on it than on the way */
+static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise tells more on it */
 static const double ndli_steer_seen_bend = 0.05; /* rad: more than noise, and less than 1 cm of most needles */
 static const double ndli_steer_most_drift = 0.3;
 
@@ -12118,7 +12121,7 @@ static void ndli_steer_learn_drift(ndl_steer *steer, const ndli_pose *pose, doub
 
 static void ndli_steer_learn_curvature(ndl_steer *steer, ndli_v3 turned, ndli_v3 m2, double ds)
 {
-    double given = (double)steer->def.plan.curvature, memory = NDLI_STEER_MEMORY * (double)steer->def.learn;
+    double given = (double)steer->def.plan.curvature, memory = ndli_steer_memory * (double)steer->def.learn;
     double way = ds * ndli_norm(m2), k = (double)steer->curvature; /* shorter where the tip was rolled between them */
     double weight = steer->weight > 0 ? (double)steer->weight : 0.2 * memory * (double)steer->def.step;
     if (!(way > 0.5 * ds))
@@ -13911,16 +13914,19 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
     return sb_v3_madd(X, aside, ndli_to(side));
 }
 
-/* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation:
- * many small ones would leave flat tets at the skin. Returns what came out of the first one. */
-static sb_result ndli_tip_sink(ndl_needle *needle, sb_vec3 X, ndl_remesh_info *done)
+/* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
+ * without flat tets: many small ones would leave worse. The deeper it is, the less is asked for. */
+static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
 {
-    const sb_real enough = (sb_real)0.25;
+    double share = depth / ndli_tip_deep(needle);
+    sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
     ndl_remesh *remesh = needle->tissue->site->remesh;
     sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
     sb_result result = SB_ERROR_MESH;
-    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--)
-        result = ndli_remesh_put_first(remesh, needle->index, sb_v3_madd(entry, (sb_real)quarters / 4, way), enough, done);
+    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
+        sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
+        result = ndli_remesh_put_first(remesh, needle->index, to, enough, done);
+    }
     return result;
 }
 
@@ -13944,7 +13950,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     X = ndli_tip_first_arc(needle, X, &heading);
-    if (ndli_tip_sink(needle, X, done) == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
+    if (ndli_tip_sink(needle, depth, X, done) == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
         return SB_OK; /* better when it is deeper */
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     needle->heading = heading;

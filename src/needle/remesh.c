@@ -776,12 +776,14 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
         ndli_remesh_rank(r);
 }
 
-/* All 15 standard operations in the tet that holds X_new. */
-static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], sb_vec3 X,
+/* All standard operations in the tet that holds X_new on up to `most` of its nodes: 15 for 4, the snaps for 1. */
+static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], int most, sb_vec3 X,
                                      ndli_move move)
 {
     for (int set = 1; set < 16; set++) {
         ndli_candidate *t = &r->trial;
+        if ((set & 1) + (set >> 1 & 1) + (set >> 2 & 1) + (set >> 3) > most)
+            continue;
         t->size = 0;
         t->X = X;
         t->undo = move == NDLI_UNDO;
@@ -1445,11 +1447,11 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
     r->conflict = -1;
     ndli_remesh_try_snap_tip(r, tip, X);
     if (penetrates)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_AHEAD);
+        ndli_remesh_try_standard(r, &r->here, holder, 4, X, NDLI_AHEAD);
     if (can_undo)
-        ndli_remesh_try_standard(r, &r->undone, undone_holder, X, NDLI_UNDO);
-    if (!can_undo && !penetrates && needle->count > 1)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_DROP);
+        ndli_remesh_try_standard(r, &r->undone, undone_holder, 4, X, NDLI_UNDO);
+    if (!penetrates && needle->count > 1) /* no split over one that could be undone: stacks would grow on the way out */
+        ndli_remesh_try_standard(r, &r->here, holder, can_undo ? 1 : 4, X, NDLI_DROP);
     if (!r->final_count)
         return ndli_remesh_fail_operation(r, error);
     if (!ndli_remesh_make_way(r, (const int(*)[4])holders))

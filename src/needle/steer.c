@@ -58,7 +58,7 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
  * times as fast as what is measured. It never goes beyond that: to count on more bend than there is ends beside the
  * target, to count on less costs a longer way. */
 
-enum { NDLI_STEER_MEMORY = 2 }; /* of the curvature, in lengths of def.learn: noise tells more on it than on the way */
+static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise tells more on it */
 static const double ndli_steer_seen_bend = 0.05; /* rad: more than noise, and less than 1 cm of most needles */
 static const double ndli_steer_most_drift = 0.3;
 
@@ -77,7 +77,7 @@ static void ndli_steer_learn_drift(ndl_steer *steer, const ndli_pose *pose, doub
 
 static void ndli_steer_learn_curvature(ndl_steer *steer, ndli_v3 turned, ndli_v3 m2, double ds)
 {
-    double given = (double)steer->def.plan.curvature, memory = NDLI_STEER_MEMORY * (double)steer->def.learn;
+    double given = (double)steer->def.plan.curvature, memory = ndli_steer_memory * (double)steer->def.learn;
     double way = ds * ndli_norm(m2), k = (double)steer->curvature; /* shorter where the tip was rolled between them */
     double weight = steer->weight > 0 ? (double)steer->weight : 0.2 * memory * (double)steer->def.step;
     if (!(way > 0.5 * ds))

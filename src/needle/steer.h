@@ -185,9 +185,10 @@ typedef struct ndl_steer_def {
     int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
     sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
     int max_updates;     /* >= 1; default 10000 */
-    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes (see
-                          * ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is good,
-                          * longer where it is noisy; 0: the tip is taken to go where it looks, with the given curvature */
+    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+                          * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
+                          * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
+                          * curvature */
     unsigned cookie;     /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
