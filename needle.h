@@ -739,9 +739,10 @@ typedef struct ndl_remesh_def {
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
                                * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than a third of smooth_below may go to a node or edge
-                               * of the skin not further away than this share of the face's longest edge: where the skin
-                               * is not flat, no node of it can be moved to the needle; in [0, 1]. Default 0.15 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than half of smooth_below, when what lies below has
+                               * made way, may go to a node or edge of the skin not further away than this share of the
+                               * face's longest edge: where the skin is not flat, no node of it can be moved to the
+                               * needle; in [0, 1]. Default 0.25 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
@@ -814,6 +815,7 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle);
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X);
 /* Splits not undone yet. */
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
+
 
 #endif /* NDL_REMESH_H */
 
@@ -1116,7 +1118,7 @@ typedef struct ndl_steer_command {
 typedef struct ndl_steer_def {
     ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
     sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
-                          * than it should, or tissue that gives way, can be made up for; default 0.15 */
+                          * than it should, or tissue that gives way, can be made up for; default 0.2 */
     sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
     sb_real max_turn;    /* rad per update, > 0; default 1 */
     sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
@@ -1125,6 +1127,10 @@ typedef struct ndl_steer_def {
     int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
     sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
     int max_updates;     /* >= 1; default 10000 */
+    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+                          * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
+                          * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
+                          * curvature */
     unsigned cookie;     /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
@@ -1142,12 +1148,26 @@ typedef struct ndl_steer {
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
     ndl_plan plan;     /* from the last sensed tip */
+    sb_real curvature; /* 1/m: def.plan.curvature, as measured since: between half of it and all */
+    sb_vec3 drift;     /* the tip's way less where it looks, across: small angles (rad) */
+    /* internal: what it is learned from */
+    ndl_tip_pose tip;  /* the last one sensed */
+    sb_vec3 way;       /* unit: where it was found to go */
+    sb_vec3 first;     /* t of the first one */
+    sb_real advance;   /* m: what was inserted since */
+    sb_real weight;    /* m^2: that of the present estimate of the curvature */
+    int bends;         /* 1: the tip has been seen to bend, so it is in tissue */
 } ndl_steer;
 
 /* SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE leave *steer untouched. */
 NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb_error *error);
 /* One round: the plan from the sensed tip to the sensed target (m; tissue moves it), and what to do. Pieces of a plan
  * past obstacles are aimed anew at where they were to end, and the way is searched anew when that is no longer clear.
+ * The controller learns from the sensed tips, by averages that forget: how far their way leans from where they look
+ * (soft tissue gives way sideways under a needle that bends) over def.learn of insertion, and with what curvature their
+ * way turns over twice that. Plans begin along the way so found and use that curvature, which is never taken for more
+ * than the given one or less than half of it, less def.reserve. It is only measured once the tip has turned by 0.05
+ * rad: before, it may be in air.
  * Once the status is not GOING it stays and nothing more is commanded; ndl_steer_begin starts over. SB_ERROR_NOT_FINITE
  * and SB_ERROR_ARGUMENT (a frame that is none) change nothing. Cost: see ndl_plan_make. */
 NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb_vec3 target,
@@ -1468,6 +1488,12 @@ NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
 NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
 /* All densities those of the regions again, once all is in its place. */
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
+
+/* ==== src/needle/remesh.h, internal ==== */
+/* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
+ * also when tets about it would be worse than `enough` and than they are. */
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+                                         ndl_remesh_info *info);
 
 /* ==== src/needle/state.h, internal ==== */
 /* ---- internal: undo ----
@@ -5710,6 +5736,9 @@ struct ndl_remesh {
     sb_real *rating, *best_rating; /* qualities of a draft, worst first */
     ndli_node_move *moves;         /* what the winner's draft smoothed */
     int move_count;
+    sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
+    sb_real before;
+    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups;
@@ -5824,7 +5853,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
     def.max_smoothed = 16;
-    def.entry_slip = (sb_real)0.15;
+    def.entry_slip = (sb_real)0.25;
     def.cookie = NDLI_REMESH_COOKIE;
     return def;
 }
@@ -6379,12 +6408,14 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
         ndli_remesh_rank(r);
 }
 
-/* All 15 standard operations in the tet that holds X_new. */
-static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], sb_vec3 X,
+/* All standard operations in the tet that holds X_new on up to `most` of its nodes: 15 for 4, the snaps for 1. */
+static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], int most, sb_vec3 X,
                                      ndli_move move)
 {
     for (int set = 1; set < 16; set++) {
         ndli_candidate *t = &r->trial;
+        if ((set & 1) + (set >> 1 & 1) + (set >> 2 & 1) + (set >> 3) > most)
+            continue;
         t->size = 0;
         t->X = X;
         t->undo = move == NDLI_UNDO;
@@ -6786,6 +6817,7 @@ static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real en
             continue;
         winner = i;
         memcpy(r->best_rating, r->rating, NDLI_RATED * sizeof(sb_real));
+        r->outcome = ndli_remesh_core_least(r);
         for (int k = 0; k < r->draft.moved_count; k++) /* a freed tip may slide first and be smoothed then */
             if (c->slid_moves && r->table[r->draft.moved[k]] == c->slid)
                 c->slid_X = r->draft.X[r->draft.moved[k]];
@@ -7024,12 +7056,14 @@ static sb_result ndli_remesh_fail_operation(const ndl_remesh *r, sb_error *error
 /* Lets the nodes about the tip make way if the tets there are, or would be, worse than they should be. */
 static int ndli_remesh_make_way(ndl_remesh *r, const int holders[2][4])
 {
-    sb_real before = SB_REAL_MAX;
+    r->before = SB_REAL_MAX;
     for (int i = 0; i < r->core_count; i++)
-        before = sb_min(before, r->here.tets[i].quality);
-    if (r->def.max_smoothed == 0 || sb_min(before, r->final[0].created.least) >= r->def.smooth_below)
+        r->before = sb_min(r->before, r->here.tets[i].quality);
+    r->outcome = r->final[0].created.least;
+    r->move_count = 0;
+    if (r->def.max_smoothed == 0 || sb_min(r->before, r->outcome) >= r->def.smooth_below)
         return 1;
-    return ndli_remesh_decide(r, holders, sb_min(before, r->def.smooth_below));
+    return ndli_remesh_decide(r, holders, sb_min(r->before, r->def.smooth_below));
 }
 
 /* Takes the tip to X, which tet `start` holds. */
@@ -7045,15 +7079,17 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
     r->conflict = -1;
     ndli_remesh_try_snap_tip(r, tip, X);
     if (penetrates)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_AHEAD);
+        ndli_remesh_try_standard(r, &r->here, holder, 4, X, NDLI_AHEAD);
     if (can_undo)
-        ndli_remesh_try_standard(r, &r->undone, undone_holder, X, NDLI_UNDO);
-    if (!can_undo && !penetrates && needle->count > 1)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_DROP);
+        ndli_remesh_try_standard(r, &r->undone, undone_holder, 4, X, NDLI_UNDO);
+    if (!penetrates && needle->count > 1) /* no split over one that could be undone: stacks would grow on the way out */
+        ndli_remesh_try_standard(r, &r->here, holder, can_undo ? 1 : 4, X, NDLI_DROP);
     if (!r->final_count)
         return ndli_remesh_fail_operation(r, error);
     if (!ndli_remesh_make_way(r, (const int(*)[4])holders))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
+    if (r->outcome < sb_min(r->before, r->enough))
+        return ndli_remesh_fail_operation(r, error);
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
@@ -7078,6 +7114,7 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
                         is_in ? "not in" : "already in");
     r->needle = needle;
     r->conflict = -1;
+    r->enough = 0;
     memset(&r->info, 0, sizeof r->info);
     r->info.worst_quality = 1;
     if (info)
@@ -7148,6 +7185,23 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
     result = ndli_remesh_advance(r, X, penetrates, error);
     if (info)
         *info = r->info;
+    return result;
+}
+
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+                                         ndl_remesh_info *info)
+{
+    const ndl_tissue_mesh *mesh = remesh->mesh;
+    sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
+    int tip, tet;
+    if (result != SB_OK)
+        return result;
+    tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
+    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
+    remesh->enough = enough;
+    result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
+    if (info)
+        *info = remesh->info;
     return result;
 }
 
@@ -7240,9 +7294,13 @@ static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X,
     }
 }
 
-static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
+/* Leaves the best entry first among the finalists, with what has to make way for it; 0: no memory. */
+static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X)
 {
+    int holders[2][4];
     sb_real longest = 0;
+    memcpy(holders[0], holder, sizeof holders[0]);
+    memcpy(holders[1], holder, sizeof holders[1]);
     for (int set = 1; set < 8; set++) {
         int simplex[3], size = 0;
         for (int c = 0; c < 3; c++)
@@ -7250,10 +7308,15 @@ static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
                 simplex[size++] = face[c];
         ndli_remesh_try_entry(r, simplex, size, X);
     }
+    if (r->final_count && !ndli_remesh_make_way(r, (const int(*)[4])holders))
+        return 0;
     for (int i = 0; i < 3; i++)
         longest = sb_max(longest, sb_v3_norm(sb_v3_sub(r->mesh->X[face[i]], r->mesh->X[face[(i + 1) % 3]])));
-    if (!r->final_count || 3 * r->final[0].created.least < r->def.smooth_below)
-        ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
+    if (r->final_count && r->outcome >= sb_min(r->before, r->def.smooth_below / 2))
+        return 1;
+    r->here.count = r->core_count; /* making way has widened it */
+    ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
+    return !r->final_count || ndli_remesh_make_way(r, (const int(*)[4])holders);
 }
 
 static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
@@ -7274,19 +7337,21 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
 
 static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
 {
-    int face[3], k = 0, good = 1, node;
-    const int *n = r->mesh->tets + 4 * (size_t)hit->tet;
+    int holder[4], face[3], k = 0, good = 1, node;
+    memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
     for (int c = 0; c < 4; c++)
         if (c != hit->face)
-            face[k++] = n[c];
+            face[k++] = holder[c];
     r->here.count = r->undone.count = r->move_count = 0;
     for (int c = 0; c < 3; c++)
         good = good && ndli_remesh_gather(r, face[c]);
     ndli_remesh_end_gather(r);
+    r->core_count = r->here.count;
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
-    ndli_remesh_try_entries(r, face, hit->X);
+    if (!ndli_remesh_try_entries(r, holder, face, hit->X))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
     if (!r->final_count)
@@ -11987,7 +12052,7 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
     ndl_steer_def def;
     memset(&def, 0, sizeof def);
     def.plan = ndl_default_plan_def(curvature, max_length);
-    def.reserve = (sb_real)0.15;
+    def.reserve = (sb_real)0.2;
     def.step = (sb_real)0.01 / curvature;
     def.max_turn = 1;
     def.turn_gain = (sb_real)0.5;
@@ -11995,6 +12060,7 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
     def.max_wait = 40;
     def.reach = (sb_real)0.01 / curvature;
     def.max_updates = 10000;
+    def.learn = (sb_real)0.12 / curvature;
     def.cookie = ndli_steer_cookie;
     return def;
 }
@@ -12020,10 +12086,83 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
                         "turn_first and max_wait must not be negative, max_updates at least 1");
     if (!(def->reserve >= 0) || !(def->reserve < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reserve must be at least 0 and below 1");
+    if (!(def->learn >= 0) || !(def->learn <= SB_REAL_MAX))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "learn must be finite and not negative");
     memset(steer, 0, sizeof *steer);
     steer->def = *def;
     steer->plan.outcome = NDL_PLAN_SHORT;
+    steer->curvature = def->plan.curvature;
     return SB_OK;
+}
+
+/* ---- what is learned ----
+ * Between two sensed tips the needle was inserted by ds. Across their mean heading the tip has moved by ds times the
+ * drift; heading and drift are its way, which has turned along m2 by ds times the curvature. The drift is averaged with
+ * the weight ds/(ds + learn); the curvature is a least-squares fit that forgets. What it begins with is forgotten five
+ * times as fast as what is measured. It never goes beyond that: to count on more bend than there is ends beside the
+ * target, to count on less costs a longer way. */
+
+static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise tells more on it */
+static const double ndli_steer_seen_bend = 0.05; /* rad: more than noise, and less than 1 cm of most needles */
+static const double ndli_steer_most_drift = 0.3;
+
+static void ndli_steer_learn_drift(ndl_steer *steer, const ndli_pose *pose, double ds)
+{
+    double share = ds / (ds + (double)steer->def.learn), size;
+    ndli_v3 ahead = ndli_add(pose->t, ndli_from(steer->tip.frame.t)), lean;
+    ndli_v3 moved = ndli_sub(pose->p, ndli_from(steer->tip.position));
+    ahead = ndli_scale(1 / ndli_norm(ahead), ahead);
+    lean = ndli_scale(1 / ds, ndli_madd(moved, -ndli_dot(moved, ahead), ahead));
+    size = ndli_norm(lean);
+    if (size > ndli_steer_most_drift)
+        lean = ndli_scale(ndli_steer_most_drift / size, lean);
+    steer->drift = ndli_to(ndli_madd(ndli_scale(1 - share, ndli_from(steer->drift)), share, lean));
+}
+
+static void ndli_steer_learn_curvature(ndl_steer *steer, ndli_v3 turned, ndli_v3 m2, double ds)
+{
+    double given = (double)steer->def.plan.curvature, memory = ndli_steer_memory * (double)steer->def.learn;
+    double way = ds * ndli_norm(m2), k = (double)steer->curvature; /* shorter where the tip was rolled between them */
+    double weight = steer->weight > 0 ? (double)steer->weight : 0.2 * memory * (double)steer->def.step;
+    if (!(way > 0.5 * ds))
+        return;
+    weight = weight * memory / (memory + ds) + way * way;
+    k += way * (ndli_dot(turned, m2) / ndli_norm(m2) - k * way) / weight;
+    steer->curvature = (sb_real)(k < 0.5 * given ? 0.5 * given : k > given ? given : k);
+    steer->weight = (sb_real)weight;
+}
+
+/* The sensed pose, made to look along the tip's way. */
+static ndli_pose ndli_steer_on_way(const ndl_steer *steer, const ndli_pose *pose)
+{
+    ndli_pose on = *pose;
+    ndli_v3 t = ndli_add(pose->t, ndli_from(steer->drift));
+    on.t = ndli_scale(1 / ndli_norm(t), t);
+    on.m2 = ndli_madd(pose->m2, -ndli_dot(pose->m2, on.t), on.t);
+    on.m2 = ndli_scale(1 / ndli_norm(on.m2), on.m2);
+    on.m1 = ndli_cross(on.m2, on.t);
+    return on;
+}
+
+/* From another sensed pose; makes it one that looks along the tip's way. */
+static void ndli_steer_learn(ndl_steer *steer, ndli_pose *pose)
+{
+    double ds = (double)steer->advance;
+    int moved = steer->updates > 0 && steer->def.learn > 0 && ds > 0.25 * (double)steer->def.step &&
+                ndli_dot(pose->t, ndli_from(steer->tip.frame.t)) > 0;
+    ndl_tip_pose sensed = ndli_pose_write(pose);
+    if (steer->updates == 0)
+        steer->first = sensed.frame.t;
+    if (moved)
+        ndli_steer_learn_drift(steer, pose, ds);
+    *pose = ndli_steer_on_way(steer, pose);
+    if (moved && steer->bends)
+        ndli_steer_learn_curvature(steer, ndli_sub(pose->t, ndli_from(steer->way)),
+                                   ndli_scale(0.5, ndli_add(pose->m2, ndli_from(steer->tip.frame.m2))), ds);
+    if (moved && !steer->bends)
+        steer->bends = ndli_norm(ndli_sub(pose->t, ndli_from(steer->first))) > ndli_steer_seen_bend;
+    steer->tip = sensed;
+    steer->way = ndli_to(pose->t);
 }
 
 /* ---- the plan ---- */
@@ -12064,6 +12203,20 @@ static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const n
         *plan = other;
 }
 
+/* Leaves out first pieces with no length to speak of: with nothing to insert the needle would wait at them for ever. */
+static void ndli_steer_skip_empty(ndl_plan *plan, sb_real least)
+{
+    while (plan->piece_count > 1 && plan->pieces[0].length < least) {
+        sb_real turn = plan->pieces[0].turn + plan->pieces[1].turn;
+        plan->length -= plan->pieces[0].length;
+        plan->piece_count--;
+        memmove(plan->pieces, plan->pieces + 1, (size_t)plan->piece_count * sizeof plan->pieces[0]);
+        plan->pieces[0].turn = turn > (sb_real)3.14159265358979  ? turn - (sb_real)6.28318530717959
+                               : turn < -(sb_real)3.14159265358979 ? turn + (sb_real)6.28318530717959
+                                                                   : turn;
+    }
+}
+
 /* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
  * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
  * needle would turn and never go on. */
@@ -12075,7 +12228,7 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
     sb_real enough = (sb_real)0.5 * steer->def.reach;
     const int between = 8; /* updates, while there is no hurry */
     int clear;
-    def.curvature *= 1 - steer->def.reserve;
+    def.curvature = steer->curvature * (1 - steer->def.reserve);
     def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
     for (;;) { /* waypoints that the tip has come to, or can get no nearer to, are done with */
         clear = ndli_plan_aim(&def, 0.5 * (double)def.clearance, pose, steer->waypoints, steer->waypoint_count, target,
@@ -12090,6 +12243,7 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
         if (!clear || other.distance < plan.distance - enough)
             plan = other;
     }
+    ndli_steer_skip_empty(&plan, (sb_real)0.25 * steer->def.step);
     steer->plan = plan;
     ndli_steer_mark(steer, &def, pose);
 }
@@ -12156,6 +12310,7 @@ NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb
     distance = ndli_norm(ndli_sub(goal, pose.p));
     memset(command, 0, sizeof *command);
     if (steer->status == NDL_STEER_GOING) {
+        ndli_steer_learn(steer, &pose);
         ndli_steer_plan(steer, &pose, goal);
         steer->updates++;
         if (steer->plan.length < (sb_real)0.25 * steer->def.step)
@@ -12164,6 +12319,7 @@ NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb
             steer->status = distance <= (double)steer->def.reach ? NDL_STEER_REACHED : NDL_STEER_LIMIT;
         else
             ndli_steer_move(steer, &pose, goal, command);
+        steer->advance = command->insertion;
     }
     command->status = steer->status;
     command->distance = (sb_real)distance;
@@ -13598,6 +13754,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
 /* ==== src/needle/needle_tip.c ==== */
 /* needle_tip: where a needle's tip cuts to, and the mesh that follows it there. */
 
+
 /* ---- where the path looks ---- */
 
 /* Deformation gradient about a tissue node: the mean over its tets, by volume. */
@@ -13757,6 +13914,22 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
     return sb_v3_madd(X, aside, ndli_to(side));
 }
 
+/* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
+ * without flat tets: many small ones would leave worse. The deeper it is, the less is asked for. */
+static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
+{
+    double share = depth / ndli_tip_deep(needle);
+    sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
+    sb_result result = SB_ERROR_MESH;
+    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
+        sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
+        result = ndli_remesh_put_first(remesh, needle->index, to, enough, done);
+    }
+    return result;
+}
+
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
@@ -13777,6 +13950,8 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     X = ndli_tip_first_arc(needle, X, &heading);
+    if (ndli_tip_sink(needle, depth, X, done) == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
+        return SB_OK; /* better when it is deeper */
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */

@@ -362,7 +362,7 @@ check "obstacles.png is a picture" is_png obstacles.png
 check "the table has a row for each step" [ "$(wc -l <obstacles.csv | tr -d ' ')" = "$(($(last steps) + 1))" ]
 check "the tissue has its displacements" grep -q '^VECTORS displacement' obstacles.vtk
 expect 1 '^reached=0' needle_obstacles --radius 1
-expect_data 0 '^reached=1' needle_obstacles phantom/phantom_tet4.vtk -o organ --within 2 --mesh # 1.2 to 1.8 mm there
+expect_data 0 '^reached=1' needle_obstacles phantom/phantom_tet4.vtk -o organ --within 1 --mesh
 expect 2 'no-such.vtk' needle_obstacles --mesh no-such.vtk
 expect 2 '--cylinder needs a number' needle_obstacles --cylinder wide
 expect 2 'no-such-folder/x.csv' needle_obstacles -o no-such-folder/x

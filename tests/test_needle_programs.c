@@ -159,13 +159,13 @@ static void run_program(programs *p, unsigned long long seed)
 
 /* least_quality in shares of the untouched mesh's; least and most angle: those of 10.3 and 160 degrees, but for meshes
  * that begin with others. */
-static void run_programs(programs *p, int count)
+static void run_programs(programs *p, int first, int count)
 {
     if (make_tissue(p)) {
         sb_real angles[2];
         ndl_tissue_mesh_quality(ndl_tissue_get_mesh(p->tissue), NULL, &angles[0], &angles[1]);
         for (int i = 0; i < count; i++)
-            run_program(p, 2654435761ULL * (unsigned long long)i + 12345);
+            run_program(p, 2654435761ULL * (unsigned long long)(first + i) + 12345);
         printf("%d programs, %d in: quality %.3f of the first, angles %.1f to %.1f, mass %.1e, volume %.1e\n", count,
                p->entered, p->least_quality, p->angles[0], p->angles[1], p->mass_change, p->volume_change);
         CHECK(p->entered >= count / 2);
@@ -180,13 +180,14 @@ static void run_programs(programs *p, int count)
 }
 
 static int program_count(int usual) { return getenv("CHECK_SLOW") ? 200 : check_quick() ? 1 : usual; }
+static int first_program(int usual) { return getenv("CHECK_SLOW") ? 0 : usual; }
 
 static void test_block(void)
 {
     programs p;
     memset(&p, 0, sizeof p);
     if (CHECK_OK(phantom_make_mesh(&p.mesh, &p.error)))
-        run_programs(&p, program_count(1));
+        run_programs(&p, 0, program_count(1));
 }
 
 static void test_organ(void)
@@ -194,7 +195,7 @@ static void test_organ(void)
     programs p;
     memset(&p, 0, sizeof p);
     if (CHECK_OK(stuff(ellipsoid_distance, 0.05, 0.009, &p.mesh, &p.error)))
-        run_programs(&p, program_count(2));
+        run_programs(&p, first_program(28), program_count(3)); /* 28: many small operations left a flat tet at the skin */
 }
 
 static void test_phantom_file(void)
@@ -204,7 +205,7 @@ static void test_phantom_file(void)
     memset(&p, 0, sizeof p);
     if (check_shared_path(path, sizeof path, "data/phantom/phantom_tet4.vtk") &&
         CHECK_OK(sb_mesh_load(&p.mesh, path, NULL, &p.error)))
-        run_programs(&p, program_count(1));
+        run_programs(&p, 0, program_count(1));
 }
 
 CHECK_SUITE(needle_programs, {"a block of two tissues", test_block}, {"an organ", test_organ},

@@ -1,6 +1,7 @@
 /* needle_tip: where a needle's tip cuts to, and the mesh that follows it there. */
 #include "needle_state.h"
 
+
 /* ---- where the path looks ---- */
 
 /* Deformation gradient about a tissue node: the mean over its tets, by volume. */
@@ -160,6 +161,22 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
     return sb_v3_madd(X, aside, ndli_to(side));
 }
 
+/* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
+ * without flat tets: many small ones would leave worse. The deeper it is, the less is asked for. */
+static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
+{
+    double share = depth / ndli_tip_deep(needle);
+    sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
+    ndl_remesh *remesh = needle->tissue->site->remesh;
+    sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
+    sb_result result = SB_ERROR_MESH;
+    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
+        sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
+        result = ndli_remesh_put_first(remesh, needle->index, to, enough, done);
+    }
+    return result;
+}
+
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
@@ -180,6 +197,8 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     X = ndli_tip_first_arc(needle, X, &heading);
+    if (ndli_tip_sink(needle, depth, X, done) == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
+        return SB_OK; /* better when it is deeper */
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */

@@ -104,6 +104,9 @@ struct ndl_remesh {
     sb_real *rating, *best_rating; /* qualities of a draft, worst first */
     ndli_node_move *moves;         /* what the winner's draft smoothed */
     int move_count;
+    sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
+    sb_real before;
+    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups;
@@ -218,7 +221,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
     def.max_smoothed = 16;
-    def.entry_slip = (sb_real)0.15;
+    def.entry_slip = (sb_real)0.25;
     def.cookie = NDLI_REMESH_COOKIE;
     return def;
 }
@@ -773,12 +776,14 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
         ndli_remesh_rank(r);
 }
 
-/* All 15 standard operations in the tet that holds X_new. */
-static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], sb_vec3 X,
+/* All standard operations in the tet that holds X_new on up to `most` of its nodes: 15 for 4, the snaps for 1. */
+static void ndli_remesh_try_standard(ndl_remesh *r, const ndli_patch *patch, const int holder[4], int most, sb_vec3 X,
                                      ndli_move move)
 {
     for (int set = 1; set < 16; set++) {
         ndli_candidate *t = &r->trial;
+        if ((set & 1) + (set >> 1 & 1) + (set >> 2 & 1) + (set >> 3) > most)
+            continue;
         t->size = 0;
         t->X = X;
         t->undo = move == NDLI_UNDO;
@@ -1180,6 +1185,7 @@ static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real en
             continue;
         winner = i;
         memcpy(r->best_rating, r->rating, NDLI_RATED * sizeof(sb_real));
+        r->outcome = ndli_remesh_core_least(r);
         for (int k = 0; k < r->draft.moved_count; k++) /* a freed tip may slide first and be smoothed then */
             if (c->slid_moves && r->table[r->draft.moved[k]] == c->slid)
                 c->slid_X = r->draft.X[r->draft.moved[k]];
@@ -1418,12 +1424,14 @@ static sb_result ndli_remesh_fail_operation(const ndl_remesh *r, sb_error *error
 /* Lets the nodes about the tip make way if the tets there are, or would be, worse than they should be. */
 static int ndli_remesh_make_way(ndl_remesh *r, const int holders[2][4])
 {
-    sb_real before = SB_REAL_MAX;
+    r->before = SB_REAL_MAX;
     for (int i = 0; i < r->core_count; i++)
-        before = sb_min(before, r->here.tets[i].quality);
-    if (r->def.max_smoothed == 0 || sb_min(before, r->final[0].created.least) >= r->def.smooth_below)
+        r->before = sb_min(r->before, r->here.tets[i].quality);
+    r->outcome = r->final[0].created.least;
+    r->move_count = 0;
+    if (r->def.max_smoothed == 0 || sb_min(r->before, r->outcome) >= r->def.smooth_below)
         return 1;
-    return ndli_remesh_decide(r, holders, sb_min(before, r->def.smooth_below));
+    return ndli_remesh_decide(r, holders, sb_min(r->before, r->def.smooth_below));
 }
 
 /* Takes the tip to X, which tet `start` holds. */
@@ -1439,15 +1447,17 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
     r->conflict = -1;
     ndli_remesh_try_snap_tip(r, tip, X);
     if (penetrates)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_AHEAD);
+        ndli_remesh_try_standard(r, &r->here, holder, 4, X, NDLI_AHEAD);
     if (can_undo)
-        ndli_remesh_try_standard(r, &r->undone, undone_holder, X, NDLI_UNDO);
-    if (!can_undo && !penetrates && needle->count > 1)
-        ndli_remesh_try_standard(r, &r->here, holder, X, NDLI_DROP);
+        ndli_remesh_try_standard(r, &r->undone, undone_holder, 4, X, NDLI_UNDO);
+    if (!penetrates && needle->count > 1) /* no split over one that could be undone: stacks would grow on the way out */
+        ndli_remesh_try_standard(r, &r->here, holder, can_undo ? 1 : 4, X, NDLI_DROP);
     if (!r->final_count)
         return ndli_remesh_fail_operation(r, error);
     if (!ndli_remesh_make_way(r, (const int(*)[4])holders))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
+    if (r->outcome < sb_min(r->before, r->enough))
+        return ndli_remesh_fail_operation(r, error);
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
@@ -1472,6 +1482,7 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
                         is_in ? "not in" : "already in");
     r->needle = needle;
     r->conflict = -1;
+    r->enough = 0;
     memset(&r->info, 0, sizeof r->info);
     r->info.worst_quality = 1;
     if (info)
@@ -1542,6 +1553,23 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
     result = ndli_remesh_advance(r, X, penetrates, error);
     if (info)
         *info = r->info;
+    return result;
+}
+
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+                                         ndl_remesh_info *info)
+{
+    const ndl_tissue_mesh *mesh = remesh->mesh;
+    sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
+    int tip, tet;
+    if (result != SB_OK)
+        return result;
+    tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
+    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
+    remesh->enough = enough;
+    result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
+    if (info)
+        *info = remesh->info;
     return result;
 }
 
@@ -1634,9 +1662,13 @@ static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X,
     }
 }
 
-static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
+/* Leaves the best entry first among the finalists, with what has to make way for it; 0: no memory. */
+static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X)
 {
+    int holders[2][4];
     sb_real longest = 0;
+    memcpy(holders[0], holder, sizeof holders[0]);
+    memcpy(holders[1], holder, sizeof holders[1]);
     for (int set = 1; set < 8; set++) {
         int simplex[3], size = 0;
         for (int c = 0; c < 3; c++)
@@ -1644,10 +1676,15 @@ static void ndli_remesh_try_entries(ndl_remesh *r, const int face[3], sb_vec3 X)
                 simplex[size++] = face[c];
         ndli_remesh_try_entry(r, simplex, size, X);
     }
+    if (r->final_count && !ndli_remesh_make_way(r, (const int(*)[4])holders))
+        return 0;
     for (int i = 0; i < 3; i++)
         longest = sb_max(longest, sb_v3_norm(sb_v3_sub(r->mesh->X[face[i]], r->mesh->X[face[(i + 1) % 3]])));
-    if (!r->final_count || 3 * r->final[0].created.least < r->def.smooth_below)
-        ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
+    if (r->final_count && r->outcome >= sb_min(r->before, r->def.smooth_below / 2))
+        return 1;
+    r->here.count = r->core_count; /* making way has widened it */
+    ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
+    return !r->final_count || ndli_remesh_make_way(r, (const int(*)[4])holders);
 }
 
 static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
@@ -1668,19 +1705,21 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
 
 static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
 {
-    int face[3], k = 0, good = 1, node;
-    const int *n = r->mesh->tets + 4 * (size_t)hit->tet;
+    int holder[4], face[3], k = 0, good = 1, node;
+    memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
     for (int c = 0; c < 4; c++)
         if (c != hit->face)
-            face[k++] = n[c];
+            face[k++] = holder[c];
     r->here.count = r->undone.count = r->move_count = 0;
     for (int c = 0; c < 3; c++)
         good = good && ndli_remesh_gather(r, face[c]);
     ndli_remesh_end_gather(r);
+    r->core_count = r->here.count;
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
-    ndli_remesh_try_entries(r, face, hit->X);
+    if (!ndli_remesh_try_entries(r, holder, face, hit->X))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
     if (!r->final_count)

@@ -26,9 +26,10 @@ typedef struct ndl_remesh_def {
     sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
                                * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
     int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than a third of smooth_below may go to a node or edge
-                               * of the skin not further away than this share of the face's longest edge: where the skin
-                               * is not flat, no node of it can be moved to the needle; in [0, 1]. Default 0.15 */
+    sb_real entry_slip;       /* a puncture that leaves tets worse than half of smooth_below, when what lies below has
+                               * made way, may go to a node or edge of the skin not further away than this share of the
+                               * face's longest edge: where the skin is not flat, no node of it can be moved to the
+                               * needle; in [0, 1]. Default 0.25 */
     sb_allocator allocator;   /* default malloc */
     unsigned cookie;          /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
@@ -101,5 +102,12 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle);
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X);
 /* Splits not undone yet. */
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
+ * also when tets about it would be worse than `enough` and than they are. */
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+                                         ndl_remesh_info *info);
+#endif
 
 #endif /* NDL_REMESH_H */

@@ -8,7 +8,7 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
     ndl_steer_def def;
     memset(&def, 0, sizeof def);
     def.plan = ndl_default_plan_def(curvature, max_length);
-    def.reserve = (sb_real)0.15;
+    def.reserve = (sb_real)0.2;
     def.step = (sb_real)0.01 / curvature;
     def.max_turn = 1;
     def.turn_gain = (sb_real)0.5;
@@ -16,6 +16,7 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
     def.max_wait = 40;
     def.reach = (sb_real)0.01 / curvature;
     def.max_updates = 10000;
+    def.learn = (sb_real)0.12 / curvature;
     def.cookie = ndli_steer_cookie;
     return def;
 }
@@ -41,10 +42,83 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
                         "turn_first and max_wait must not be negative, max_updates at least 1");
     if (!(def->reserve >= 0) || !(def->reserve < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reserve must be at least 0 and below 1");
+    if (!(def->learn >= 0) || !(def->learn <= SB_REAL_MAX))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "learn must be finite and not negative");
     memset(steer, 0, sizeof *steer);
     steer->def = *def;
     steer->plan.outcome = NDL_PLAN_SHORT;
+    steer->curvature = def->plan.curvature;
     return SB_OK;
+}
+
+/* ---- what is learned ----
+ * Between two sensed tips the needle was inserted by ds. Across their mean heading the tip has moved by ds times the
+ * drift; heading and drift are its way, which has turned along m2 by ds times the curvature. The drift is averaged with
+ * the weight ds/(ds + learn); the curvature is a least-squares fit that forgets. What it begins with is forgotten five
+ * times as fast as what is measured. It never goes beyond that: to count on more bend than there is ends beside the
+ * target, to count on less costs a longer way. */
+
+static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise tells more on it */
+static const double ndli_steer_seen_bend = 0.05; /* rad: more than noise, and less than 1 cm of most needles */
+static const double ndli_steer_most_drift = 0.3;
+
+static void ndli_steer_learn_drift(ndl_steer *steer, const ndli_pose *pose, double ds)
+{
+    double share = ds / (ds + (double)steer->def.learn), size;
+    ndli_v3 ahead = ndli_add(pose->t, ndli_from(steer->tip.frame.t)), lean;
+    ndli_v3 moved = ndli_sub(pose->p, ndli_from(steer->tip.position));
+    ahead = ndli_scale(1 / ndli_norm(ahead), ahead);
+    lean = ndli_scale(1 / ds, ndli_madd(moved, -ndli_dot(moved, ahead), ahead));
+    size = ndli_norm(lean);
+    if (size > ndli_steer_most_drift)
+        lean = ndli_scale(ndli_steer_most_drift / size, lean);
+    steer->drift = ndli_to(ndli_madd(ndli_scale(1 - share, ndli_from(steer->drift)), share, lean));
+}
+
+static void ndli_steer_learn_curvature(ndl_steer *steer, ndli_v3 turned, ndli_v3 m2, double ds)
+{
+    double given = (double)steer->def.plan.curvature, memory = ndli_steer_memory * (double)steer->def.learn;
+    double way = ds * ndli_norm(m2), k = (double)steer->curvature; /* shorter where the tip was rolled between them */
+    double weight = steer->weight > 0 ? (double)steer->weight : 0.2 * memory * (double)steer->def.step;
+    if (!(way > 0.5 * ds))
+        return;
+    weight = weight * memory / (memory + ds) + way * way;
+    k += way * (ndli_dot(turned, m2) / ndli_norm(m2) - k * way) / weight;
+    steer->curvature = (sb_real)(k < 0.5 * given ? 0.5 * given : k > given ? given : k);
+    steer->weight = (sb_real)weight;
+}
+
+/* The sensed pose, made to look along the tip's way. */
+static ndli_pose ndli_steer_on_way(const ndl_steer *steer, const ndli_pose *pose)
+{
+    ndli_pose on = *pose;
+    ndli_v3 t = ndli_add(pose->t, ndli_from(steer->drift));
+    on.t = ndli_scale(1 / ndli_norm(t), t);
+    on.m2 = ndli_madd(pose->m2, -ndli_dot(pose->m2, on.t), on.t);
+    on.m2 = ndli_scale(1 / ndli_norm(on.m2), on.m2);
+    on.m1 = ndli_cross(on.m2, on.t);
+    return on;
+}
+
+/* From another sensed pose; makes it one that looks along the tip's way. */
+static void ndli_steer_learn(ndl_steer *steer, ndli_pose *pose)
+{
+    double ds = (double)steer->advance;
+    int moved = steer->updates > 0 && steer->def.learn > 0 && ds > 0.25 * (double)steer->def.step &&
+                ndli_dot(pose->t, ndli_from(steer->tip.frame.t)) > 0;
+    ndl_tip_pose sensed = ndli_pose_write(pose);
+    if (steer->updates == 0)
+        steer->first = sensed.frame.t;
+    if (moved)
+        ndli_steer_learn_drift(steer, pose, ds);
+    *pose = ndli_steer_on_way(steer, pose);
+    if (moved && steer->bends)
+        ndli_steer_learn_curvature(steer, ndli_sub(pose->t, ndli_from(steer->way)),
+                                   ndli_scale(0.5, ndli_add(pose->m2, ndli_from(steer->tip.frame.m2))), ds);
+    if (moved && !steer->bends)
+        steer->bends = ndli_norm(ndli_sub(pose->t, ndli_from(steer->first))) > ndli_steer_seen_bend;
+    steer->tip = sensed;
+    steer->way = ndli_to(pose->t);
 }
 
 /* ---- the plan ---- */
@@ -85,6 +159,20 @@ static void ndli_steer_search(ndl_steer *steer, const ndl_plan_def *def, const n
         *plan = other;
 }
 
+/* Leaves out first pieces with no length to speak of: with nothing to insert the needle would wait at them for ever. */
+static void ndli_steer_skip_empty(ndl_plan *plan, sb_real least)
+{
+    while (plan->piece_count > 1 && plan->pieces[0].length < least) {
+        sb_real turn = plan->pieces[0].turn + plan->pieces[1].turn;
+        plan->length -= plan->pieces[0].length;
+        plan->piece_count--;
+        memmove(plan->pieces, plan->pieces + 1, (size_t)plan->piece_count * sizeof plan->pieces[0]);
+        plan->pieces[0].turn = turn > (sb_real)3.14159265358979  ? turn - (sb_real)6.28318530717959
+                               : turn < -(sb_real)3.14159265358979 ? turn + (sb_real)6.28318530717959
+                                                                   : turn;
+    }
+}
+
 /* steer->plan from the sensed pose: the present one aimed anew, unless obstacles ask for another one. A way that is
  * clear but does not get there gives place only to one that is better by far: changing from one to another and back, a
  * needle would turn and never go on. */
@@ -96,7 +184,7 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
     sb_real enough = (sb_real)0.5 * steer->def.reach;
     const int between = 8; /* updates, while there is no hurry */
     int clear;
-    def.curvature *= 1 - steer->def.reserve;
+    def.curvature = steer->curvature * (1 - steer->def.reserve);
     def.max_length = def.max_length > steer->inserted ? def.max_length - steer->inserted : 0;
     for (;;) { /* waypoints that the tip has come to, or can get no nearer to, are done with */
         clear = ndli_plan_aim(&def, 0.5 * (double)def.clearance, pose, steer->waypoints, steer->waypoint_count, target,
@@ -111,6 +199,7 @@ static void ndli_steer_plan(ndl_steer *steer, const ndli_pose *pose, ndli_v3 tar
         if (!clear || other.distance < plan.distance - enough)
             plan = other;
     }
+    ndli_steer_skip_empty(&plan, (sb_real)0.25 * steer->def.step);
     steer->plan = plan;
     ndli_steer_mark(steer, &def, pose);
 }
@@ -177,6 +266,7 @@ NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb
     distance = ndli_norm(ndli_sub(goal, pose.p));
     memset(command, 0, sizeof *command);
     if (steer->status == NDL_STEER_GOING) {
+        ndli_steer_learn(steer, &pose);
         ndli_steer_plan(steer, &pose, goal);
         steer->updates++;
         if (steer->plan.length < (sb_real)0.25 * steer->def.step)
@@ -185,6 +275,7 @@ NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb
             steer->status = distance <= (double)steer->def.reach ? NDL_STEER_REACHED : NDL_STEER_LIMIT;
         else
             ndli_steer_move(steer, &pose, goal, command);
+        steer->advance = command->insertion;
     }
     command->status = steer->status;
     command->distance = (sb_real)distance;

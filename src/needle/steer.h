@@ -176,7 +176,7 @@ typedef struct ndl_steer_command {
 typedef struct ndl_steer_def {
     ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
     sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
-                          * than it should, or tissue that gives way, can be made up for; default 0.15 */
+                          * than it should, or tissue that gives way, can be made up for; default 0.2 */
     sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
     sb_real max_turn;    /* rad per update, > 0; default 1 */
     sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
@@ -185,6 +185,10 @@ typedef struct ndl_steer_def {
     int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
     sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
     int max_updates;     /* >= 1; default 10000 */
+    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+                          * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
+                          * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
+                          * curvature */
     unsigned cookie;     /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
@@ -202,12 +206,26 @@ typedef struct ndl_steer {
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
     ndl_plan plan;     /* from the last sensed tip */
+    sb_real curvature; /* 1/m: def.plan.curvature, as measured since: between half of it and all */
+    sb_vec3 drift;     /* the tip's way less where it looks, across: small angles (rad) */
+    /* internal: what it is learned from */
+    ndl_tip_pose tip;  /* the last one sensed */
+    sb_vec3 way;       /* unit: where it was found to go */
+    sb_vec3 first;     /* t of the first one */
+    sb_real advance;   /* m: what was inserted since */
+    sb_real weight;    /* m^2: that of the present estimate of the curvature */
+    int bends;         /* 1: the tip has been seen to bend, so it is in tissue */
 } ndl_steer;
 
 /* SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE leave *steer untouched. */
 NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb_error *error);
 /* One round: the plan from the sensed tip to the sensed target (m; tissue moves it), and what to do. Pieces of a plan
  * past obstacles are aimed anew at where they were to end, and the way is searched anew when that is no longer clear.
+ * The controller learns from the sensed tips, by averages that forget: how far their way leans from where they look
+ * (soft tissue gives way sideways under a needle that bends) over def.learn of insertion, and with what curvature their
+ * way turns over twice that. Plans begin along the way so found and use that curvature, which is never taken for more
+ * than the given one or less than half of it, less def.reserve. It is only measured once the tip has turned by 0.05
+ * rad: before, it may be in air.
  * Once the status is not GOING it stays and nothing more is commanded; ndl_steer_begin starts over. SB_ERROR_NOT_FINITE
  * and SB_ERROR_ARGUMENT (a frame that is none) change nothing. Cost: see ndl_plan_make. */
 NDL_API sb_result ndl_steer_update(ndl_steer *steer, const ndl_tip_pose *tip, sb_vec3 target,
