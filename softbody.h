@@ -4351,6 +4351,7 @@ typedef struct sb_preconditioner_def {
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
+    const sb_real *moduli;    /* [block_count] of the pattern */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -5660,6 +5661,7 @@ typedef struct sbi_multigrid sbi_multigrid;
 
 typedef struct sbi_multigrid_setup {
     const sb_vec3 *positions;         /* [row_count] (m) of the finest nodes */
+    const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
     const sbi_multigrid *like;        /* take the user's levels from here instead, or NULL */
@@ -22618,15 +22620,214 @@ typedef struct sbi_mg_rows {
     int *nodes;
     float *weights;
     sb_vec3 *positions;       /* [coarse_count] */
+    int *regions;             /* [coarse_count] or NULL: one region only */
 } sbi_mg_rows;
+
+/* Regions of nodes that are joined by stiffness of one order. *regions is [row_count], numbered from 0 in the order of their first nodes,
+ * or NULL when there is one only. 0: no memory. */
+SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, const sb_vec3 *positions, const sb_allocator *allocator, int **regions);
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
 /* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
  * memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */
+
+/* ==== src/softbody/multigrid_region.c ==== */
+/* multigrid_region: where the stiffness of a matrix jumps. */
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Pieces in the making. */
+typedef struct sbi_region_maker {
+    const sb_matrix *matrix;
+    const sb_real *moduli;
+    double *most;  /* [rows] largest coupling of a node with another */
+    int *region;   /* [rows] -1: none yet */
+    int *queue;    /* [rows] */
+    int *hits;     /* [rows] neighbours in the piece at work, */
+    int *stamp;    /* [rows] when this is its number */
+    int *member, *first;
+    int work;
+    const sb_vec3 *positions;
+    int count;
+} sbi_region_maker;
+
+static double cutv(void) { return getenv("CUT") ? atof(getenv("CUT")) : 0.2; }
+
+static int sbi_region_is_strong(const sbi_region_maker *m, int i, int q)
+{
+    int j = m->matrix->columns[q];
+    return j != i && (double)m->moduli[q] > cutv() * fmax(m->most[i], m->most[j]);
+}
+
+/* member[i] == work: node i is in the piece at work. */
+static void sbi_region_add(sbi_region_maker *m, int node, int *count)
+{
+    m->member[node] = m->work;
+    m->queue[(*count)++] = node;
+}
+
+static int sbi_region_in_line(const sb_vec3 *x, int a, int b, int c)
+{
+    sb_vec3 u = sb_v3_sub(x[b], x[a]), v = sb_v3_sub(x[c], x[a]), w = sb_v3_sub(x[c], x[b]), n = sb_v3_cross(u, v);
+    double uu = sb_v3_dot(u, u), vv = sb_v3_dot(v, v), ww = sb_v3_dot(w, w);
+    double longest = fmax(uu, fmax(vv, ww));
+    return sb_v3_dot(n, n) < 0.01 * longest * longest;
+}
+
+static int sbi_region_grow(sbi_region_maker *m, int count)
+{
+    for (int head = 0; head < count; head++) {
+        int i = m->queue[head];
+        for (int q = m->matrix->row_start[i]; q < m->matrix->row_start[i + 1]; q++) {
+            int j = m->matrix->columns[q];
+            if (m->member[j] == m->work || !sbi_region_is_strong(m, i, q))
+                continue;
+            if (m->stamp[j] != m->work) {
+                m->stamp[j] = m->work;
+                m->hits[j] = 1;
+                m->first[2 * j] = i;
+            } else if (m->hits[j] == 1) {
+                m->hits[j] = 2;
+                m->first[2 * j + 1] = i;
+            } else if (!sbi_region_in_line(m->positions, m->first[2 * j], m->first[2 * j + 1], i)) {
+                sbi_region_add(m, j, &count);
+            }
+        }
+    }
+    return count;
+}
+
+/* Seeds: a triangle of strong couplings. */
+static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
+{
+    const sb_matrix *a = m->matrix;
+    int count = 0;
+    for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        int j = a->columns[q];
+        if (!sbi_region_is_strong(m, i, q))
+            continue;
+        for (int p = q + 1; p < a->row_start[i + 1]; p++) {
+            int k = a->columns[p], side;
+            if (!sbi_region_is_strong(m, i, p))
+                continue;
+            side = sb_matrix_find(a, j, k);
+            if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
+                continue;
+            m->work++;
+            sbi_region_add(m, i, &count);
+            sbi_region_add(m, j, &count);
+            sbi_region_add(m, k, &count);
+            return count;
+        }
+    }
+    return 0;
+}
+
+SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, const sb_vec3 *positions, const sb_allocator *allocator, int **regions)
+{
+    int n = matrix->row_count, leftover = 0;
+    sbi_region_maker m;
+    *regions = NULL;
+    if (!moduli)
+        return 1;
+    m.moduli = moduli;
+    m.matrix = matrix;
+    m.count = 0;
+    m.most = (double *)sbi_alloc(allocator, (size_t)n, sizeof(double));
+    m.region = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
+    m.queue = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
+    m.hits = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
+    m.stamp = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
+    for (int i = 0; i < n; i++) {
+        m.most[i] = 0;
+        m.region[i] = m.stamp[i] = -1;
+        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++)
+            if (matrix->columns[q] != i)
+                m.most[i] = fmax(m.most[i], (double)m.moduli[q]);
+    }
+    m.member = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
+    m.first = (int *)sbi_alloc(allocator, 2*(size_t)n, sizeof(int));
+    m.positions = positions;
+    m.work = 0;
+    memset(m.member, 0, (size_t)n * sizeof(int));
+    memset(m.stamp, 0, (size_t)n * sizeof(int));
+    for (int i = 0; i < n; i++) {
+        for (int skip = 0; skip < 8 && m.region[i] < 0; skip++) {
+            int count = sbi_region_seed(&m, i, skip), merge = -1, own = 0;
+            if (!count)
+                break;
+            count = sbi_region_grow(&m, count);
+            if (count < 4)
+                continue;
+            /* merge when three nodes, not in line, belong to one region */
+            for (int k = 0; k < count && merge < 0; k++) {
+                int r = m.region[m.queue[k]], a = m.queue[k], b = -1;
+                own += r < 0;
+                for (int l = k + 1; l < count && r >= 0 && merge < 0; l++)
+                    if (m.region[m.queue[l]] == r) {
+                        if (b < 0)
+                            b = m.queue[l];
+                        else if (!sbi_region_in_line(positions, a, b, m.queue[l]))
+                            merge = r;
+                    }
+                if (k > 4096 && r < 0) break;
+            }
+            for (int k = 0; k < count; k++)
+                if (m.region[m.queue[k]] < 0)
+                    m.region[m.queue[k]] = merge >= 0 ? merge : m.count;
+            m.count += merge < 0;
+        }
+    }
+    /* leftovers: to the piece they are coupled with most */
+    for (int pass = 0; pass < 8; pass++) {
+        int open = 0;
+        for (int i = 0; i < n; i++) {
+            double best = 0;
+            int to = -1;
+            if (m.region[i] >= 0)
+                continue;
+            leftover += pass == 0;
+            for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+                int j = matrix->columns[q];
+                double c = (double)m.moduli[q];
+                if (j != i && m.region[j] >= 0 && c >= best)
+                    best = c, to = m.region[j];
+            }
+            m.region[i] = to;
+            open += to < 0;
+        }
+        if (!open)
+            break;
+    }
+    for (int i = 0; i < n; i++)
+        m.region[i] = m.region[i] < 0 ? 0 : m.region[i];
+    if (getenv("MGV")) {
+        int *sizes = (int *)calloc((size_t)n, sizeof(int));
+        for (int i = 0; i < n; i++)
+            sizes[m.region[i]]++;
+        printf("regions %d leftover %d:", m.count, leftover);
+        for (int k = 0; k < m.count && k < 60; k++)
+            printf(" %d", sizes[k]);
+        printf("\n");
+    }
+    sbi_free(allocator, m.most);
+    sbi_free(allocator, m.queue);
+    sbi_free(allocator, m.hits);
+    sbi_free(allocator, m.stamp);
+    if (getenv("NOREG") || m.count < 2) {
+        sbi_free(allocator, m.region);
+        return 1;
+    }
+    *regions = m.region;
+    return 1;
+}
 
 /* ==== src/softbody/multigrid_lattice.c ==== */
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
@@ -22832,6 +23033,7 @@ static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_m
 typedef struct sbi_lattice_maker {
     const sbi_mg_level *level;
     const sb_vec3 *positions;
+    const int *regions; /* [rows] or NULL */
     sbi_lattice lattice;
     sbi_lattice_table table;
     int point_count;
@@ -22905,7 +23107,7 @@ static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int numbe
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
             int j = level->columns[q], other = m->entry_of[j];
             if (other < m->list_start[point] || other >= m->list_start[point + 1] || m->owner[m->list[other]] != j ||
-                m->number[m->list[other]] >= 0)
+                m->number[m->list[other]] >= 0 || (m->regions && m->regions[i] != m->regions[j]))
                 continue;
             m->number[m->list[other]] = number;
             m->queue[count++] = j;
@@ -22958,9 +23160,15 @@ static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *alloc
     rows->coarse_count = sbi_lattice_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
     made = rows->positions != NULL;
+    if (m->regions) {
+        rows->regions = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
+        made = made && rows->regions;
+    }
     for (int e = 0; e < entries && made; e++) {
         rows->positions[m->number[e]] = sbi_lattice_position(&m->lattice, m->points[rows->nodes[e]]);
         rows->nodes[e] = m->number[e];
+        if (m->regions)
+            rows->regions[m->number[e]] = m->regions[m->owner[e]];
     }
     return made;
 }
@@ -22971,10 +23179,11 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     sbi_free(allocator, rows->nodes);
     sbi_free(allocator, rows->weights);
     sbi_free(allocator, rows->positions);
+    sbi_free(allocator, rows->regions);
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
@@ -22985,6 +23194,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
     memset(rows, 0, sizeof *rows);
     m.level = level;
     m.positions = positions;
+    m.regions = regions;
     while (places < 16 * (size_t)level->row_count)
         places *= 2;
     m.table.mask = places - 1;
@@ -23008,6 +23218,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 /* multigrid: levels and the plans of their updates. */
 
 #include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum {
@@ -23386,7 +23598,7 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
 /* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
  * much smaller. */
 static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
-                                  sbi_mg_rows *rows, sb_error *error)
+                                  const int *regions, sbi_mg_rows *rows, sb_error *error)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     int own = m->level_count - 1, made;
@@ -23401,7 +23613,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, SBI_MG_RATIO, &m->allocator, rows);
+        made = sbi_mg_lattice(level, positions, regions, SBI_MG_RATIO, &m->allocator, rows);
         if (made && rows->coarse_count > level->row_count / 2)
             sbi_mg_rows_free(&m->allocator, rows);
     }
@@ -23423,13 +23635,18 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
 }
 
 /* Coarser levels until one is small enough, or does not get smaller. */
-static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
+static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *matrix, sb_error *error)
 {
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
+    int *regions;
     memset(&last, 0, sizeof last);
-    while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
-        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+    if (!sbi_mg_find_regions(matrix, setup->moduli, setup->positions, &m->allocator, &regions))
+        return sbi_mg_no_memory(m, error);
+    while (result == SB_OK && m->level_count < (getenv("MGL") ? atoi(getenv("MGL")) : SBI_MG_MAX_LEVELS)) {
+        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions,
+                                   last.positions ? last.regions : regions, &rows, error);
+        if (getenv("MGV")) printf("level %d: %d -> %d\n", m->level_count, m->levels[m->level_count-1].row_count, rows.coarse_count);
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -23438,6 +23655,7 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->allocator, &last);
+    sbi_free(&m->allocator, regions);
     return result;
 }
 
@@ -23445,7 +23663,7 @@ static int sbi_mg_take_dense(sbi_multigrid *m)
 {
     int rows = m->levels[m->level_count - 1].row_count;
     size_t size = 3 * (size_t)rows;
-    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
+    if (m->level_count == 1 || rows > 16 * SBI_MG_DENSE)
         return 1;
     m->dense = (int)size;
     m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
@@ -23471,7 +23689,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK)
-        result = sbi_mg_coarsen(m, setup, error);
+        result = sbi_mg_coarsen(m, setup, pattern, error);
     if (result == SB_OK && !sbi_mg_take_dense(m))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {
@@ -25639,6 +25857,7 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     sbi_multigrid_setup setup;
     sb_result result;
     setup.positions = def->positions;
+    setup.moduli = def->moduli;
     setup.levels = def->levels;
     setup.level_count = def->level_count;
     setup.like = like ? like->multigrid : NULL;

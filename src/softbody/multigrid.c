@@ -2,6 +2,8 @@
 #include "multigrid_level.h"
 
 #include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum {
@@ -380,7 +382,7 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
 /* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
  * much smaller. */
 static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
-                                  sbi_mg_rows *rows, sb_error *error)
+                                  const int *regions, sbi_mg_rows *rows, sb_error *error)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     int own = m->level_count - 1, made;
@@ -395,8 +397,8 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, SBI_MG_RATIO, &m->allocator, rows);
-        if (made && rows->coarse_count > level->row_count / 2)
+        made = sbi_mg_lattice(level, positions, regions, SBI_MG_RATIO, &m->allocator, rows);
+        if (made && rows->coarse_count > (regions ? level->row_count / 4 * 3 : level->row_count / 2))
             sbi_mg_rows_free(&m->allocator, rows);
     }
     return made ? SB_OK : sbi_mg_no_memory(m, error);
@@ -417,13 +419,18 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
 }
 
 /* Coarser levels until one is small enough, or does not get smaller. */
-static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
+static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *matrix, sb_error *error)
 {
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
+    int *regions;
     memset(&last, 0, sizeof last);
-    while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
-        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+    if (!sbi_mg_find_regions(matrix, setup->moduli, setup->positions, &m->allocator, &regions))
+        return sbi_mg_no_memory(m, error);
+    while (result == SB_OK && m->level_count < (getenv("MGL") ? atoi(getenv("MGL")) : SBI_MG_MAX_LEVELS)) {
+        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions,
+                                   last.positions ? last.regions : regions, &rows, error);
+        if (getenv("MGV")) printf("level %d: %d -> %d\n", m->level_count, m->levels[m->level_count-1].row_count, rows.coarse_count);
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -432,6 +439,7 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->allocator, &last);
+    sbi_free(&m->allocator, regions);
     return result;
 }
 
@@ -439,7 +447,7 @@ static int sbi_mg_take_dense(sbi_multigrid *m)
 {
     int rows = m->levels[m->level_count - 1].row_count;
     size_t size = 3 * (size_t)rows;
-    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
+    if (m->level_count == 1 || rows > 16 * SBI_MG_DENSE)
         return 1;
     m->dense = (int)size;
     m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
@@ -465,7 +473,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK)
-        result = sbi_mg_coarsen(m, setup, error);
+        result = sbi_mg_coarsen(m, setup, pattern, error);
     if (result == SB_OK && !sbi_mg_take_dense(m))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {

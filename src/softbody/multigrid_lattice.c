@@ -2,6 +2,7 @@
 #include "multigrid_level.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
@@ -9,6 +10,9 @@
 typedef struct sbi_lattice {
     double low[3], extent[3]; /* m */
     int cells[3];             /* 0 along an axis without extent */
+    double own[2][3];
+    int64_t first;            /* number of its first point */
+    int tet;                  /* 1: a single tet around all nodes in place of cells */
 } sbi_lattice;
 
 /* Where a node lies: the corners of its tet that have a share. */
@@ -20,36 +24,73 @@ typedef struct sbi_lattice_place {
 
 static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
 
-/* Largest extent. */
-static double sbi_lattice_bound(const sb_vec3 *positions, int count, sbi_lattice *lattice)
+/* Boxes of the regions; returns the largest extent. */
+static double sbi_lattice_bound(const sb_vec3 *positions, const int *regions, int count, sbi_lattice *lattices,
+                                int lattice_count)
 {
     double largest = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        double low = sbi_lattice_coordinate(positions[0], axis), high = low;
-        for (int i = 1; i < count; i++) {
-            double x = sbi_lattice_coordinate(positions[i], axis);
-            low = x < low ? x : low;
-            high = x > high ? x : high;
+    for (int l = 0; l < lattice_count; l++)
+        lattices[l].tet = -1;
+    for (int i = 0; i < count; i++) {
+        sbi_lattice *lattice = lattices + (regions ? regions[i] : 0);
+        for (int axis = 0; axis < 3; axis++) {
+            double x = sbi_lattice_coordinate(positions[i], axis), low = lattice->low[axis], high = lattice->extent[axis];
+            lattice->low[axis] = lattice->tet || x < low ? x : low;
+            lattice->extent[axis] = lattice->tet || x > high ? x : high; /* the upper end, so far */
         }
-        lattice->low[axis] = low;
-        lattice->extent[axis] = high - low;
-        largest = high - low > largest ? high - low : largest;
+        lattice->tet = 0;
     }
+    sbi_lattice *whole = lattices + lattice_count;
+    for (int axis = 0; axis < 3; axis++) {
+        whole->low[axis] = whole->extent[axis] = sbi_lattice_coordinate(positions[0], axis);
+        for (int l = 0; l < lattice_count; l++) {
+            whole->low[axis] = lattices[l].low[axis] < whole->low[axis] ? lattices[l].low[axis] : whole->low[axis];
+            whole->extent[axis] = lattices[l].extent[axis] > whole->extent[axis] ? lattices[l].extent[axis] : whole->extent[axis];
+        }
+        whole->extent[axis] -= whole->low[axis];
+    }
+    for (int l = 0; l < lattice_count; l++)
+        for (int axis = 0; axis < 3; axis++) {
+            lattices[l].extent[axis] -= lattices[l].low[axis];
+            lattices[l].own[0][axis] = lattices[l].low[axis];
+            lattices[l].own[1][axis] = lattices[l].extent[axis];
+            largest = whole->extent[axis] > largest ? whole->extent[axis] : largest;
+        }
     return largest;
 }
 
-/* Cells of about `edge` that fill the box. */
-static void sbi_lattice_cut(sbi_lattice *lattice, double edge)
+/* Cells of about `edge`: those of the box of all nodes for regions of more than a cell, and a tet for others. */
+static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count, double edge)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        double cells = lattice->extent[axis] / edge + 0.5; /* not a number where there is no extent */
-        lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+    int64_t first = 0;
+    const sbi_lattice *whole = lattices + lattice_count;
+    double lim = getenv("LIM") ? atof(getenv("LIM")) : 1.5;
+    for (int l = 0; l < lattice_count; l++) {
+        sbi_lattice *lattice = lattices + l;
+        int64_t points = 1;
+        int single = 1;
+        for (int axis = 0; axis < 3; axis++) {
+            double cells = whole->extent[axis] / edge + 0.5; /* not a number where there is no extent */
+            lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+            single = single && lattice->own[1][axis] <= lim * edge;
+            points *= lattice->cells[axis] + 1;
+        }
+        single = single && lattice_count > 1;
+        for (int axis = 0; axis < 3; axis++) {
+            lattice->low[axis] = single ? lattice->own[0][axis] : whole->low[axis];
+            lattice->extent[axis] = single ? lattice->own[1][axis] : whole->extent[axis];
+            if (single)
+                lattice->cells[axis] = lattice->extent[axis] > 0;
+        }
+        lattice->first = first;
+        lattice->tet = single;
+        first += points;
     }
 }
 
 static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
 {
-    return ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
+    return lattice->first + ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
 }
 
 /* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
@@ -76,14 +117,24 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
             at[axis] = cells - 1;
         share[axis] = t - at[axis];
     }
+    if (lattice->tet) {
+        int corner[3] = {0, 0, 0};
+        sbi_lattice_add(lattice, corner, 1 - (share[0] + share[1] + share[2]) / 3, &place);
+        for (int axis = 0; axis < 3; axis++) {
+            corner[axis] = lattice->cells[axis];
+            sbi_lattice_add(lattice, corner, share[axis] / 3, &place);
+            corner[axis] = 0;
+        }
+    } else
     for (int a = 1; a < 3; a++) /* by falling share */
         for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
             int swap = order[b];
             order[b] = order[b - 1];
             order[b - 1] = swap;
         }
-    sbi_lattice_add(lattice, at, 1 - share[order[0]], &place);
-    for (int k = 0; k < 3; k++) {
+    if (!lattice->tet)
+        sbi_lattice_add(lattice, at, 1 - share[order[0]], &place);
+    for (int k = 0; k < 3 && !lattice->tet; k++) {
         at[order[k]]++;
         sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), &place);
     }
@@ -97,9 +148,11 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
 static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
 {
     double x[3];
+    point -= lattice->first;
     for (int axis = 0; axis < 3; axis++) {
         int64_t points = lattice->cells[axis] + 1;
         double share = lattice->cells[axis] ? (double)(point % points) / lattice->cells[axis] : 0;
+        share *= lattice->tet ? 3 : 1;
         x[axis] = lattice->low[axis] + share * lattice->extent[axis];
         point /= points;
     }
@@ -137,12 +190,12 @@ static void sbi_lattice_forget(sbi_lattice_table *table)
 }
 
 /* 1: no more than `most` points are in use. */
-static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions, int count, int most,
+static int sbi_lattice_fits(const sbi_lattice *lattices, const sb_vec3 *positions, const int *regions, int count, int most,
                             sbi_lattice_table *table)
 {
     sbi_lattice_forget(table);
     for (int i = 0; i < count && table->count <= most; i++) {
-        sbi_lattice_place place = sbi_lattice_find(lattice, positions[i]);
+        sbi_lattice_place place = sbi_lattice_find(lattices + (regions ? regions[i] : 0), positions[i]);
         for (int k = 0; k < place.count; k++)
             sbi_lattice_number(table, place.points[k]);
     }
@@ -164,14 +217,14 @@ static int sbi_lattice_keep_least(double *least, int count, int limit, double va
 
 /* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
  * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
-static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, int row)
 {
     enum { NEAREST = 6 };
     double squares[NEAREST], sum = 0;
     int count = 0;
     for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
         sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
-        if (level->columns[q] != row)
+        if (level->columns[q] != row && (!regions || regions[row] == regions[level->columns[q]]))
             count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
     }
     for (int k = 0; k < count; k++)
@@ -181,20 +234,21 @@ static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 
 
 /* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
  * one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level,
-                               const sb_vec3 *positions, double ratio, int most, sbi_lattice_table *table)
+static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double largest, const sbi_mg_level *level,
+                               const sb_vec3 *positions, const int *regions, double ratio, int most,
+                               sbi_lattice_table *table)
 {
     double sum = 0, edge;
     for (int i = 0; i < level->row_count; i++)
-        sum += sbi_lattice_node_spacing(level, positions, i);
+        sum += sbi_lattice_node_spacing(level, positions, regions, i);
     edge = ratio * sum / level->row_count;
     edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
     for (; edge < largest; edge *= 1.25) {
-        sbi_lattice_cut(lattice, edge);
-        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
+        sbi_lattice_cut(lattices, lattice_count, edge);
+        if (sbi_lattice_fits(lattices, positions, regions, level->row_count, most, table))
             return;
     }
-    sbi_lattice_cut(lattice, largest);
+    sbi_lattice_cut(lattices, lattice_count, largest);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
@@ -202,7 +256,9 @@ static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_m
 typedef struct sbi_lattice_maker {
     const sbi_mg_level *level;
     const sb_vec3 *positions;
-    sbi_lattice lattice;
+    const int *regions; /* [rows] or NULL */
+    sbi_lattice *lattices;
+    int lattice_count;
     sbi_lattice_table table;
     int point_count;
     int64_t *points;   /* [point_count] */
@@ -225,7 +281,7 @@ static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
     int entries = 0;
     for (int i = 0; i < m->level->row_count; i++)
         if (!sbi_lattice_is_alone(m->level, i))
-            entries += sbi_lattice_find(&m->lattice, m->positions[i]).count;
+            entries += sbi_lattice_find(m->lattices + (m->regions ? m->regions[i] : 0), m->positions[i]).count;
     return entries;
 }
 
@@ -234,7 +290,7 @@ static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
     int entries = 0;
     sbi_lattice_forget(&m->table);
     for (int i = 0; i < m->level->row_count; i++) {
-        sbi_lattice_place place = sbi_lattice_find(&m->lattice, m->positions[i]);
+        sbi_lattice_place place = sbi_lattice_find(m->lattices + (m->regions ? m->regions[i] : 0), m->positions[i]);
         rows->start[i] = entries;
         for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
             rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
@@ -328,9 +384,15 @@ static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *alloc
     rows->coarse_count = sbi_lattice_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
     made = rows->positions != NULL;
+    if (m->regions) {
+        rows->regions = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
+        made = made && rows->regions;
+    }
     for (int e = 0; e < entries && made; e++) {
-        rows->positions[m->number[e]] = sbi_lattice_position(&m->lattice, m->points[rows->nodes[e]]);
+        rows->positions[m->number[e]] = sbi_lattice_position(m->lattices + (m->regions ? m->regions[m->owner[e]] : 0), m->points[rows->nodes[e]]);
         rows->nodes[e] = m->number[e];
+        if (m->regions)
+            rows->regions[m->number[e]] = m->regions[m->owner[e]];
     }
     return made;
 }
@@ -341,10 +403,11 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     sbi_free(allocator, rows->nodes);
     sbi_free(allocator, rows->weights);
     sbi_free(allocator, rows->positions);
+    sbi_free(allocator, rows->regions);
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
@@ -355,18 +418,25 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
     memset(rows, 0, sizeof *rows);
     m.level = level;
     m.positions = positions;
+    m.regions = regions;
     while (places < 16 * (size_t)level->row_count)
         places *= 2;
     m.table.mask = places - 1;
     m.table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
     m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
-    if (m.table.points && m.table.numbers) {
-        largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
+    m.lattice_count = 1;
+    for (int i = 0; i < level->row_count && regions; i++)
+        m.lattice_count = regions[i] >= m.lattice_count ? regions[i] + 1 : m.lattice_count;
+    m.lattices = (sbi_lattice *)sbi_alloc(allocator, (size_t)m.lattice_count + 1, sizeof(sbi_lattice));
+    if (m.table.points && m.table.numbers && m.lattices) {
+        largest = sbi_lattice_bound(positions, regions, level->row_count, m.lattices, m.lattice_count);
+        sbi_lattice_choose(m.lattices, m.lattice_count, largest, level, positions, regions, ratio,
+                           regions ? level->row_count / 2 : level->row_count / 4, &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
     sbi_free(allocator, m.table.numbers);
+    sbi_free(allocator, m.lattices);
     sbi_free(allocator, m.points);
     sbi_free(allocator, m.list_start);
     if (!made)

@@ -71,12 +71,17 @@ typedef struct sbi_mg_rows {
     int *nodes;
     float *weights;
     sb_vec3 *positions;       /* [coarse_count] */
+    int *regions;             /* [coarse_count] or NULL: one region only */
 } sbi_mg_rows;
+
+/* Regions of nodes that are joined by stiffness of one order. *regions is [row_count], numbered from 0 in the order of their first nodes,
+ * or NULL when there is one only. 0: no memory. */
+SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, const sb_vec3 *positions, const sb_allocator *allocator, int **regions);
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
 /* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
  * memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
+SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
                            const sb_allocator *allocator, sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */

@@ -632,6 +632,7 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     sbi_multigrid_setup setup;
     sb_result result;
     setup.positions = def->positions;
+    setup.moduli = def->moduli;
     setup.levels = def->levels;
     setup.level_count = def->level_count;
     setup.like = like ? like->multigrid : NULL;

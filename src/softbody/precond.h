@@ -35,6 +35,7 @@ typedef struct sb_preconditioner_def {
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
+    const sb_real *moduli;    /* [block_count] of the pattern */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
