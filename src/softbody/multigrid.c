@@ -2,15 +2,20 @@
 #include "multigrid_level.h"
 
 #include <limits.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
+/* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
+ * with 1.4 everywhere a stiff sheet takes half as many iterations again. */
+#define SBI_MG_RATIO 2.0
+#define SBI_MG_THIN_RATIO 1.4
+#define SBI_MG_THIN_RATIO_LATER 1.2
+
 enum {
-    SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
+    SBI_MG_TWICE_FROM = 1, /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
                             * unknowns; once: up by 40 % */
+    SBI_MG_REGIONS = 16,   /* that a level can have, */
+    SBI_MG_ROWS_OF_REGION = 64 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -50,6 +55,7 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
     if (!multigrid)
         return;
     allocator = multigrid->allocator;
+    sbi_mg_regions_free(&allocator, &multigrid->regions);
     for (int k = 0; k < multigrid->array_count; k++)
         sbi_free(&allocator, multigrid->arrays[k]);
     sbi_free(&allocator, multigrid);
@@ -379,10 +385,52 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
+/* Takes the regions of `like`, or finds them where moduli are given. The user's levels stay as they are. */
+static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
+{
+    int made = 1;
+    if (setup->like)
+        made = sbi_mg_copy_regions(&setup->like->regions, &m->allocator, &m->regions);
+    else if (setup->moduli && setup->level_count == 0)
+        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
+    m->bytes += (size_t)m->regions.row_count * sizeof(int) +
+                (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
+    return made;
+}
+
+/* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where
+ * they hardly do: they must not keep the coarsest level from being small. */
+static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, int *labels, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    sbi_mg_nodes nodes;
+    int made = 1, count = level->row_count;
+    nodes.level = level;
+    nodes.positions = positions;
+    nodes.regions = &m->regions;
+    nodes.labels = labels;
+    if (labels) {
+        double thin = m->level_count == 1 ? SBI_MG_THIN_RATIO : SBI_MG_THIN_RATIO_LATER;
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
+                                    labels) &&
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, thin, &m->allocator, rows);
+        if (!made || rows->coarse_count <= count - count / 8)
+            return made;
+        sbi_mg_rows_free(&m->allocator, rows);
+        if (count <= 2 * SBI_MG_DENSE)
+            return 1;
+        nodes.labels = NULL;
+    }
+    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->allocator, rows);
+    if (made && rows->coarse_count > count / 2)
+        sbi_mg_rows_free(&m->allocator, rows);
+    return made;
+}
+
 /* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
- * much smaller. */
-static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
-                                  const int *regions, sbi_mg_rows *rows, sb_error *error)
+ * much smaller. `last` are those that made the last level, or zero. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *last,
+                                  sbi_mg_rows *rows, sb_error *error)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     int own = m->level_count - 1, made;
@@ -397,9 +445,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, regions, SBI_MG_RATIO, &m->allocator, rows);
-        if (made && rows->coarse_count > (regions ? level->row_count / 4 * 3 : level->row_count / 2))
-            sbi_mg_rows_free(&m->allocator, rows);
+        made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
     return made ? SB_OK : sbi_mg_no_memory(m, error);
 }
@@ -419,18 +465,19 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
 }
 
 /* Coarser levels until one is small enough, or does not get smaller. */
-static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *matrix, sb_error *error)
+static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
 {
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
-    int *regions;
     memset(&last, 0, sizeof last);
-    if (!sbi_mg_find_regions(matrix, setup->moduli, setup->positions, &m->allocator, &regions))
-        return sbi_mg_no_memory(m, error);
-    while (result == SB_OK && m->level_count < (getenv("MGL") ? atoi(getenv("MGL")) : SBI_MG_MAX_LEVELS)) {
-        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions,
-                                   last.positions ? last.regions : regions, &rows, error);
-        if (getenv("MGV")) printf("level %d: %d -> %d\n", m->level_count, m->levels[m->level_count-1].row_count, rows.coarse_count);
+    if (m->regions.count) {
+        last.labels = (int *)sbi_alloc(&m->allocator, (size_t)m->regions.row_count, sizeof(int));
+        if (!last.labels)
+            return sbi_mg_no_memory(m, error);
+        memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
+    }
+    while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
+        result = sbi_mg_make_rows(m, setup, &last, &rows, error);
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -439,7 +486,6 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->allocator, &last);
-    sbi_free(&m->allocator, regions);
     return result;
 }
 
@@ -447,7 +493,7 @@ static int sbi_mg_take_dense(sbi_multigrid *m)
 {
     int rows = m->levels[m->level_count - 1].row_count;
     size_t size = 3 * (size_t)rows;
-    if (m->level_count == 1 || rows > 16 * SBI_MG_DENSE)
+    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
         return 1;
     m->dense = (int)size;
     m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
@@ -472,8 +518,10 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
+    if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
+        result = sbi_mg_no_memory(m, error);
     if (result == SB_OK)
-        result = sbi_mg_coarsen(m, setup, pattern, error);
+        result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_dense(m))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {

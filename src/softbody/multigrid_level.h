@@ -48,6 +48,17 @@ typedef struct sbi_mg_level {
     size_t *target_start;     /* [coarser rows + 1] */
 } sbi_mg_level;
 
+/* Parts of a body that are stiff in one piece, where moduli jump. Coarse nodes that span a jump cannot follow the stiff
+ * side without dragging the soft one along, so each region has coarse nodes of its own, on all levels; the linear
+ * motions of the whole are still motions of theirs. */
+typedef struct sbi_mg_regions {
+    int row_count;
+    int count;       /* 0: no jumps, and no arrays */
+    int *of;         /* [row_count] region of each of the finest nodes */
+    sb_real *moduli; /* [count] largest (Pa) */
+    int *sizes;      /* [count] how many of the finest nodes */
+} sbi_mg_regions;
+
 struct sbi_multigrid {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -55,6 +66,7 @@ struct sbi_multigrid {
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
     int twice_from;           /* levels from here on go through their cycle twice */
+    sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
@@ -64,6 +76,16 @@ struct sbi_multigrid {
     void *arrays[SBI_MG_MAX_ARRAYS];
 };
 
+/* Regions of the nodes of a pattern. 0: no memory. */
+SBI_API int sbi_mg_find_regions(const sb_matrix *pattern, const sb_real *moduli, const sb_vec3 *positions,
+                                const sb_allocator *allocator, sbi_mg_regions *regions);
+SBI_API int sbi_mg_copy_regions(const sbi_mg_regions *from, const sb_allocator *allocator, sbi_mg_regions *regions);
+SBI_API void sbi_mg_regions_free(const sb_allocator *allocator, sbi_mg_regions *regions);
+/* Joins all but the `most` largest regions that the labels of a level's nodes name with neighbours: a small stiff part
+ * counts for little in coarse cells much larger than it. 0: no memory. */
+SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions *regions, int most,
+                                 const sb_allocator *allocator, int *labels);
+
 /* Interpolation rows in the making, with arrays of their own. */
 typedef struct sbi_mg_rows {
     int coarse_count;
@@ -71,17 +93,21 @@ typedef struct sbi_mg_rows {
     int *nodes;
     float *weights;
     sb_vec3 *positions;       /* [coarse_count] */
-    int *regions;             /* [coarse_count] or NULL: one region only */
+    int *labels;              /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
-/* Regions of nodes that are joined by stiffness of one order. *regions is [row_count], numbered from 0 in the order of their first nodes,
- * or NULL when there is one only. 0: no memory. */
-SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, const sb_vec3 *positions, const sb_allocator *allocator, int **regions);
+/* What a lattice is laid over. */
+typedef struct sbi_mg_nodes {
+    const sbi_mg_level *level;
+    const sb_vec3 *positions;      /* [rows] (m) */
+    const sbi_mg_regions *regions; /* read where there are labels */
+    const int *labels;             /* [rows] region of each, or NULL: all are one */
+} sbi_mg_nodes;
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
- * memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
-                           const sb_allocator *allocator, sbi_mg_rows *rows);
+/* Interpolation from a lattice of tets laid over the nodes, one for each region, with edges about `ratio` times as long
+ * as theirs; `thin_ratio` for stiff regions that are hardly more than their surface. 0: no memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
+                           sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */
