@@ -487,6 +487,7 @@
 #define sb_solver_auto sb_solver_auto_f32
 #define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
+#define sb_preconditioner_moduli sb_preconditioner_moduli_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
 #define sb_preconditioner_update sb_preconditioner_update_f32
@@ -4351,7 +4352,11 @@ typedef struct sb_preconditioner_def {
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
-    const sb_real *moduli;    /* [block_count] of the pattern */
+    const sb_real *moduli;    /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
+                               * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
+                               * Parts whose moduli differ by more than five then get coarse nodes of their own: jumps
+                               * of 1:1000 cost up to twice the iterations in place of ten times as many. Not with
+                               * levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -4378,8 +4383,8 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Long steps and nu 0.49 about double its iterations; jumps of the modulus
- * by 1,000 cost it more than IC0, which still needs as many on large meshes. The choice does not depend on the
+ * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
+ * jumps of the modulus by 1,000 about double its iterations. The choice does not depend on the
  * number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
@@ -4387,6 +4392,15 @@ SB_API const char *sb_precond_string(sb_precond_kind kind);
 
 /* The defaults named at the fields. */
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
+
+/* moduli[block_count] of a def from those of the cells.
+ * pattern         made of the cells, by sb_matrix_create or wider; blocks whose nodes share no cell get 0
+ * cells           [cell_count][nodes_per_cell]
+ * young           [cell_count] (Pa), >= 0
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element: a node outside, or no block for two nodes) or
+ * SB_ERROR_NOT_FINITE; what moduli holds is then unspecified. Time as an assembly. */
+SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_count, int nodes_per_cell,
+                                          const int *cells, const sb_real *young, sb_real *moduli, sb_error *error);
 
 /* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
@@ -5664,7 +5678,7 @@ typedef struct sbi_multigrid_setup {
     const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like;        /* take the user's levels from here instead, or NULL */
+    const sbi_multigrid *like;        /* take the user's levels or the regions from here instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
 
@@ -22597,6 +22611,17 @@ typedef struct sbi_mg_level {
     size_t *target_start;     /* [coarser rows + 1] */
 } sbi_mg_level;
 
+/* Parts of a body that are stiff in one piece, where moduli jump. Coarse nodes that span a jump cannot follow the stiff
+ * side without dragging the soft one along, so each region has coarse nodes of its own, on all levels; the linear
+ * motions of the whole are still motions of theirs. */
+typedef struct sbi_mg_regions {
+    int row_count;
+    int count;       /* 0: no jumps, and no arrays */
+    int *of;         /* [row_count] region of each of the finest nodes */
+    sb_real *moduli; /* [count] largest (Pa) */
+    int *sizes;      /* [count] how many of the finest nodes */
+} sbi_mg_regions;
+
 struct sbi_multigrid {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -22604,6 +22629,7 @@ struct sbi_multigrid {
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
     int twice_from;           /* levels from here on go through their cycle twice */
+    sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
     double *factor;           /* [dense][dense] */
@@ -22613,6 +22639,16 @@ struct sbi_multigrid {
     void *arrays[SBI_MG_MAX_ARRAYS];
 };
 
+/* Regions of the nodes of a pattern. 0: no memory. */
+SBI_API int sbi_mg_find_regions(const sb_matrix *pattern, const sb_real *moduli, const sb_vec3 *positions,
+                                const sb_allocator *allocator, sbi_mg_regions *regions);
+SBI_API int sbi_mg_copy_regions(const sbi_mg_regions *from, const sb_allocator *allocator, sbi_mg_regions *regions);
+SBI_API void sbi_mg_regions_free(const sb_allocator *allocator, sbi_mg_regions *regions);
+/* Joins all but the `most` largest regions that the labels of a level's nodes name with neighbours: a small stiff part
+ * counts for little in coarse cells much larger than it. 0: no memory. */
+SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions *regions, int most,
+                                 const sb_allocator *allocator, int *labels);
+
 /* Interpolation rows in the making, with arrays of their own. */
 typedef struct sbi_mg_rows {
     int coarse_count;
@@ -22620,212 +22656,343 @@ typedef struct sbi_mg_rows {
     int *nodes;
     float *weights;
     sb_vec3 *positions;       /* [coarse_count] */
-    int *regions;             /* [coarse_count] or NULL: one region only */
+    int *labels;              /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
-/* Regions of nodes that are joined by stiffness of one order. *regions is [row_count], numbered from 0 in the order of their first nodes,
- * or NULL when there is one only. 0: no memory. */
-SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, const sb_vec3 *positions, const sb_allocator *allocator, int **regions);
+/* What a lattice is laid over. */
+typedef struct sbi_mg_nodes {
+    const sbi_mg_level *level;
+    const sb_vec3 *positions;      /* [rows] (m) */
+    const sbi_mg_regions *regions; /* read where there are labels */
+    const int *labels;             /* [rows] region of each, or NULL: all are one */
+} sbi_mg_nodes;
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
- * memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
-                           const sb_allocator *allocator, sbi_mg_rows *rows);
+/* Interpolation from a lattice of tets laid over the nodes, one for each region, with edges about `ratio` times as long
+ * as theirs; `thin_ratio` for stiff regions that are hardly more than their surface. 0: no memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
+                           sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */
 
 /* ==== src/softbody/multigrid_region.c ==== */
-/* multigrid_region: where the stiffness of a matrix jumps. */
+/* multigrid_region: where the stiffness jumps, and which parts are stiff in one piece. */
 
-#include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Pieces in the making. */
-typedef struct sbi_region_maker {
-    const sb_matrix *matrix;
-    const sb_real *moduli;
-    double *most;  /* [rows] largest coupling of a node with another */
-    int *region;   /* [rows] -1: none yet */
-    int *queue;    /* [rows] */
-    int *hits;     /* [rows] neighbours in the piece at work, */
-    int *stamp;    /* [rows] when this is its number */
-    int *member, *first;
-    int work;
-    const sb_vec3 *positions;
-    int count;
-} sbi_region_maker;
+/* Couplings below this share of the largest of either node are cut. Bodies whose moduli differ less need no regions:
+ * six slabs of alternating stiffness take 6 iterations at 1:6 where an even body takes 4. */
+#define SBI_REGION_CUT 0.2
 
-static double cutv(void) { return getenv("CUT") ? atof(getenv("CUT")) : 0.2; }
+enum { SBI_REGION_SEEDS = 8 }; /* triangles tried at a node: more than that are never in no solid piece */
+
+/* Pieces in the making. A piece is what moves as one: it grows from a triangle by nodes that are held by three of its
+ * nodes which are not in line, as the next tet across a face is. Pieces that share a node or an edge only can turn
+ * about it like a hinge, so they are two; the shared nodes belong to the first, and linear motions of either pass
+ * through them. */
+typedef struct sbi_region_maker {
+    const sb_matrix *pattern;
+    const sb_real *moduli;
+    const sb_vec3 *positions;
+    sb_real *most;   /* [rows] largest modulus of a node's couplings (Pa) */
+    int *region;     /* [rows] -1: none yet */
+    int *queue;      /* [rows] nodes of the piece at work */
+    int *member;     /* [rows] number of the last piece with the node, */
+    int *touched;    /* [rows] and of the last one that has a neighbour of it, */
+    int *holders;    /* [rows][2] its first two neighbours there; the second may be -1 */
+    int piece, region_count;
+} sbi_region_maker;
 
 static int sbi_region_is_strong(const sbi_region_maker *m, int i, int q)
 {
-    int j = m->matrix->columns[q];
-    return j != i && (double)m->moduli[q] > cutv() * fmax(m->most[i], m->most[j]);
+    int j = m->pattern->columns[q];
+    double most = (double)(m->most[i] > m->most[j] ? m->most[i] : m->most[j]);
+    return j != i && (double)m->moduli[q] > SBI_REGION_CUT * most;
 }
 
-/* member[i] == work: node i is in the piece at work. */
-static void sbi_region_add(sbi_region_maker *m, int node, int *count)
-{
-    m->member[node] = m->work;
-    m->queue[(*count)++] = node;
-}
-
+/* 1: three nodes lie within a tenth of their extent of one line. */
 static int sbi_region_in_line(const sb_vec3 *x, int a, int b, int c)
 {
     sb_vec3 u = sb_v3_sub(x[b], x[a]), v = sb_v3_sub(x[c], x[a]), w = sb_v3_sub(x[c], x[b]), n = sb_v3_cross(u, v);
-    double uu = sb_v3_dot(u, u), vv = sb_v3_dot(v, v), ww = sb_v3_dot(w, w);
-    double longest = fmax(uu, fmax(vv, ww));
-    return sb_v3_dot(n, n) < 0.01 * longest * longest;
+    double uu = (double)sb_v3_dot(u, u), vv = (double)sb_v3_dot(v, v), ww = (double)sb_v3_dot(w, w);
+    double longest = uu > vv ? uu : vv;
+    longest = ww > longest ? ww : longest;
+    return (double)sb_v3_dot(n, n) < 0.01 * longest * longest;
+}
+
+static void sbi_region_join(sbi_region_maker *m, int node, int *count)
+{
+    m->member[node] = m->piece;
+    m->queue[(*count)++] = node;
+}
+
+/* A neighbour of node j has come into the piece: 1 when j is held now. */
+static int sbi_region_hold(sbi_region_maker *m, int j, int by)
+{
+    int *holders = m->holders + 2 * (size_t)j;
+    if (m->touched[j] != m->piece) {
+        m->touched[j] = m->piece;
+        holders[0] = by;
+        holders[1] = -1;
+    } else if (holders[1] < 0) {
+        holders[1] = by;
+    } else {
+        return !sbi_region_in_line(m->positions, holders[0], holders[1], by);
+    }
+    return 0;
 }
 
 static int sbi_region_grow(sbi_region_maker *m, int count)
 {
+    const sb_matrix *a = m->pattern;
     for (int head = 0; head < count; head++) {
         int i = m->queue[head];
-        for (int q = m->matrix->row_start[i]; q < m->matrix->row_start[i + 1]; q++) {
-            int j = m->matrix->columns[q];
-            if (m->member[j] == m->work || !sbi_region_is_strong(m, i, q))
-                continue;
-            if (m->stamp[j] != m->work) {
-                m->stamp[j] = m->work;
-                m->hits[j] = 1;
-                m->first[2 * j] = i;
-            } else if (m->hits[j] == 1) {
-                m->hits[j] = 2;
-                m->first[2 * j + 1] = i;
-            } else if (!sbi_region_in_line(m->positions, m->first[2 * j], m->first[2 * j + 1], i)) {
-                sbi_region_add(m, j, &count);
-            }
+        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+            int j = a->columns[q];
+            if (m->member[j] != m->piece && sbi_region_is_strong(m, i, q) && sbi_region_hold(m, j, i))
+                sbi_region_join(m, j, &count);
         }
     }
     return count;
 }
 
-/* Seeds: a triangle of strong couplings. */
+/* Starts a piece with the triangle of strong couplings at node i that comes after `skip` others; 0: there is none. */
 static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
 {
-    const sb_matrix *a = m->matrix;
+    const sb_matrix *a = m->pattern;
     int count = 0;
     for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
         int j = a->columns[q];
         if (!sbi_region_is_strong(m, i, q))
             continue;
         for (int p = q + 1; p < a->row_start[i + 1]; p++) {
-            int k = a->columns[p], side;
-            if (!sbi_region_is_strong(m, i, p))
-                continue;
-            side = sb_matrix_find(a, j, k);
+            int k = a->columns[p], side = sbi_region_is_strong(m, i, p) ? sb_matrix_find(a, j, k) : -1;
             if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
                 continue;
-            m->work++;
-            sbi_region_add(m, i, &count);
-            sbi_region_add(m, j, &count);
-            sbi_region_add(m, k, &count);
+            m->piece++;
+            sbi_region_join(m, i, &count);
+            sbi_region_join(m, j, &count);
+            sbi_region_join(m, k, &count);
             return count;
         }
     }
     return 0;
 }
 
-SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, const sb_vec3 *positions, const sb_allocator *allocator, int **regions)
+/* The region that owns three nodes of the piece which are not in line, and so moves with it; or -1. */
+static int sbi_region_owner(const sbi_region_maker *m, int count)
 {
-    int n = matrix->row_count, leftover = 0;
-    sbi_region_maker m;
-    *regions = NULL;
-    if (!moduli)
+    for (int k = 0; k < count; k++) {
+        int region = m->region[m->queue[k]], second = -1;
+        for (int l = k + 1; l < count && region >= 0; l++) {
+            int node = m->queue[l];
+            if (m->region[node] != region)
+                continue;
+            if (second < 0)
+                second = node;
+            else if (!sbi_region_in_line(m->positions, m->queue[k], second, node))
+                return region;
+        }
+    }
+    return -1;
+}
+
+/* Finds the piece that node i is in. */
+static void sbi_region_place(sbi_region_maker *m, int i)
+{
+    for (int skip = 0; skip < SBI_REGION_SEEDS && m->region[i] < 0; skip++) {
+        int count = sbi_region_seed(m, i, skip), owner;
+        if (count == 0)
+            return;
+        count = sbi_region_grow(m, count);
+        if (count < 4)
+            continue;
+        owner = sbi_region_owner(m, count);
+        for (int k = 0; k < count; k++)
+            if (m->region[m->queue[k]] < 0)
+                m->region[m->queue[k]] = owner < 0 ? m->region_count : owner;
+        m->region_count += owner < 0;
+    }
+}
+
+/* Nodes in no piece go with the neighbour that they are coupled with most. */
+static void sbi_region_place_rest(sbi_region_maker *m)
+{
+    const sb_matrix *a = m->pattern;
+    int changed = 1;
+    while (changed) {
+        changed = 0;
+        for (int i = 0; i < a->row_count; i++) {
+            int best = -1;
+            for (int q = a->row_start[i]; q < a->row_start[i + 1] && m->region[i] < 0; q++)
+                if (m->region[a->columns[q]] >= 0 && (best < 0 || m->moduli[q] > m->moduli[best]))
+                    best = q;
+            if (best < 0)
+                continue;
+            m->region[i] = m->region[a->columns[best]];
+            changed = 1;
+        }
+    }
+    for (int i = 0; i < a->row_count; i++) /* coupled with none that has a region */
+        m->region[i] = m->region[i] < 0 ? 0 : m->region[i];
+}
+
+static void sbi_region_prepare(sbi_region_maker *m)
+{
+    const sb_matrix *a = m->pattern;
+    m->queue = m->region + a->row_count;
+    m->member = m->queue + a->row_count;
+    m->touched = m->member + a->row_count;
+    m->holders = m->touched + a->row_count;
+    for (int i = 0; i < a->row_count; i++) {
+        m->region[i] = -1;
+        m->member[i] = m->touched[i] = 0;
+        m->most[i] = 0;
+        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+            if (a->columns[q] != i && m->moduli[q] > m->most[i])
+                m->most[i] = m->moduli[q];
+    }
+}
+
+/* Hands the regions over. */
+static int sbi_region_finish(const sbi_region_maker *m, const sb_allocator *allocator, sbi_mg_regions *regions)
+{
+    size_t n = (size_t)m->pattern->row_count, count = (size_t)m->region_count;
+    if (m->region_count < 2)
         return 1;
+    regions->of = (int *)sbi_alloc(allocator, n, sizeof(int));
+    regions->moduli = (sb_real *)sbi_alloc_zeroed(allocator, count, sizeof(sb_real));
+    regions->sizes = (int *)sbi_alloc_zeroed(allocator, count, sizeof(int));
+    if (!regions->of || !regions->moduli || !regions->sizes) {
+        sbi_mg_regions_free(allocator, regions);
+        return 0;
+    }
+    regions->count = m->region_count;
+    regions->row_count = m->pattern->row_count;
+    memcpy(regions->of, m->region, n * sizeof(int));
+    for (size_t i = 0; i < n; i++) {
+        int r = m->region[i];
+        regions->sizes[r]++;
+        if (m->most[i] > regions->moduli[r])
+            regions->moduli[r] = m->most[i];
+    }
+    return 1;
+}
+
+SBI_API void sbi_mg_regions_free(const sb_allocator *allocator, sbi_mg_regions *regions)
+{
+    sbi_free(allocator, regions->of);
+    sbi_free(allocator, regions->moduli);
+    sbi_free(allocator, regions->sizes);
+    memset(regions, 0, sizeof *regions);
+}
+
+SBI_API int sbi_mg_find_regions(const sb_matrix *pattern, const sb_real *moduli, const sb_vec3 *positions,
+                                const sb_allocator *allocator, sbi_mg_regions *regions)
+{
+    size_t n = (size_t)pattern->row_count;
+    sbi_region_maker m;
+    int made = 0;
+    memset(&m, 0, sizeof m);
+    memset(regions, 0, sizeof *regions);
+    m.pattern = pattern;
     m.moduli = moduli;
-    m.matrix = matrix;
-    m.count = 0;
-    m.most = (double *)sbi_alloc(allocator, (size_t)n, sizeof(double));
-    m.region = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
-    m.queue = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
-    m.hits = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
-    m.stamp = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
-    for (int i = 0; i < n; i++) {
-        m.most[i] = 0;
-        m.region[i] = m.stamp[i] = -1;
-        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++)
-            if (matrix->columns[q] != i)
-                m.most[i] = fmax(m.most[i], (double)m.moduli[q]);
-    }
-    m.member = (int *)sbi_alloc(allocator, (size_t)n, sizeof(int));
-    m.first = (int *)sbi_alloc(allocator, 2*(size_t)n, sizeof(int));
     m.positions = positions;
-    m.work = 0;
-    memset(m.member, 0, (size_t)n * sizeof(int));
-    memset(m.stamp, 0, (size_t)n * sizeof(int));
-    for (int i = 0; i < n; i++) {
-        for (int skip = 0; skip < 8 && m.region[i] < 0; skip++) {
-            int count = sbi_region_seed(&m, i, skip), merge = -1, own = 0;
-            if (!count)
-                break;
-            count = sbi_region_grow(&m, count);
-            if (count < 4)
-                continue;
-            /* merge when three nodes, not in line, belong to one region */
-            for (int k = 0; k < count && merge < 0; k++) {
-                int r = m.region[m.queue[k]], a = m.queue[k], b = -1;
-                own += r < 0;
-                for (int l = k + 1; l < count && r >= 0 && merge < 0; l++)
-                    if (m.region[m.queue[l]] == r) {
-                        if (b < 0)
-                            b = m.queue[l];
-                        else if (!sbi_region_in_line(positions, a, b, m.queue[l]))
-                            merge = r;
-                    }
-                if (k > 4096 && r < 0) break;
-            }
-            for (int k = 0; k < count; k++)
-                if (m.region[m.queue[k]] < 0)
-                    m.region[m.queue[k]] = merge >= 0 ? merge : m.count;
-            m.count += merge < 0;
-        }
-    }
-    /* leftovers: to the piece they are coupled with most */
-    for (int pass = 0; pass < 8; pass++) {
-        int open = 0;
-        for (int i = 0; i < n; i++) {
-            double best = 0;
-            int to = -1;
-            if (m.region[i] >= 0)
-                continue;
-            leftover += pass == 0;
-            for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
-                int j = matrix->columns[q];
-                double c = (double)m.moduli[q];
-                if (j != i && m.region[j] >= 0 && c >= best)
-                    best = c, to = m.region[j];
-            }
-            m.region[i] = to;
-            open += to < 0;
-        }
-        if (!open)
-            break;
-    }
-    for (int i = 0; i < n; i++)
-        m.region[i] = m.region[i] < 0 ? 0 : m.region[i];
-    if (getenv("MGV")) {
-        int *sizes = (int *)calloc((size_t)n, sizeof(int));
-        for (int i = 0; i < n; i++)
-            sizes[m.region[i]]++;
-        printf("regions %d leftover %d:", m.count, leftover);
-        for (int k = 0; k < m.count && k < 60; k++)
-            printf(" %d", sizes[k]);
-        printf("\n");
+    m.most = (sb_real *)sbi_alloc(allocator, n, sizeof(sb_real));
+    m.region = (int *)sbi_alloc(allocator, n, 6 * sizeof(int));
+    if (m.most && m.region) {
+        sbi_region_prepare(&m);
+        for (int i = 0; i < pattern->row_count; i++)
+            if (m.region[i] < 0)
+                sbi_region_place(&m, i);
+        sbi_region_place_rest(&m);
+        made = sbi_region_finish(&m, allocator, regions);
     }
     sbi_free(allocator, m.most);
-    sbi_free(allocator, m.queue);
-    sbi_free(allocator, m.hits);
-    sbi_free(allocator, m.stamp);
-    if (getenv("NOREG") || m.count < 2) {
-        sbi_free(allocator, m.region);
+    sbi_free(allocator, m.region);
+    return made;
+}
+
+SBI_API int sbi_mg_copy_regions(const sbi_mg_regions *from, const sb_allocator *allocator, sbi_mg_regions *regions)
+{
+    size_t n = (size_t)from->row_count, count = (size_t)from->count;
+    memset(regions, 0, sizeof *regions);
+    if (from->count == 0)
         return 1;
+    regions->of = (int *)sbi_alloc(allocator, n, sizeof(int));
+    regions->moduli = (sb_real *)sbi_alloc(allocator, count, sizeof(sb_real));
+    regions->sizes = (int *)sbi_alloc(allocator, count, sizeof(int));
+    if (!regions->of || !regions->moduli || !regions->sizes) {
+        sbi_mg_regions_free(allocator, regions);
+        return 0;
     }
-    *regions = m.region;
+    regions->count = from->count;
+    regions->row_count = from->row_count;
+    memcpy(regions->of, from->of, n * sizeof(int));
+    memcpy(regions->moduli, from->moduli, count * sizeof(sb_real));
+    memcpy(regions->sizes, from->sizes, count * sizeof(int));
+    return 1;
+}
+
+/* ---- few enough for a level ---------------------------------------------------------------------------- */
+
+typedef struct sbi_region_rank {
+    int size, region;
+} sbi_region_rank;
+
+static int sbi_region_compare(const void *a, const void *b)
+{
+    const sbi_region_rank *p = (const sbi_region_rank *)a, *q = (const sbi_region_rank *)b;
+    if (p->size != q->size)
+        return p->size > q->size ? -1 : 1;
+    return p->region < q->region ? -1 : p->region > q->region;
+}
+
+/* Marks the regions of labels: 1 those to be kept, the `most` largest. Returns how many labels there are. */
+static int sbi_region_rank_labels(const sbi_mg_regions *regions, const int *labels, int count, int most,
+                                  sbi_region_rank *ranks, int *kept)
+{
+    int present = 0;
+    memset(kept, 0, (size_t)regions->count * sizeof(int));
+    for (int i = 0; i < count; i++) {
+        if (!kept[labels[i]]) {
+            ranks[present].size = regions->sizes[labels[i]];
+            ranks[present++].region = labels[i];
+        }
+        kept[labels[i]] = 1;
+    }
+    qsort(ranks, (size_t)present, sizeof *ranks, sbi_region_compare);
+    for (int k = most; k < present; k++)
+        kept[ranks[k].region] = 0;
+    return present;
+}
+
+SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions *regions, int most,
+                                 const sb_allocator *allocator, int *labels)
+{
+    size_t count = (size_t)regions->count;
+    sbi_region_rank *ranks = (sbi_region_rank *)sbi_alloc(allocator, count, sizeof *ranks);
+    int *kept = (int *)sbi_alloc(allocator, count, 2 * sizeof(int)), *target, present;
+    if (!ranks || !kept) {
+        sbi_free(allocator, ranks);
+        sbi_free(allocator, kept);
+        return 0;
+    }
+    target = kept + count;
+    present = sbi_region_rank_labels(regions, labels, level->row_count, most, ranks, kept);
+    for (int r = 0; r < regions->count; r++)
+        target[r] = kept[r] ? r : -1;
+    for (int i = 0; i < level->row_count && present > most; i++)
+        for (int q = level->row_start[i]; q < level->row_start[i + 1] && !kept[labels[i]]; q++) {
+            int other = labels[level->columns[q]], *best = target + labels[i];
+            if (kept[other] && (*best < 0 || regions->sizes[other] > regions->sizes[*best]))
+                *best = other;
+        }
+    for (int i = 0; i < level->row_count; i++)
+        labels[i] = target[labels[i]] < 0 ? ranks[0].region : target[labels[i]];
+    sbi_free(allocator, ranks);
+    sbi_free(allocator, kept);
     return 1;
 }
 
@@ -22835,11 +23002,14 @@ SBI_API int sbi_mg_find_regions(const sb_matrix *matrix, const sb_real *moduli, 
 #include <math.h>
 #include <string.h>
 
-/* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
- * motions and uniform strains of the finer level are then motions of the coarser one, too. */
+/* The box of a region in cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are
+ * linear: rigid motions and uniform strains of the finer level are then motions of the coarser one, too. */
 typedef struct sbi_lattice {
     double low[3], extent[3]; /* m */
+    double edge;              /* about that of its cells (m) */
     int cells[3];             /* 0 along an axis without extent */
+    int tet;                  /* 1: a region smaller than a cell; one tet around it takes half as many nodes */
+    int64_t first;            /* number of its first point */
 } sbi_lattice;
 
 /* Where a node lies: the corners of its tet that have a share. */
@@ -22851,36 +23021,54 @@ typedef struct sbi_lattice_place {
 
 static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
 
-/* Largest extent. */
-static double sbi_lattice_bound(const sb_vec3 *positions, int count, sbi_lattice *lattice)
+/* Lays the boxes around the nodes of their regions; returns the largest extent. */
+static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices, int lattice_count)
 {
     double largest = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        double low = sbi_lattice_coordinate(positions[0], axis), high = low;
-        for (int i = 1; i < count; i++) {
-            double x = sbi_lattice_coordinate(positions[i], axis);
-            low = x < low ? x : low;
-            high = x > high ? x : high;
+    for (int l = 0; l < lattice_count; l++)
+        lattices[l].edge = -1; /* empty so far */
+    for (int i = 0; i < nodes->level->row_count; i++) {
+        sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        for (int axis = 0; axis < 3; axis++) {
+            double x = sbi_lattice_coordinate(nodes->positions[i], axis), low = lattice->low[axis];
+            double high = lattice->extent[axis];
+            lattice->low[axis] = lattice->edge < 0 || x < low ? x : low;
+            lattice->extent[axis] = lattice->edge < 0 || x > high ? x : high; /* the upper end */
         }
-        lattice->low[axis] = low;
-        lattice->extent[axis] = high - low;
-        largest = high - low > largest ? high - low : largest;
+        lattice->edge = 0;
     }
+    for (int l = 0; l < lattice_count; l++)
+        for (int axis = 0; axis < 3 && lattices[l].edge >= 0; axis++) {
+            lattices[l].extent[axis] -= lattices[l].low[axis];
+            largest = lattices[l].extent[axis] > largest ? lattices[l].extent[axis] : largest;
+        }
     return largest;
 }
 
-/* Cells of about `edge` that fill the box. */
-static void sbi_lattice_cut(sbi_lattice *lattice, double edge)
+/* Cells of about the edges that are set, which fill the boxes. */
+static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        double cells = lattice->extent[axis] / edge + 0.5; /* not a number where there is no extent */
-        lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+    int64_t first = 0;
+    for (int l = 0; l < lattice_count; l++) {
+        sbi_lattice *lattice = lattices + l;
+        int64_t points = 1;
+        int small = lattice_count > 1;
+        for (int axis = 0; axis < 3; axis++)
+            small = small && lattice->extent[axis] <= 0.6 * lattice->edge;
+        lattice->tet = small;
+        lattice->first = first;
+        for (int axis = 0; axis < 3; axis++) {
+            double cells = lattice->extent[axis] / lattice->edge + 0.5; /* not a number where there is no extent */
+            lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+            points *= lattice->cells[axis] + 1;
+        }
+        first += points;
     }
 }
 
 static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
 {
-    return ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
+    return lattice->first + ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
 }
 
 /* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
@@ -22892,10 +23080,37 @@ static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double 
     place->weights[place->count++] = weight;
 }
 
+/* Shares of the corners of the one tet, whose edges are three times as long as the box, or of the cell's tet. */
+static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const double share[3],
+                                  sbi_lattice_place *place)
+{
+    int order[3] = {0, 1, 2};
+    if (lattice->tet) {
+        sbi_lattice_add(lattice, at, 1 - (share[0] + share[1] + share[2]) / 3, place);
+        for (int axis = 0; axis < 3; axis++) {
+            int corner[3] = {0, 0, 0};
+            corner[axis] = lattice->cells[axis];
+            sbi_lattice_add(lattice, corner, share[axis] / 3, place);
+        }
+        return;
+    }
+    for (int a = 1; a < 3; a++) /* by falling share */
+        for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
+            int swap = order[b];
+            order[b] = order[b - 1];
+            order[b - 1] = swap;
+        }
+    sbi_lattice_add(lattice, at, 1 - share[order[0]], place);
+    for (int k = 0; k < 3; k++) {
+        at[order[k]]++;
+        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), place);
+    }
+}
+
 static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 position)
 {
     sbi_lattice_place place;
-    int at[3], order[3] = {0, 1, 2};
+    int at[3];
     double share[3], sum = 0;
     place.count = 0;
     for (int axis = 0; axis < 3; axis++) {
@@ -22907,17 +23122,7 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
             at[axis] = cells - 1;
         share[axis] = t - at[axis];
     }
-    for (int a = 1; a < 3; a++) /* by falling share */
-        for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
-            int swap = order[b];
-            order[b] = order[b - 1];
-            order[b - 1] = swap;
-        }
-    sbi_lattice_add(lattice, at, 1 - share[order[0]], &place);
-    for (int k = 0; k < 3; k++) {
-        at[order[k]]++;
-        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), &place);
-    }
+    sbi_lattice_share_out(lattice, at, share, &place);
     for (int k = 0; k < place.count; k++)
         sum += place.weights[k];
     for (int k = 0; k < place.count; k++)
@@ -22928,10 +23133,11 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
 static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
 {
     double x[3];
+    point -= lattice->first;
     for (int axis = 0; axis < 3; axis++) {
         int64_t points = lattice->cells[axis] + 1;
         double share = lattice->cells[axis] ? (double)(point % points) / lattice->cells[axis] : 0;
-        x[axis] = lattice->low[axis] + share * lattice->extent[axis];
+        x[axis] = lattice->low[axis] + (lattice->tet ? 3 : 1) * share * lattice->extent[axis];
         point /= points;
     }
     return sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
@@ -22968,12 +23174,12 @@ static void sbi_lattice_forget(sbi_lattice_table *table)
 }
 
 /* 1: no more than `most` points are in use. */
-static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions, int count, int most,
-                            sbi_lattice_table *table)
+static int sbi_lattice_fits(const sbi_lattice *lattices, const sbi_mg_nodes *nodes, int most, sbi_lattice_table *table)
 {
     sbi_lattice_forget(table);
-    for (int i = 0; i < count && table->count <= most; i++) {
-        sbi_lattice_place place = sbi_lattice_find(lattice, positions[i]);
+    for (int i = 0; i < nodes->level->row_count && table->count <= most; i++) {
+        const sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        sbi_lattice_place place = sbi_lattice_find(lattice, nodes->positions[i]);
         for (int k = 0; k < place.count; k++)
             sbi_lattice_number(table, place.points[k]);
     }
@@ -22993,16 +23199,18 @@ static int sbi_lattice_keep_least(double *least, int count, int limit, double va
     return count == limit ? limit : count + 1;
 }
 
-/* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
- * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
-static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+/* Mean distance of a node to the nearest of those of its region that it is coupled with (m), up to six: that many are
+ * next to it in a regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
+static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
 {
     enum { NEAREST = 6 };
+    const sbi_mg_level *level = nodes->level;
+    const sb_vec3 *positions = nodes->positions;
     double squares[NEAREST], sum = 0;
     int count = 0;
     for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
         sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
-        if (level->columns[q] != row)
+        if (level->columns[q] != row && (!nodes->labels || nodes->labels[level->columns[q]] == nodes->labels[row]))
             count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
     }
     for (int k = 0; k < count; k++)
@@ -23010,31 +23218,71 @@ static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 
     return count ? sum / count : 0;
 }
 
-/* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
- * one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level,
-                               const sb_vec3 *positions, double ratio, int most, sbi_lattice_table *table)
+/* 1: the node is coupled with a softer region. */
+static int sbi_lattice_is_on_jump(const sbi_mg_nodes *nodes, int row)
 {
-    double sum = 0, edge;
-    for (int i = 0; i < level->row_count; i++)
-        sum += sbi_lattice_node_spacing(level, positions, i);
-    edge = ratio * sum / level->row_count;
-    edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
-    for (; edge < largest; edge *= 1.25) {
-        sbi_lattice_cut(lattice, edge);
-        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
-            return;
+    const sbi_mg_level *level = nodes->level;
+    const sb_real *moduli = nodes->regions->moduli;
+    for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++)
+        if (moduli[nodes->labels[level->columns[q]]] < moduli[nodes->labels[row]])
+            return 1;
+    return 0;
+}
+
+/* What decides about a region's cells. */
+typedef struct sbi_lattice_measure {
+    double spacing; /* of its nodes, summed up */
+    int count;      /* of its nodes */
+    int on_jump;    /* those that are coupled with a softer region */
+} sbi_lattice_measure;
+
+/* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
+ * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
+static void sbi_lattice_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio,
+                                  sbi_lattice_measure *measures, sbi_lattice *lattices, int lattice_count)
+{
+    memset(measures, 0, (size_t)lattice_count * sizeof *measures);
+    for (int i = 0; i < nodes->level->row_count; i++) {
+        sbi_lattice_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
+        measure->spacing += sbi_lattice_node_spacing(nodes, i);
+        measure->count++;
+        measure->on_jump += nodes->labels && sbi_lattice_is_on_jump(nodes, i);
     }
-    sbi_lattice_cut(lattice, largest);
+    for (int l = 0; l < lattice_count; l++) {
+        const sbi_lattice_measure *measure = measures + l;
+        int thin = measure->count < 2 * measure->on_jump;
+        lattices[l].edge = (thin ? thin_ratio : ratio) * measure->spacing / (measure->count ? measure->count : 1);
+    }
+}
+
+/* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
+                               int most, sbi_lattice_table *table)
+{
+    double least = largest;
+    for (int l = 0; l < lattice_count; l++) {
+        lattices[l].edge = lattices[l].edge > 1e-5 * largest ? lattices[l].edge : 1e-5 * largest;
+        least = lattices[l].edge < least ? lattices[l].edge : least;
+    }
+    for (; least < largest; least *= 1.25) {
+        sbi_lattice_cut(lattices, lattice_count);
+        if (sbi_lattice_fits(lattices, nodes, most, table))
+            return;
+        for (int l = 0; l < lattice_count; l++)
+            lattices[l].edge *= 1.25;
+    }
+    for (int l = 0; l < lattice_count; l++)
+        lattices[l].edge = largest;
+    sbi_lattice_cut(lattices, lattice_count);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
 
 typedef struct sbi_lattice_maker {
+    const sbi_mg_nodes *nodes;
     const sbi_mg_level *level;
-    const sb_vec3 *positions;
-    const int *regions; /* [rows] or NULL */
-    sbi_lattice lattice;
+    sbi_lattice *lattices; /* [lattice_count] by region */
+    int lattice_count;
     sbi_lattice_table table;
     int point_count;
     int64_t *points;   /* [point_count] */
@@ -23052,12 +23300,17 @@ static int sbi_lattice_is_alone(const sbi_mg_level *level, int row)
     return level->row_start[row + 1] - level->row_start[row] == 1;
 }
 
+static const sbi_lattice *sbi_lattice_of(const sbi_lattice_maker *m, int row)
+{
+    return m->lattices + (m->nodes->labels ? m->nodes->labels[row] : 0);
+}
+
 static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
 {
     int entries = 0;
     for (int i = 0; i < m->level->row_count; i++)
         if (!sbi_lattice_is_alone(m->level, i))
-            entries += sbi_lattice_find(&m->lattice, m->positions[i]).count;
+            entries += sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]).count;
     return entries;
 }
 
@@ -23066,7 +23319,7 @@ static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
     int entries = 0;
     sbi_lattice_forget(&m->table);
     for (int i = 0; i < m->level->row_count; i++) {
-        sbi_lattice_place place = sbi_lattice_find(&m->lattice, m->positions[i]);
+        sbi_lattice_place place = sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]);
         rows->start[i] = entries;
         for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
             rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
@@ -23107,7 +23360,7 @@ static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int numbe
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
             int j = level->columns[q], other = m->entry_of[j];
             if (other < m->list_start[point] || other >= m->list_start[point + 1] || m->owner[m->list[other]] != j ||
-                m->number[m->list[other]] >= 0 || (m->regions && m->regions[i] != m->regions[j]))
+                m->number[m->list[other]] >= 0)
                 continue;
             m->number[m->list[other]] = number;
             m->queue[count++] = j;
@@ -23159,16 +23412,14 @@ static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *alloc
     sbi_lattice_sort(m, rows, entries);
     rows->coarse_count = sbi_lattice_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
-    made = rows->positions != NULL;
-    if (m->regions) {
-        rows->regions = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
-        made = made && rows->regions;
-    }
+    if (m->nodes->labels)
+        rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
+    made = rows->positions && (rows->labels || !m->nodes->labels);
     for (int e = 0; e < entries && made; e++) {
-        rows->positions[m->number[e]] = sbi_lattice_position(&m->lattice, m->points[rows->nodes[e]]);
+        rows->positions[m->number[e]] = sbi_lattice_position(sbi_lattice_of(m, m->owner[e]), m->points[rows->nodes[e]]);
         rows->nodes[e] = m->number[e];
-        if (m->regions)
-            rows->regions[m->number[e]] = m->regions[m->owner[e]];
+        if (rows->labels)
+            rows->labels[m->number[e]] = m->nodes->labels[m->owner[e]];
     }
     return made;
 }
@@ -23179,34 +23430,49 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     sbi_free(allocator, rows->nodes);
     sbi_free(allocator, rows->weights);
     sbi_free(allocator, rows->positions);
-    sbi_free(allocator, rows->regions);
+    sbi_free(allocator, rows->labels);
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, const int *regions, double ratio,
-                           const sb_allocator *allocator, sbi_mg_rows *rows)
+static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator,
+                                    sbi_lattice_measure **measures)
+{
+    size_t places = 64, lattices;
+    m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
+    lattices = (size_t)m->lattice_count;
+    while (places < 16 * (size_t)m->level->row_count)
+        places *= 2;
+    m->table.mask = places - 1;
+    m->table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
+    m->table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
+    m->lattices = (sbi_lattice *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_lattice));
+    *measures = (sbi_lattice_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
+    return m->table.points && m->table.numbers && m->lattices && *measures;
+}
+
+SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
+                           sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
-    size_t places = 64;
+    sbi_lattice_measure *measures;
     double largest;
-    int made = 0;
+    int made, count = nodes->level->row_count;
     memset(&m, 0, sizeof m);
     memset(rows, 0, sizeof *rows);
-    m.level = level;
-    m.positions = positions;
-    m.regions = regions;
-    while (places < 16 * (size_t)level->row_count)
-        places *= 2;
-    m.table.mask = places - 1;
-    m.table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
-    m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
-    if (m.table.points && m.table.numbers) {
-        largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
+    m.nodes = nodes;
+    m.level = nodes->level;
+    made = sbi_lattice_take_scratch(&m, allocator, &measures);
+    if (made) {
+        largest = sbi_lattice_bound(nodes, m.lattices, m.lattice_count);
+        sbi_lattice_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
+        sbi_lattice_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4,
+                           &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
     sbi_free(allocator, m.table.numbers);
+    sbi_free(allocator, m.lattices);
+    sbi_free(allocator, measures);
     sbi_free(allocator, m.points);
     sbi_free(allocator, m.list_start);
     if (!made)
@@ -23218,15 +23484,20 @@ SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, 
 /* multigrid: levels and the plans of their updates. */
 
 #include <limits.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
+/* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
+ * with 1.4 everywhere a stiff sheet takes half as many iterations again. */
+#define SBI_MG_RATIO 2.0
+#define SBI_MG_THIN_RATIO 1.4
+#define SBI_MG_THIN_RATIO_LATER 1.2
+
 enum {
-    SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
+    SBI_MG_TWICE_FROM = 1, /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
                             * unknowns; once: up by 40 % */
+    SBI_MG_REGIONS = 16,   /* that a level can have, */
+    SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -23266,6 +23537,7 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
     if (!multigrid)
         return;
     allocator = multigrid->allocator;
+    sbi_mg_regions_free(&allocator, &multigrid->regions);
     for (int k = 0; k < multigrid->array_count; k++)
         sbi_free(&allocator, multigrid->arrays[k]);
     sbi_free(&allocator, multigrid);
@@ -23595,10 +23867,52 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
+/* Takes the regions of `like`, or finds them where moduli are given. The user's levels stay as they are. */
+static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
+{
+    int made = 1;
+    if (setup->like && setup->like->regions.row_count == pattern->row_count)
+        made = sbi_mg_copy_regions(&setup->like->regions, &m->allocator, &m->regions);
+    else if (!setup->like && setup->moduli && setup->level_count == 0)
+        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
+    m->bytes += (size_t)m->regions.row_count * sizeof(int) +
+                (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
+    return made;
+}
+
+/* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where
+ * they hardly do: they must not keep the coarsest level from being small. */
+static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, int *labels, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    sbi_mg_nodes nodes;
+    int made = 1, count = level->row_count;
+    nodes.level = level;
+    nodes.positions = positions;
+    nodes.regions = &m->regions;
+    nodes.labels = labels;
+    if (labels) {
+        double thin = m->level_count == 1 ? SBI_MG_THIN_RATIO : SBI_MG_THIN_RATIO_LATER;
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
+                                    labels) &&
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, thin, &m->allocator, rows);
+        if (!made || rows->coarse_count <= count - count / 8)
+            return made;
+        sbi_mg_rows_free(&m->allocator, rows);
+        if (count <= 2 * SBI_MG_DENSE)
+            return 1;
+        nodes.labels = NULL;
+    }
+    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->allocator, rows);
+    if (made && rows->coarse_count > count / 2)
+        sbi_mg_rows_free(&m->allocator, rows);
+    return made;
+}
+
 /* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
- * much smaller. */
-static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
-                                  const int *regions, sbi_mg_rows *rows, sb_error *error)
+ * much smaller. `last` are those that made the last level, or zero. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *last,
+                                  sbi_mg_rows *rows, sb_error *error)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     int own = m->level_count - 1, made;
@@ -23613,9 +23927,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, regions, SBI_MG_RATIO, &m->allocator, rows);
-        if (made && rows->coarse_count > level->row_count / 2)
-            sbi_mg_rows_free(&m->allocator, rows);
+        made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
     return made ? SB_OK : sbi_mg_no_memory(m, error);
 }
@@ -23635,18 +23947,19 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
 }
 
 /* Coarser levels until one is small enough, or does not get smaller. */
-static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *matrix, sb_error *error)
+static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
 {
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
-    int *regions;
     memset(&last, 0, sizeof last);
-    if (!sbi_mg_find_regions(matrix, setup->moduli, setup->positions, &m->allocator, &regions))
-        return sbi_mg_no_memory(m, error);
-    while (result == SB_OK && m->level_count < (getenv("MGL") ? atoi(getenv("MGL")) : SBI_MG_MAX_LEVELS)) {
-        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions,
-                                   last.positions ? last.regions : regions, &rows, error);
-        if (getenv("MGV")) printf("level %d: %d -> %d\n", m->level_count, m->levels[m->level_count-1].row_count, rows.coarse_count);
+    if (m->regions.count) {
+        last.labels = (int *)sbi_alloc(&m->allocator, (size_t)m->regions.row_count, sizeof(int));
+        if (!last.labels)
+            return sbi_mg_no_memory(m, error);
+        memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
+    }
+    while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
+        result = sbi_mg_make_rows(m, setup, &last, &rows, error);
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -23655,7 +23968,6 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->allocator, &last);
-    sbi_free(&m->allocator, regions);
     return result;
 }
 
@@ -23663,7 +23975,7 @@ static int sbi_mg_take_dense(sbi_multigrid *m)
 {
     int rows = m->levels[m->level_count - 1].row_count;
     size_t size = 3 * (size_t)rows;
-    if (m->level_count == 1 || rows > 16 * SBI_MG_DENSE)
+    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
         return 1;
     m->dense = (int)size;
     m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
@@ -23688,8 +24000,10 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
+    if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
+        result = sbi_mg_no_memory(m, error);
     if (result == SB_OK)
-        result = sbi_mg_coarsen(m, setup, pattern, error);
+        result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_dense(m))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {
@@ -25772,6 +26086,43 @@ static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
     return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
 }
 
+static sb_result sbi_precond_check_young(int cell_count, const sb_real *young, sb_error *error)
+{
+    for (int e = 0; e < cell_count; e++) {
+        if (!sb_is_finite(young[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "element %d: the modulus is not finite", e);
+        if (young[e] < 0)
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "element %d: the modulus is negative", e);
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_count, int nodes_per_cell,
+                                          const int *cells, const sb_real *young, sb_real *moduli, sb_error *error)
+{
+    sb_result result;
+    if (!pattern || cell_count < 0 || nodes_per_cell < 1 || !moduli || (cell_count > 0 && (!cells || !young)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli need a matrix, cells and a place");
+    result = sbi_precond_check_young(cell_count, young, error);
+    if (result != SB_OK)
+        return result;
+    memset(moduli, 0, (size_t)pattern->block_count * sizeof *moduli);
+    for (int e = 0; e < cell_count; e++) {
+        const int *cell = cells + (size_t)e * (size_t)nodes_per_cell;
+        for (int a = 0; a < nodes_per_cell; a++)
+            for (int b = 0; b < nodes_per_cell; b++) {
+                int q = sb_matrix_find(pattern, cell[a], cell[b]);
+                if (q < 0)
+                    return sbi_fail_element(error, SB_ERROR_INDEX, e,
+                                            "element %d: the pattern has no block for nodes %d and %d", e, cell[a],
+                                            cell[b]);
+                if (young[e] > moduli[q])
+                    moduli[q] = young[e];
+            }
+    }
+    return SB_OK;
+}
+
 static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
                                    sb_error *error)
 {
@@ -25786,6 +26137,9 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
                         pattern->row_count);
     if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
+    for (int q = 0; def->moduli && q < pattern->block_count; q++)
+        if (!(def->moduli[q] >= 0) || !sb_is_finite(def->moduli[q]))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli[%d] is not a modulus", q);
     if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)
@@ -31779,6 +32133,9 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
+ * where there is one material. */
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
@@ -32404,15 +32761,51 @@ SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mat
     return SB_OK;
 }
 
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real *young;
+    sb_result result;
+    *moduli = NULL;
+    if (body->material_count < 2)
+        return SB_OK;
+    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
+    if (young && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++)
+            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+                                          *moduli, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
+    }
+    sbi_free(&body->allocator, young);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, *moduli);
+        *moduli = NULL;
+    }
+    return result;
+}
+
 static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
     settings.jobs = body->jobs;
     settings.levels = def->levels;
     settings.level_count = def->level_count;
-    return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    if (settings.kind == SB_PRECOND_AUTO)
+        settings.kind = sb_solver_auto(&body->matrix);
+    if (settings.kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+    settings.moduli = moduli;
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
 }
 
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
@@ -40572,6 +40965,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_preconditioner_def settings = sb_default_preconditioner_def();
     sb_matrix *matrix = &b->matrix;
     double step;
+    sb_real *moduli = NULL;
     sb_result result = sbi_modes_assemble(m);
     if (result != SB_OK)
         return result;
@@ -40598,7 +40992,12 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
     settings.jobs = b->jobs;
-    result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
+    if (!b->elimination && sb_solver_auto(m->matrix) == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
+    settings.moduli = moduli;
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
+    sbi_free(&b->allocator, moduli);
     if (result == SB_OK)
         result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);
     return result;

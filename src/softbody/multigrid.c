@@ -15,7 +15,7 @@ enum {
     SBI_MG_TWICE_FROM = 1, /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
                             * unknowns; once: up by 40 % */
     SBI_MG_REGIONS = 16,   /* that a level can have, */
-    SBI_MG_ROWS_OF_REGION = 64 /* and one more for so many of its rows: they take four coarse nodes each at least */
+    SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -389,9 +389,9 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
 static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
 {
     int made = 1;
-    if (setup->like)
+    if (setup->like && setup->like->regions.row_count == pattern->row_count)
         made = sbi_mg_copy_regions(&setup->like->regions, &m->allocator, &m->regions);
-    else if (setup->moduli && setup->level_count == 0)
+    else if (!setup->like && setup->moduli && setup->level_count == 0)
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
     m->bytes += (size_t)m->regions.row_count * sizeof(int) +
                 (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));

@@ -47,7 +47,7 @@ static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices
     return largest;
 }
 
-/* Cells of about `edge` that fill the boxes. */
+/* Cells of about the edges that are set, which fill the boxes. */
 static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
 {
     int64_t first = 0;
@@ -83,7 +83,8 @@ static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double 
 }
 
 /* Shares of the corners of the one tet, whose edges are three times as long as the box, or of the cell's tet. */
-static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const double share[3], sbi_lattice_place *place)
+static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const double share[3],
+                                  sbi_lattice_place *place)
 {
     int order[3] = {0, 1, 2};
     if (lattice->tet) {
@@ -237,8 +238,8 @@ typedef struct sbi_lattice_measure {
     int on_jump;    /* those that are coupled with a softer region */
 } sbi_lattice_measure;
 
-/* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet or
- * rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
+/* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
+ * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
 static void sbi_lattice_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio,
                                   sbi_lattice_measure *measures, sbi_lattice *lattices, int lattice_count)
 {
@@ -466,7 +467,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
     if (made) {
         largest = sbi_lattice_bound(nodes, m.lattices, m.lattice_count);
         sbi_lattice_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
-        sbi_lattice_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table);
+        sbi_lattice_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4,
+                           &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
