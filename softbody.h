@@ -23484,6 +23484,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 /* multigrid: levels and the plans of their updates. */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
@@ -23817,6 +23818,22 @@ static sb_result sbi_mg_check_level(const sb_multigrid_level *own, int index, in
     return SB_OK;
 }
 
+/* Takes over a row of a mapping but for weights below a hundred-thousandth of its largest: a coarse node that hangs on
+ * such weights only has a stiffness that single precision may not hold. Returns the number of entries. */
+static int sbi_mg_copy_row(const sb_mapping *mapping, int row, int *nodes, float *weights)
+{
+    double largest = 0;
+    int count = 0;
+    for (int e = mapping->row_start[row]; e < mapping->row_start[row + 1]; e++)
+        largest = fabs((double)mapping->weights[e]) > largest ? fabs((double)mapping->weights[e]) : largest;
+    for (int e = mapping->row_start[row]; e < mapping->row_start[row + 1]; e++)
+        if (fabs((double)mapping->weights[e]) >= 1e-5 * largest) {
+            nodes[count] = mapping->nodes[e];
+            weights[count++] = (float)mapping->weights[e];
+        }
+    return count;
+}
+
 static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     const sb_mapping *mapping = &own->mapping;
@@ -23831,11 +23848,11 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
         sbi_mg_rows_free(allocator, rows);
         return 0;
     }
-    memcpy(rows->start, mapping->row_start, (n + 1) * sizeof(int));
-    memcpy(rows->nodes, mapping->nodes, entries * sizeof(int));
+    rows->start[0] = 0;
+    for (int i = 0; i < mapping->row_count; i++)
+        rows->start[i + 1] = rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i],
+                                                              rows->weights + rows->start[i]);
     memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
-    for (size_t e = 0; e < entries; e++)
-        rows->weights[e] = (float)mapping->weights[e];
     return 1;
 }
 
@@ -24197,7 +24214,8 @@ static double sbi_mg_sum(const sbi_mg_level *level)
 
 /* ---- update -------------------------------------------------------------------------------------------- */
 
-/* Inverse of a symmetric block where it has stiffness, 0 elsewhere, by sweeps; returns how many directions have. */
+/* Inverse of a symmetric block where it has stiffness, 0 elsewhere and where single precision does not hold it, by
+ * sweeps; returns how many directions have. */
 static int sbi_mg_invert(const float *block, float *inverse)
 {
     double a[9];
@@ -24206,7 +24224,7 @@ static int sbi_mg_invert(const float *block, float *inverse)
         a[k] = (double)block[k];
     for (int k = 0; k < 3; k++) {
         double pivot = a[4 * k], least = 64 * (double)FLT_EPSILON * (double)block[4 * k];
-        int keep = pivot > 0 && pivot > least; /* false for NaN */
+        int keep = pivot > (double)FLT_MIN / (double)FLT_EPSILON && pivot > least; /* false for NaN */
         for (int i = 0; i < 9; i++)
             if (keep && i / 3 != k && i % 3 != k)
                 a[i] -= a[3 * (i / 3) + k] * a[3 * k + i % 3] / pivot;

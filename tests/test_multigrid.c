@@ -897,9 +897,124 @@ static void test_body_jumps(void)
     sb_mesh_free(&mesh);
 }
 
+/* ---- weighted cells ---- */
+
+/* Distance to a round bar of radius 0.03 m and length 0.18 m that leaves the origin askew. */
+static sb_real bar_distance(void *user, sb_vec3 p)
+{
+    sb_vec3 axis = sb_v3_scale(REAL(1 / sqrt(1 + 0.13 * 0.13 + 0.21 * 0.21)), sb_v3(1, REAL(0.13), REAL(0.21)));
+    double along = (double)sb_v3_dot(p, axis), square = (double)sb_v3_dot(p, p) - along * along;
+    double side = sqrt(square > 0 ? square : 0) - 0.03, end = fabs(along - 0.09) - 0.09;
+    (void)user;
+    if (side < 0 && end < 0)
+        return REAL(fmax(side, end));
+    return REAL(sqrt(fmax(side, 0) * fmax(side, 0) + fmax(end, 0) * fmax(end, 0)));
+}
+
+/* To a ball within it. */
+static sb_real ball_distance(void *user, sb_vec3 p)
+{
+    (void)user;
+    return sb_v3_norm(sb_v3_sub(p, sb_v3(REAL(0.09), REAL(0.015), REAL(0.02)))) - REAL(0.015);
+}
+
+/* The bar in 11 n x 6 n x 6 n cubes; a tumour in it when asked. */
+static sb_grid grid_of_bar(int n, int tumour)
+{
+    sb_grid_def def = sb_default_grid_def();
+    sb_shape inner;
+    sb_grid grid;
+    memset(&grid, 0, sizeof grid);
+    memset(&inner, 0, sizeof inner);
+    inner.distance = ball_distance;
+    inner.max_slope = 1;
+    inner.region = 1;
+    def.outer.distance = bar_distance;
+    def.outer.max_slope = 1;
+    def.low = sb_v3(REAL(-0.02), REAL(-0.04), REAL(-0.04));
+    def.high = sb_v3(REAL(0.2), REAL(0.08), REAL(0.08));
+    def.counts[0] = 11 * n;
+    def.counts[1] = def.counts[2] = 6 * n;
+    def.inner = &inner;
+    def.inner_count = tumour;
+    CHECK_OK(sb_grid_create(&def, &grid, NULL));
+    return grid;
+}
+
+static sb_body *body_of_grid(const sb_grid *grid, sb_precond_kind kind, const sb_multigrid_level *level, double tolerance)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_region_material tumour;
+    sb_body *body;
+    tumour.region = 1;
+    tumour.material = sb_material_corotated(REAL(50e6), REAL(0.45), 1000);
+    def.mesh = &grid->body_mesh;
+    def.domain = &grid->domain;
+    def.material = sb_material_corotated(REAL(50e3), REAL(0.45), 1000);
+    def.region_materials = &tumour;
+    def.region_material_count = grid->region_count > 1;
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.preconditioner = kind;
+    def.levels = level;
+    def.level_count = level != NULL;
+    def.tolerance = REAL(tolerance);
+    body = scene_body(&def);
+    for (int i = 0; i < grid->mesh.node_count; i++)
+        if (grid->mesh.nodes[i].x < REAL(0.012))
+            sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+    return body;
+}
+
+/* Most iterations of three steps. */
+static int steps_of_grid(const sb_grid *grid, const sb_multigrid_level *level, double tolerance)
+{
+    sb_body *body = body_of_grid(grid, SB_PRECOND_MULTIGRID, level, tolerance);
+    sb_body *exact = body_of_grid(grid, SB_PRECOND_CHOLESKY, NULL, tolerance);
+    double moved = 0;
+    int most = 0;
+    for (int s = 0; s < 3; s++) {
+        sb_step_info info;
+        CHECK_OK(sb_body_step(body, REAL(0.01), &info));
+        CHECK_OK(sb_body_step(exact, REAL(0.01), NULL));
+        most = info.pcg_iterations > most ? info.pcg_iterations : most;
+    }
+    for (int i = 0; i < grid->mesh.node_count; i++)
+        moved = fmax(moved, (double)sb_v3_norm(sb_body_displacements(exact)[i]));
+    CHECK(scene_distance(sb_body_displacements(body), sb_body_displacements(exact), grid->mesh.node_count) <
+          10 * tolerance * moved);
+    sb_body_destroy(body);
+    sb_body_destroy(exact);
+    return most;
+}
+
+/* Cells that a surface cuts, some of which hold next to nothing: as few iterations as whole ones, and the motion of a
+ * complete factor; with levels from the nodes' places and with the nested grid of half as many cells; with a tumour. */
+static void test_weighted_cells(void)
+{
+    double tight = SB_REAL_IS_FLOAT ? 1e-4 : 1e-6;
+    sb_grid coarse = grid_of_bar(1, 0);
+    for (int tumour = 0; tumour < 2; tumour++) {
+        sb_grid grid = grid_of_bar(2, tumour);
+        sb_grid_rows rows;
+        sb_multigrid_level level;
+        memset(&rows, 0, sizeof rows);
+        CHECK_OK(sb_grid_map_points(&coarse, grid.mesh.nodes, grid.mesh.node_count, NULL, &rows, NULL));
+        level.mapping = rows.rows;
+        level.node_count = coarse.mesh.node_count;
+        level.positions = coarse.mesh.nodes;
+        CHECK(steps_of_grid(&grid, NULL, 1e-2) <= (tumour ? 7 : 4));
+        CHECK(steps_of_grid(&grid, NULL, tight) <= (tumour ? 13 : 11));
+        CHECK(steps_of_grid(&grid, &level, 1e-2) <= (tumour ? 9 : 4)); /* levels of one's own know no regions */
+        sb_grid_rows_free(&rows);
+        sb_grid_free(&grid);
+    }
+    sb_grid_free(&coarse);
+}
+
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry}, {"series", test_series},
             {"hard", test_hard}, {"jumps", test_jumps}, {"jumps: the answer", test_jumps_answer}, {"free", test_free},
             {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits}, {"bodies", test_body},
             {"levels of one's own", test_own_levels}, {"choice", test_choice}, {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"moduli", test_moduli},
-            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps});
+            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps},
+            {"weighted cells", test_weighted_cells});

@@ -2,6 +2,7 @@
 #include "multigrid_level.h"
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
@@ -335,6 +336,22 @@ static sb_result sbi_mg_check_level(const sb_multigrid_level *own, int index, in
     return SB_OK;
 }
 
+/* Takes over a row of a mapping but for weights below a hundred-thousandth of its largest: a coarse node that hangs on
+ * such weights only has a stiffness that single precision may not hold. Returns the number of entries. */
+static int sbi_mg_copy_row(const sb_mapping *mapping, int row, int *nodes, float *weights)
+{
+    double largest = 0;
+    int count = 0;
+    for (int e = mapping->row_start[row]; e < mapping->row_start[row + 1]; e++)
+        largest = fabs((double)mapping->weights[e]) > largest ? fabs((double)mapping->weights[e]) : largest;
+    for (int e = mapping->row_start[row]; e < mapping->row_start[row + 1]; e++)
+        if (fabs((double)mapping->weights[e]) >= 1e-5 * largest) {
+            nodes[count] = mapping->nodes[e];
+            weights[count++] = (float)mapping->weights[e];
+        }
+    return count;
+}
+
 static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     const sb_mapping *mapping = &own->mapping;
@@ -349,11 +366,11 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
         sbi_mg_rows_free(allocator, rows);
         return 0;
     }
-    memcpy(rows->start, mapping->row_start, (n + 1) * sizeof(int));
-    memcpy(rows->nodes, mapping->nodes, entries * sizeof(int));
+    rows->start[0] = 0;
+    for (int i = 0; i < mapping->row_count; i++)
+        rows->start[i + 1] = rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i],
+                                                              rows->weights + rows->start[i]);
     memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
-    for (size_t e = 0; e < entries; e++)
-        rows->weights[e] = (float)mapping->weights[e];
     return 1;
 }
 

@@ -181,7 +181,8 @@ static double sbi_mg_sum(const sbi_mg_level *level)
 
 /* ---- update -------------------------------------------------------------------------------------------- */
 
-/* Inverse of a symmetric block where it has stiffness, 0 elsewhere, by sweeps; returns how many directions have. */
+/* Inverse of a symmetric block where it has stiffness, 0 elsewhere and where single precision does not hold it, by
+ * sweeps; returns how many directions have. */
 static int sbi_mg_invert(const float *block, float *inverse)
 {
     double a[9];
@@ -190,7 +191,7 @@ static int sbi_mg_invert(const float *block, float *inverse)
         a[k] = (double)block[k];
     for (int k = 0; k < 3; k++) {
         double pivot = a[4 * k], least = 64 * (double)FLT_EPSILON * (double)block[4 * k];
-        int keep = pivot > 0 && pivot > least; /* false for NaN */
+        int keep = pivot > (double)FLT_MIN / (double)FLT_EPSILON && pivot > least; /* false for NaN */
         for (int i = 0; i < 9; i++)
             if (keep && i / 3 != k && i % 3 != k)
                 a[i] -= a[3 * (i / 3) + k] * a[3 * k + i % 3] / pivot;
