@@ -324,20 +324,20 @@ static void test_series(void)
         if (slow)
             printf("    %d unknowns: %d iterations, static %d\n", 3 * p.mesh.node_count, count, firm);
         least = k == 0 || count < least ? count : least;
-        CHECK(count <= 13);
+        CHECK(count <= 11);
         CHECK(10 * count <= 13 * least);
         problem_free(&p);
     }
 }
 
-/* Counts as recorded, one to spare at most: an even body, nearly incompressible, static, held here and there. */
+/* An even body as recorded; nearly incompressible, at rest or held here and there at most twice as many. */
 static void test_hard(void)
 {
     problem p = problem_beam(7, 0.15);
     double tolerance = 1e-2;
     int easy = count_for(&p, 0.45, dynamic_mass, tolerance);
     CHECK(easy <= 4);
-    CHECK(count_for(&p, 0.49, dynamic_mass, tolerance) <= 9);
+    CHECK(count_for(&p, 0.49, dynamic_mass, tolerance) <= 2 * easy);
     CHECK(count_for(&p, 0.45, 0, tolerance) <= 2 * easy);
     for (unsigned long long seed = 3; seed < 6; seed++) { /* single components held, here and there */
         for (int i = 0; i < p.mesh.node_count; i++)
@@ -353,7 +353,7 @@ static void test_jumps(void)
 {
     static const stiff_parts parts[5] = {BLOCK, TOUCHING, SLABS, SHEET, ROD};
     problem p = problem_beam(7, 0.15);
-    double tight = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
+    double tight = SB_REAL_IS_FLOAT ? 1e-2 : 1e-6; /* float's rounding of the stiff parts allows no less */
     int easy = count_for(&p, 0.45, dynamic_mass, 1e-2), firm = count_for(&p, 0.45, 0, 1e-2);
     int easy_tight = count_for(&p, 0.45, dynamic_mass, tight);
     for (int k = 0; k < 5; k++) {
@@ -364,7 +364,7 @@ static void test_jumps(void)
         CHECK(SB_REAL_IS_FLOAT || count_parts(&p, parts[k], 1000, 0, 1e-2) <= 2 * firm);
     }
     CHECK(count_parts(&p, INCLUSIONS, 1000, dynamic_mass, 1e-2) <= 11);
-    CHECK(count_parts(&p, SPECKS, 1000, dynamic_mass, 1e-2) <= 26);
+    CHECK(count_parts(&p, SPECKS, 1000, dynamic_mass, 1e-2) <= 23);
     problem_free(&p);
 }
 
@@ -376,18 +376,18 @@ static void test_jumps_answer(void)
     sb_preconditioner_def def = sb_default_preconditioner_def();
     sb_preconditioner *exact = NULL, *told, *plain;
     sb_real *x = (sb_real *)malloc((size_t)n * sizeof *x), *z = random_vector(n, 1);
-    double difference = 0, size = 0;
+    double difference = 0, size = 0, tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-9;
     sb_result result;
-    count_parts(&p, SLABS, 1000, dynamic_mass, SB_REAL_IS_FLOAT ? 1e-4 : 1e-9);
+    count_parts(&p, SLABS, SB_REAL_IS_FLOAT ? 10 : 1000, dynamic_mass, tolerance);
     memcpy(x, p.x, (size_t)n * sizeof *x);
     def.kind = SB_PRECOND_CHOLESKY;
     CHECK_OK(sb_preconditioner_create(&def, &p.a, NULL, &exact, NULL));
-    iterations(&p, exact, SB_REAL_IS_FLOAT ? 1e-4 : 1e-9);
+    iterations(&p, exact, tolerance);
     for (int k = 0; k < n; k++) {
         difference = fmax(difference, fabs((double)(x[k] - p.x[k])));
         size = fmax(size, fabs((double)x[k]));
     }
-    CHECK_NEAR(difference / size, 0, SB_REAL_IS_FLOAT ? 2e-2 : 1e-6);
+    CHECK_NEAR(difference / size, 0, 30 * tolerance);
     sb_preconditioner_free(exact);
     assemble(&p, 0.45, dynamic_mass);
     told = multigrid_with_moduli(&p, NULL, &result);
