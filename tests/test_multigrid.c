@@ -830,7 +830,7 @@ static void test_moduli_at_random(void)
         assemble(&p, 0.3, 1e4);
         for (int t = 0; t < p.mesh.element_count; t++) {
             double x = check_random_in(&seed, 0, 1);
-            double kinds[3] = {x < 0.5 ? 1 : 1000, x < 0.9 ? 0 : 1, pow(10, 6 * x)};
+            double kinds[3] = {x < 0.5 ? 1.0 : 1000.0, x < 0.9 ? 0.0 : 1.0, pow(10, 6 * x)};
             p.young[t] = REAL(kinds[k / 3]);
         }
         multigrid = multigrid_with_moduli(&p, NULL, &result);
