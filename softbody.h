@@ -22593,6 +22593,8 @@ typedef struct sbi_mg_level {
     float *blocks;            /* [block_count][9], but for level 0 */
     int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
     float *scale;             /* [row_count][4] of level 0: S for free components, 0 for prescribed ones; then 1 / S */
+    float *mend;              /* [row_count][12] of level 0 where there are regions: what rounding took from the diagonal
+                               * blocks, rows of four; otherwise NULL */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
@@ -23895,7 +23897,9 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
     m->bytes += (size_t)m->regions.row_count * sizeof(int) +
                 (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
-    return made;
+    if (m->regions.count > 0)
+        m->levels[0].mend = sbi_mg_take_floats(m, (size_t)pattern->row_count, 12);
+    return made && (m->regions.count == 0 || m->levels[0].mend);
 }
 
 /* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where
@@ -24162,6 +24166,11 @@ SBI_FORCE_INLINE void sbi_mg_multiply_row(const sbi_mg_level *level, int i, cons
         sbi_mg_sum_packed(level->packed + first, column, end, v, out);
     else
         sbi_mg_sum_floats(level->blocks + first, column, end, v, out);
+    if (level->mend) {
+        const float *mend = level->mend + 12 * (size_t)i, *own = v + 4 * (size_t)i;
+        for (int k = 0; k < 4; k++)
+            out[k] += mend[k] * own[0] + mend[4 + k] * own[1] + mend[8 + k] * own[2]; /* symmetric */
+    }
 }
 
 /* out = D_i^-1 v */
@@ -24396,23 +24405,21 @@ static void sbi_mg_load_task(void *user, int task)
 
 /* Where moduli jump by 1,000, the motion of a stiff part as a whole costs so little that the rounding of its rows to 16
  * bits is felt: without this six slabs take one or two iterations more of eight. What the blocks of row i lose of a
- * translation is given to the diagonal block, whose own rounding is left. */
+ * translation is added to the diagonal block. */
 static void sbi_mg_mend_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const double own = (double)level->scale[4 * (size_t)i + 3], unit = (double)SBI_MG_UNIT;
-    int16_t *diagonal = level->packed + 9 * (size_t)level->diagonal[i];
-    double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}; /* in units, times the share of S of each node in that of node i */
+    const double own = (double)level->scale[4 * (size_t)i + 3], exact = work->scale * own * own;
+    double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
     for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
         const sb_real *from = work->matrix->blocks[q];
         const int16_t *packed = level->packed + 9 * (size_t)q;
-        double share = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
-        double exact = work->scale * own * own * unit;
+        double unit = own / ((double)level->scale[4 * (size_t)level->columns[q] + 3] * (double)SBI_MG_UNIT);
         for (int k = 0; k < 9; k++)
-            lost[k] += (double)from[k] * exact - packed[k] * share;
+            lost[k] += (double)from[k] * exact - packed[k] * unit;
     }
     for (int k = 0; k < 9; k++)
-        diagonal[k] = sbi_mg_round((float)(diagonal[k] + (lost[k] + lost[3 * (k % 3) + k / 3]) / 2), 1);
+        level->mend[12 * (size_t)i + (size_t)(4 * (k / 3) + k % 3)] = (float)((lost[k] + lost[3 * (k % 3) + k / 3]) / 2);
 }
 
 static void sbi_mg_mend_task(void *user, int task)
@@ -24646,7 +24653,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
                 return (int)work.level->partial[t];
         if (l == 0)
             sbi_mg_run(&work, sbi_mg_load_task);
-        if (l == 0 && m->regions.count > 0)
+        if (work.level->mend)
             sbi_mg_run(&work, sbi_mg_mend_task);
         if (!coarsest || !m->dense)
             sbi_mg_estimate_bound(&work);

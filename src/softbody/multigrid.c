@@ -412,7 +412,9 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
     m->bytes += (size_t)m->regions.row_count * sizeof(int) +
                 (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
-    return made;
+    if (m->regions.count > 0)
+        m->levels[0].mend = sbi_mg_take_floats(m, (size_t)pattern->row_count, 12);
+    return made && (m->regions.count == 0 || m->levels[0].mend);
 }
 
 /* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where

@@ -128,6 +128,11 @@ SBI_FORCE_INLINE void sbi_mg_multiply_row(const sbi_mg_level *level, int i, cons
         sbi_mg_sum_packed(level->packed + first, column, end, v, out);
     else
         sbi_mg_sum_floats(level->blocks + first, column, end, v, out);
+    if (level->mend) {
+        const float *mend = level->mend + 12 * (size_t)i, *own = v + 4 * (size_t)i;
+        for (int k = 0; k < 4; k++)
+            out[k] += mend[k] * own[0] + mend[4 + k] * own[1] + mend[8 + k] * own[2]; /* symmetric */
+    }
 }
 
 /* out = D_i^-1 v */
@@ -362,23 +367,21 @@ static void sbi_mg_load_task(void *user, int task)
 
 /* Where moduli jump by 1,000, the motion of a stiff part as a whole costs so little that the rounding of its rows to 16
  * bits is felt: without this six slabs take one or two iterations more of eight. What the blocks of row i lose of a
- * translation is given to the diagonal block, whose own rounding is left. */
+ * translation is added to the diagonal block. */
 static void sbi_mg_mend_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const double own = (double)level->scale[4 * (size_t)i + 3], unit = (double)SBI_MG_UNIT;
-    int16_t *diagonal = level->packed + 9 * (size_t)level->diagonal[i];
-    double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}; /* in units, times the share of S of each node in that of node i */
+    const double own = (double)level->scale[4 * (size_t)i + 3], exact = work->scale * own * own;
+    double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
     for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
         const sb_real *from = work->matrix->blocks[q];
         const int16_t *packed = level->packed + 9 * (size_t)q;
-        double share = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
-        double exact = work->scale * own * own * unit;
+        double unit = own / ((double)level->scale[4 * (size_t)level->columns[q] + 3] * (double)SBI_MG_UNIT);
         for (int k = 0; k < 9; k++)
-            lost[k] += (double)from[k] * exact - packed[k] * share;
+            lost[k] += (double)from[k] * exact - packed[k] * unit;
     }
     for (int k = 0; k < 9; k++)
-        diagonal[k] = sbi_mg_round((float)(diagonal[k] + (lost[k] + lost[3 * (k % 3) + k / 3]) / 2), 1);
+        level->mend[12 * (size_t)i + (size_t)(4 * (k / 3) + k % 3)] = (float)((lost[k] + lost[3 * (k % 3) + k / 3]) / 2);
 }
 
 static void sbi_mg_mend_task(void *user, int task)
@@ -612,7 +615,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
                 return (int)work.level->partial[t];
         if (l == 0)
             sbi_mg_run(&work, sbi_mg_load_task);
-        if (l == 0 && m->regions.count > 0)
+        if (work.level->mend)
             sbi_mg_run(&work, sbi_mg_mend_task);
         if (!coarsest || !m->dense)
             sbi_mg_estimate_bound(&work);

@@ -29,6 +29,8 @@ typedef struct sbi_mg_level {
     float *blocks;            /* [block_count][9], but for level 0 */
     int16_t *packed;          /* [block_count][9] of level 0, in units of 1 / SBI_MG_UNIT */
     float *scale;             /* [row_count][4] of level 0: S for free components, 0 for prescribed ones; then 1 / S */
+    float *mend;              /* [row_count][12] of level 0 where there are regions: what rounding took from the diagonal
+                               * blocks, rows of four; otherwise NULL */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
