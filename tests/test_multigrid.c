@@ -12,6 +12,7 @@ typedef struct problem {
     sb_matrix a;
     unsigned char *mask;
     sb_real *rhs, *x;
+    sb_real *young; /* [elements] of the last assembly (Pa) */
     sb_pcg_workspace workspace;
 } problem;
 
@@ -53,17 +54,59 @@ static void add_tet(problem *p, const int *tet, double young, double poisson, do
     }
 }
 
-/* `jump` times the modulus in a block within (jump > 1), or in every other of six slabs along x (-jump > 1). */
-static double modulus_at(const sb_mesh *mesh, const int *tet, double length, double jump)
+/* Where a beam of 3 x 1 x 1 cubes of its height is `jump` times as stiff. */
+typedef enum stiff_parts {
+    EVEN,
+    BLOCK,      /* within */
+    TOUCHING,   /* a block that reaches the surface */
+    SLABS,      /* every other of six along x */
+    SHEET,      /* a seventh of the height: one element thick on seven */
+    ROD,        /* along x, of the same thickness */
+    INCLUSIONS, /* balls of 0.08 to 0.18 in twenty places, some of which meet */
+    SPECKS      /* three cubes of a hundred, on seven to the height */
+} stiff_parts;
+
+static int is_in_ball(const double x[3])
 {
-    sb_vec3 x = sb_v3_scale(REAL(1 / length), mesh->nodes[tet[0]]);
-    int inside = x.x > REAL(0.3) && x.x < REAL(0.6) && x.y > REAL(0.1) && x.y < REAL(0.22) && x.z > REAL(0.1) &&
-                 x.z < REAL(0.22);
-    int slab = (int)((double)x.x * 6) % 2;
-    return (jump > 0 ? inside : slab) ? 50e3 * fabs(jump) : 50e3;
+    unsigned long long seed = 5;
+    for (int k = 0; k < 20; k++) {
+        double place[3], radius, square = 0;
+        for (int r = 0; r < 3; r++)
+            place[r] = check_random_in(&seed, 0, r ? 1 : 3);
+        radius = check_random_in(&seed, 0.08, 0.18);
+        for (int r = 0; r < 3; r++)
+            square += (x[r] - place[r]) * (x[r] - place[r]);
+        if (square < radius * radius)
+            return 1;
+    }
+    return 0;
 }
 
-static void assemble(problem *p, double poisson, double mass, double jump)
+static int is_stiff(stiff_parts parts, const double x[3])
+{
+    int y_strip = x[1] > 3 / 7.0 && x[1] < 4 / 7.0, z_strip = x[2] > 3 / 7.0 && x[2] < 4 / 7.0;
+    switch (parts) {
+    case BLOCK: return x[0] > 0.9 && x[0] < 1.8 && x[1] > 0.3 && x[1] < 0.66 && x[2] > 0.3 && x[2] < 0.66;
+    case TOUCHING: return x[0] > 0.9 && x[0] < 1.8 && x[1] > 0.5 && x[2] > 0.4;
+    case SLABS: return (int)(2 * x[0]) % 2;
+    case SHEET: return z_strip;
+    case ROD: return y_strip && z_strip;
+    case INCLUSIONS: return is_in_ball(x);
+    case SPECKS: return ((int)(7 * x[0]) * 49 + (int)(7 * x[1]) * 7 + (int)(7 * x[2])) * 7919 % 100 < 3;
+    default: return 0;
+    }
+}
+
+static double modulus_of(const sb_mesh *mesh, const int *tet, double height, stiff_parts parts, double jump)
+{
+    double x[3] = {0, 0, 0};
+    for (int r = 0; r < 3; r++)
+        for (int k = 0; k < 4; k++)
+            x[r] += (double)scene_component(mesh->nodes[tet[k]], r) / (4 * height);
+    return is_stiff(parts, x) ? 50e3 * jump : 50e3;
+}
+
+static void assemble_parts(problem *p, double poisson, double mass, stiff_parts parts, double jump)
 {
     sb_vec3 low, high;
     sb_mesh_bounds(&p->mesh, &low, &high);
@@ -71,10 +114,14 @@ static void assemble(problem *p, double poisson, double mass, double jump)
     memset(p->rhs, 0, 3 * (size_t)p->mesh.node_count * sizeof(sb_real));
     for (int t = 0; t < p->mesh.element_count; t++) {
         const int *tet = p->mesh.elements + 4 * (size_t)t;
-        add_tet(p, tet, modulus_at(&p->mesh, tet, (double)high.x, jump), poisson, mass);
+        double young = modulus_of(&p->mesh, tet, (double)high.z, parts, jump);
+        p->young[t] = REAL(young);
+        add_tet(p, tet, young, poisson, mass);
     }
     sb_matrix_constrain(&p->a, p->mask, NULL, p->rhs);
 }
+
+static void assemble(problem *p, double poisson, double mass) { assemble_parts(p, poisson, mass, EVEN, 1); }
 
 /* Takes the mesh over; clamped at x = 0 when asked. */
 static problem problem_make(sb_mesh mesh, int clamped)
@@ -85,6 +132,7 @@ static problem problem_make(sb_mesh mesh, int clamped)
     p.mask = (unsigned char *)calloc((size_t)mesh.node_count, 1);
     p.rhs = (sb_real *)calloc(3 * (size_t)mesh.node_count, sizeof(sb_real));
     p.x = (sb_real *)calloc(3 * (size_t)mesh.node_count, sizeof(sb_real));
+    p.young = (sb_real *)calloc((size_t)mesh.element_count, sizeof(sb_real));
     for (int i = 0; i < mesh.node_count; i++)
         p.mask[i] = clamped && mesh.nodes[i].x <= 0 ? SB_XYZ : 0;
     CHECK_OK(sb_matrix_create(mesh.node_count, mesh.element_count, 4, NULL, mesh.elements, NULL, &p.a, NULL));
@@ -105,6 +153,7 @@ static void problem_free(problem *p)
     free(p->mask);
     free(p->rhs);
     free(p->x);
+    free(p->young);
 }
 
 static sb_preconditioner *multigrid_of(const problem *p, const sb_multigrid_level *levels, int level_count)
@@ -132,11 +181,39 @@ static int iterations(problem *p, sb_preconditioner *multigrid, double tolerance
     return info.iterations;
 }
 
-static int count_for(problem *p, double poisson, double mass, double jump, double tolerance)
+static int count_for(problem *p, double poisson, double mass, double tolerance)
 {
     sb_preconditioner *multigrid = multigrid_of(p, NULL, 0);
     int count;
-    assemble(p, poisson, mass, jump);
+    assemble(p, poisson, mass);
+    count = iterations(p, multigrid, tolerance);
+    sb_preconditioner_free(multigrid);
+    return count;
+}
+
+/* Multigrid that is told the moduli of the last assembly. */
+static sb_preconditioner *multigrid_with_moduli(const problem *p, const sb_allocator *allocator, sb_result *result)
+{
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    sb_preconditioner *multigrid = NULL;
+    sb_real *moduli = (sb_real *)malloc((size_t)p->a.block_count * sizeof(sb_real));
+    CHECK_OK(sb_preconditioner_moduli(&p->a, p->mesh.element_count, 4, p->mesh.elements, p->young, moduli, NULL));
+    def.kind = SB_PRECOND_MULTIGRID;
+    def.positions = p->mesh.nodes;
+    def.moduli = moduli;
+    *result = sb_preconditioner_create(&def, &p->a, allocator, &multigrid, NULL);
+    free(moduli);
+    return multigrid;
+}
+
+static int count_parts(problem *p, stiff_parts parts, double jump, double mass, double tolerance)
+{
+    sb_result result;
+    sb_preconditioner *multigrid;
+    int count;
+    assemble_parts(p, 0.45, mass, parts, jump);
+    multigrid = multigrid_with_moduli(p, NULL, &result);
+    CHECK_OK(result);
     count = iterations(p, multigrid, tolerance);
     sb_preconditioner_free(multigrid);
     return count;
@@ -186,7 +263,7 @@ static void test_galerkin(void)
     same.node_count = n;
     same.positions = p.mesh.nodes;
     p.mask[n / 2] = SB_Y; /* one component only */
-    assemble(&p, 0.4, dynamic_mass, 1);
+    assemble(&p, 0.4, dynamic_mass);
     multigrid = multigrid_of(&p, &same, 1);
     CHECK_INT(sb_preconditioner_get_info(multigrid).level_count, 2);
     CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
@@ -214,7 +291,7 @@ static void test_symmetry(void)
     int n = 3 * p.mesh.node_count;
     sb_preconditioner *multigrid = multigrid_of(&p, NULL, 0);
     sb_real *mx = random_vector(n, 1), *my = random_vector(n, 1);
-    assemble(&p, 0.45, dynamic_mass, 1);
+    assemble(&p, 0.45, dynamic_mass);
     CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
     for (unsigned long long seed = 1; seed < 6; seed++) {
         sb_real *x = random_vector(n, seed), *y = random_vector(n, seed + 100);
@@ -257,7 +334,7 @@ static void test_large_level(void)
     level.positions = p.mesh.nodes;
     CHECK(p.a.block_count >= 100000);
     doubled = multigrid_of(&p, &level, 1);
-    assemble(&p, 0.45, dynamic_mass, 1);
+    assemble(&p, 0.45, dynamic_mass);
     count = iterations(&p, plain, tolerance);
     CHECK(iterations(&p, doubled, tolerance) < count); /* it is smoothed once more */
     CHECK_INT(sb_preconditioner_get_info(doubled).level_count, sb_preconditioner_get_info(plain).level_count + 1);
@@ -308,7 +385,7 @@ static void test_residual(void)
     sb_preconditioner *multigrid = multigrid_of(&p, NULL, 0);
     sb_pcg_info info;
     int most = 2000, other;
-    assemble(&p, 0.49, still_mass, 1);
+    assemble(&p, 0.49, still_mass);
     CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
     for (int t = 0; t < (SB_REAL_IS_FLOAT ? 1 : 4); t++) {
         CHECK_OK(solve_to(&p, multigrid, tolerances[t], most, &info));
@@ -318,7 +395,7 @@ static void test_residual(void)
     CHECK_RESULT(solve_to(&p, multigrid, 1e-8, 5, &info), SB_ERROR_NOT_CONVERGED);
     CHECK(info.capped && info.iterations == 5);
     CHECK_NEAR(residual_of(&p), info.residual, (SB_REAL_IS_FLOAT ? 0.2 : 1e-2) * info.residual);
-    assemble(&p, 0.45, dynamic_mass, -3); /* another matrix, and no update */
+    assemble_parts(&p, 0.45, dynamic_mass, SLABS, 3); /* another matrix, and no update */
     CHECK_OK(solve_to(&p, multigrid, SB_REAL_IS_FLOAT ? 1e-3 : 1e-9, most, &info));
     CHECK(residual_of(&p) <= (SB_REAL_IS_FLOAT ? 1.1e-3 : 1.01e-9));
     CHECK_RESULT(solve_to(&p, multigrid, 1e-8, 3, &info), SB_ERROR_NOT_CONVERGED);
@@ -342,36 +419,90 @@ static void test_series(void)
     int slow = getenv("CHECK_SLOW") != NULL, least = 0;
     for (int k = 0; k < (slow ? 5 : check_quick() ? 1 : 2); k++) {
         problem p = problem_beam(sizes[k], 0.15);
-        int count = count_for(&p, 0.45, dynamic_mass, 1, tolerance);
-        int firm = slow ? count_for(&p, 0.45, 0, 1, tolerance) : 0;
+        int count = count_for(&p, 0.45, dynamic_mass, tolerance);
+        int firm = slow ? count_for(&p, 0.45, 0, tolerance) : 0;
         if (slow)
             printf("    %d unknowns: %d iterations, static %d\n", 3 * p.mesh.node_count, count, firm);
         least = k == 0 || count < least ? count : least;
-        CHECK(count <= 13);
+        CHECK(count <= 11);
         CHECK(10 * count <= 13 * least);
         problem_free(&p);
     }
 }
 
-/* Counts as recorded, one to spare at most: an even body, nearly incompressible, with a block 1,000 times as stiff,
- * with slabs of two stiffnesses, which coarse nodes straddle and which it is worst at. */
+/* An even body as recorded; nearly incompressible, at rest or held here and there at most twice as many. */
 static void test_hard(void)
 {
     problem p = problem_beam(7, 0.15);
     double tolerance = 1e-2;
-    int easy = count_for(&p, 0.45, dynamic_mass, 1, tolerance);
+    int easy = count_for(&p, 0.45, dynamic_mass, tolerance);
     CHECK(easy <= 4);
-    CHECK(count_for(&p, 0.49, dynamic_mass, 1, tolerance) <= 9);
-    CHECK(count_for(&p, 0.45, dynamic_mass, 1000, tolerance) <= 13);
-    CHECK(count_for(&p, 0.45, dynamic_mass, -30, tolerance) <= 11);
-    CHECK(count_for(&p, 0.45, dynamic_mass, -1000, tolerance) <= 55);
-    CHECK(count_for(&p, 0.45, 0, 1, tolerance) <= 2 * easy);
+    CHECK(count_for(&p, 0.49, dynamic_mass, tolerance) <= 2 * easy);
+    CHECK(count_for(&p, 0.45, 0, tolerance) <= 2 * easy);
     for (unsigned long long seed = 3; seed < 6; seed++) { /* single components held, here and there */
         for (int i = 0; i < p.mesh.node_count; i++)
             p.mask[i] = (unsigned char)(check_random_in(&seed, 0, 1) < 0.1 ? (int)check_random_in(&seed, 1, 7.99) : 0);
-        CHECK(count_for(&p, 0.45, dynamic_mass, 1, tolerance) <= 2 * easy);
+        CHECK(count_for(&p, 0.45, dynamic_mass, tolerance) <= 2 * easy);
     }
     problem_free(&p);
+}
+
+/* Jumps of the modulus by 1,000 at most double the iterations, whichever side is stiff, moving or at rest. Many small
+ * inclusions, some of which touch at an edge or a corner, cost more: as recorded. */
+static void test_jumps(void)
+{
+    static const stiff_parts parts[5] = {BLOCK, TOUCHING, SLABS, SHEET, ROD};
+    problem p = problem_beam(7, 0.15);
+    double tight = SB_REAL_IS_FLOAT ? 1e-2 : 1e-6; /* float's rounding of the stiff parts allows no less */
+    int easy = count_for(&p, 0.45, dynamic_mass, 1e-2), firm = count_for(&p, 0.45, 0, 1e-2);
+    int easy_tight = count_for(&p, 0.45, dynamic_mass, tight);
+    for (int k = 0; k < 5; k++) {
+        CHECK(count_parts(&p, parts[k], 1000, dynamic_mass, 1e-2) <= 2 * easy);
+        CHECK(count_parts(&p, parts[k], 1e-3, dynamic_mass, 1e-2) <= 2 * easy);
+        CHECK(count_parts(&p, parts[k], 30, dynamic_mass, 1e-2) <= 2 * easy);
+        CHECK(count_parts(&p, parts[k], 1000, dynamic_mass, tight) <= 2 * easy_tight);
+        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, parts[k], 1000, 0, 1e-2) <= 2 * firm);
+    }
+    CHECK(count_parts(&p, INCLUSIONS, 1000, dynamic_mass, 1e-2) <= 11);
+    CHECK(count_parts(&p, SPECKS, 1000, dynamic_mass, 1e-2) <= 23);
+    problem_free(&p);
+}
+
+/* The solution is that of a complete factor; moduli that are all the same change no bit. */
+static void test_jumps_answer(void)
+{
+    problem p = problem_beam(5, 0.1);
+    int n = 3 * p.mesh.node_count;
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    sb_preconditioner *exact = NULL, *told, *plain;
+    sb_real *x = (sb_real *)malloc((size_t)n * sizeof *x), *z = random_vector(n, 1);
+    double difference = 0, size = 0, tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-9;
+    sb_result result;
+    count_parts(&p, SLABS, SB_REAL_IS_FLOAT ? 10 : 1000, dynamic_mass, tolerance);
+    memcpy(x, p.x, (size_t)n * sizeof *x);
+    def.kind = SB_PRECOND_CHOLESKY;
+    CHECK_OK(sb_preconditioner_create(&def, &p.a, NULL, &exact, NULL));
+    iterations(&p, exact, tolerance);
+    for (int k = 0; k < n; k++) {
+        difference = fmax(difference, fabs((double)(x[k] - p.x[k])));
+        size = fmax(size, fabs((double)x[k]));
+    }
+    CHECK_NEAR(difference / size, 0, 30 * tolerance);
+    sb_preconditioner_free(exact);
+    assemble(&p, 0.45, dynamic_mass);
+    told = multigrid_with_moduli(&p, NULL, &result);
+    plain = multigrid_of(&p, NULL, 0);
+    CHECK_OK(sb_preconditioner_update(told, &p.a, NULL, NULL));
+    CHECK_OK(sb_preconditioner_update(plain, &p.a, NULL, NULL));
+    sb_preconditioner_apply(told, z, x);
+    sb_preconditioner_apply(plain, z, p.x);
+    CHECK(memcmp(x, p.x, (size_t)n * sizeof *x) == 0);
+    CHECK(sb_preconditioner_get_info(told).bytes == sb_preconditioner_get_info(plain).bytes);
+    sb_preconditioner_free(told);
+    sb_preconditioner_free(plain);
+    problem_free(&p);
+    free(x);
+    free(z);
 }
 
 /* Nothing held and no mass: singular, but the load is in its range. Two parts that do not touch. */
@@ -381,7 +512,7 @@ static void test_free(void)
     int n = p.mesh.node_count;
     sb_mesh far = scene_box(SB_TET4, 5, 5, 5, sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 0.1);
     problem both;
-    assemble(&p, 0.4, 0, 1);
+    assemble(&p, 0.4, 0);
     for (int i = 0; i < n; i++)
         p.rhs[3 * i + 2] = 0;
     p.rhs[2] = 1; /* pulled apart along z, without a moment */
@@ -400,7 +531,7 @@ static void test_free(void)
     CHECK_OK(sb_mesh_append(&p.mesh, &far, NULL));
     both = problem_make(p.mesh, 1);
     memset(&p.mesh, 0, sizeof p.mesh);
-    CHECK(count_for(&both, 0.45, dynamic_mass, 1, SB_REAL_IS_FLOAT ? 1e-3 : 1e-6) <= 17);
+    CHECK(count_for(&both, 0.45, dynamic_mass, SB_REAL_IS_FLOAT ? 1e-3 : 1e-6) <= 17);
     problem_free(&both);
     problem_free(&p);
     sb_mesh_free(&far);
@@ -421,7 +552,7 @@ static void test_shapes(void)
         sb_pcg_options options = sb_default_pcg_options();
         sb_pcg_info info;
         sb_result result;
-        assemble(&p, 0.3, 50e3 / (shapes[s].size[0] * shapes[s].size[0]), 1);
+        assemble(&p, 0.3, 50e3 / (shapes[s].size[0] * shapes[s].size[0]));
         options.tolerance = 1e-2;
         CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
         result = sb_pcg_solve(&p.a, multigrid, p.rhs, p.x, &options, &p.workspace, &info);
@@ -442,17 +573,17 @@ static void test_updates(void)
     sb_preconditioner *kept = multigrid_of(&p, NULL, 0), *fresh = multigrid_of(&p, NULL, 0);
     sb_real *r = random_vector(n, 9), *z = random_vector(n, 1), *again = random_vector(n, 1);
     double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
-    assemble(&p, 0.45, dynamic_mass, 1);
+    assemble(&p, 0.45, dynamic_mass);
     count = iterations(&p, kept, tolerance);
     for (int s = 0; s < 4; s++) {
-        assemble(&p, 0.45, dynamic_mass, 1);
+        assemble(&p, 0.45, dynamic_mass);
         for (int q = 0; q < p.a.block_count; q++)
             for (int k = 0; k < 9; k++)
                 p.a.blocks[q][k] *= REAL(scales[s]);
         CHECK(abs(iterations(&p, kept, tolerance) - count) <= 1);
     }
     /* another material, static: what was learnt must do no harm, */
-    assemble(&p, 0.3, still_mass, SB_REAL_IS_FLOAT ? 10 : 1000);
+    assemble_parts(&p, 0.3, still_mass, BLOCK, SB_REAL_IS_FLOAT ? 10 : 1000);
     count = iterations(&p, fresh, tolerance);
     CHECK(abs(iterations(&p, kept, tolerance) - count) <= 1 + count / 10);
     sb_preconditioner_apply(fresh, r, again);
@@ -701,7 +832,7 @@ static void test_refusals(void)
     refuse(&p, &def, SB_ERROR_ARGUMENT);
     level.node_count = n;
     multigrid = multigrid_of(&p, &level, 1);
-    assemble(&p, 0.3, 1, 1);
+    assemble(&p, 0.3, 1);
     p.a.blocks[p.a.diagonal[n - 1]][4] *= -1;
     CHECK_RESULT(sb_preconditioner_update(multigrid, &p.a, NULL, &error), SB_ERROR_INDEFINITE);
     CHECK_INT(error.node, n - 1);
@@ -713,35 +844,289 @@ static void test_refusals(void)
 
 static void test_memory(void)
 {
+    static const stiff_parts parts[3] = {EVEN, SLABS, SPECKS};
     problem p = problem_beam(3, 0.1);
-    sb_preconditioner_def def = sb_default_preconditioner_def();
     scene_memory memory = {0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
-    sb_result result = SB_ERROR_MEMORY;
+    for (int k = 0; k < 3; k++) {
+        sb_result result = SB_ERROR_MEMORY;
+        assemble_parts(&p, 0.45, dynamic_mass, parts[k], 1000);
+        for (int fail = 1; result == SB_ERROR_MEMORY && fail < 400; fail++) {
+            sb_preconditioner *multigrid;
+            memory.calls = 0;
+            memory.fail_at = fail;
+            multigrid = multigrid_with_moduli(&p, &allocator, &result);
+            CHECK(result == SB_OK || (result == SB_ERROR_MEMORY && !multigrid && memory.live == 0));
+            if (multigrid) { /* nothing more is taken */
+                int calls = memory.calls;
+                CHECK(sb_preconditioner_get_info(multigrid).level_count > 1);
+                CHECK(iterations(&p, multigrid, 1e-2) < 20);
+                CHECK_INT(memory.calls, calls);
+            }
+            sb_preconditioner_free(multigrid);
+            CHECK_INT(memory.live, 0);
+        }
+        CHECK_OK(result);
+    }
+    problem_free(&p);
+}
+
+/* ---- moduli ---- */
+
+static void test_moduli(void)
+{
+    problem p = problem_make(scene_box(SB_TET4, 2, 1, 1, sb_v3(2, 1, 1), 0), 1);
+    int tets = p.mesh.element_count, *cells = p.mesh.elements, corner = cells[0];
+    sb_real *moduli = (sb_real *)malloc((size_t)p.a.block_count * sizeof(sb_real));
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    sb_error error;
+    for (int t = 0; t < tets; t++)
+        p.young[t] = REAL(1 + t);
+    CHECK_OK(sb_preconditioner_moduli(&p.a, tets, 4, cells, p.young, moduli, &error));
+    for (int i = 0; i < p.mesh.node_count; i++)
+        for (int q = p.a.row_start[i]; q < p.a.row_start[i + 1]; q++) {
+            int last = -1;
+            for (int t = 0; t < tets; t++) {
+                int both = 0;
+                for (int k = 0; k < 4; k++)
+                    both |= (cells[4 * t + k] == i) | 2 * (cells[4 * t + k] == p.a.columns[q]);
+                last = both == 3 ? t : last;
+            }
+            CHECK_NEAR(moduli[q], 1 + last, 0);
+        }
+    CHECK_OK(sb_preconditioner_moduli(&p.a, 0, 4, NULL, NULL, moduli, &error));
+    CHECK_NEAR(moduli[p.a.block_count - 1], 0, 0);
+    CHECK_RESULT(sb_preconditioner_moduli(NULL, tets, 4, cells, p.young, moduli, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, -1, 4, cells, p.young, moduli, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 0, cells, p.young, moduli, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 4, NULL, p.young, moduli, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 4, cells, NULL, moduli, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 4, cells, p.young, NULL, &error), SB_ERROR_ARGUMENT);
+    p.young[3] = REAL(NAN);
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 4, cells, p.young, moduli, &error), SB_ERROR_NOT_FINITE);
+    CHECK_INT(error.element, 3);
+    p.young[3] = -1;
+    CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 4, cells, p.young, moduli, &error), SB_ERROR_ARGUMENT);
+    p.young[3] = 0;
+    for (int bad = -1; bad < 100; bad += 100) {
+        cells[0] = bad;
+        CHECK_RESULT(sb_preconditioner_moduli(&p.a, tets, 4, cells, p.young, moduli, &error), SB_ERROR_INDEX);
+        CHECK_INT(error.element, 0);
+    }
+    cells[0] = corner;
+    CHECK_OK(sb_preconditioner_moduli(&p.a, tets, 4, cells, p.young, moduli, &error));
     def.kind = SB_PRECOND_MULTIGRID;
     def.positions = p.mesh.nodes;
-    assemble(&p, 0.45, dynamic_mass, 1);
-    for (int fail = 1; result == SB_ERROR_MEMORY && fail < 300; fail++) {
-        sb_preconditioner *multigrid = NULL;
-        memory.calls = 0;
-        memory.fail_at = fail;
-        result = sb_preconditioner_create(&def, &p.a, &allocator, &multigrid, NULL);
-        CHECK(result == SB_OK || (result == SB_ERROR_MEMORY && !multigrid && memory.live == 0));
-        if (multigrid) { /* nothing more is taken */
-            int calls = memory.calls;
-            CHECK(sb_preconditioner_get_info(multigrid).level_count > 1);
-            CHECK(iterations(&p, multigrid, 1e-2) < 20);
-            CHECK_INT(memory.calls, calls);
-        }
-        sb_preconditioner_free(multigrid);
-        CHECK_INT(memory.live, 0);
-    }
-    CHECK_OK(result);
+    def.moduli = moduli;
+    moduli[2] = -1;
+    refuse(&p, &def, SB_ERROR_ARGUMENT);
+    moduli[2] = REAL(INFINITY);
+    refuse(&p, &def, SB_ERROR_ARGUMENT);
     problem_free(&p);
+    free(moduli);
+}
+
+/* Whatever the moduli say, the solve ends: of every element at random, of zeros, of flat and slender shapes. */
+static void test_moduli_at_random(void)
+{
+    static const int shapes[3][3] = {{6, 4, 4}, {30, 1, 1}, {12, 12, 1}};
+    unsigned long long seed = 11;
+    for (int k = 0; k < 9; k++) {
+        const int *n = shapes[k % 3];
+        sb_vec3 size = sb_v3(REAL(n[0]), REAL(n[1]), REAL(n[2]));
+        problem p = problem_make(scene_box(SB_TET4, n[0], n[1], n[2], size, 0.1), 1);
+        sb_preconditioner *multigrid;
+        sb_result result;
+        assemble(&p, 0.3, 1e4);
+        for (int t = 0; t < p.mesh.element_count; t++) {
+            double x = check_random_in(&seed, 0, 1);
+            double kinds[3] = {x < 0.5 ? 1.0 : 1000.0, x < 0.9 ? 0.0 : 1.0, pow(10, 6 * x)};
+            p.young[t] = REAL(kinds[k / 3]);
+        }
+        multigrid = multigrid_with_moduli(&p, NULL, &result);
+        CHECK_OK(result);
+        CHECK(iterations(&p, multigrid, 1e-2) <= 40);
+        sb_preconditioner_free(multigrid);
+        problem_free(&p);
+    }
+}
+
+/* ---- bodies of several materials ---- */
+
+/* Six slabs of two materials, 3,168 nodes. */
+static sb_body *body_of_slabs(sb_mesh *mesh, sb_precond_kind kind, sb_jobs jobs)
+{
+    sb_region_material stiff;
+    sb_body_def def = sb_default_body_def();
+    sb_body *body;
+    for (int t = 0; t < mesh->element_count; t++)
+        mesh->regions[t] = (int)(6 * (double)mesh->nodes[mesh->elements[4 * (size_t)t]].x / 0.18) % 2;
+    stiff.region = 1;
+    stiff.material = sb_material_corotated(REAL(20e6), REAL(0.45), 1000);
+    def.mesh = mesh;
+    def.material = sb_material_corotated(REAL(20e3), REAL(0.45), 1000);
+    def.region_materials = &stiff;
+    def.region_material_count = 1;
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.preconditioner = kind;
+    def.tolerance = REAL(1e-2);
+    def.jobs = jobs;
+    body = scene_body(&def);
+    if (body)
+        scene_fix_plane(body, mesh, 0, 0, SB_XYZ);
+    return body;
+}
+
+/* A body tells multigrid of its materials, also when a constraint widens its matrix; any number of threads and a loaded
+ * state give the same bits. */
+static void test_body_jumps(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
+    unsigned long long expected = 0;
+    sb_constraint_term terms[2] = {{0, 2, 1}, {0, 2, -1}};
+    terms[0].node = mesh.node_count - 1;
+    terms[1].node = mesh.node_count / 2;
+    mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
+    for (int workers = 0; workers < 3; workers += 2) {
+        sb_jobs jobs = {NULL, NULL};
+        sb_body *body = body_of_slabs(&mesh, SB_PRECOND_MULTIGRID, workers ? scene_jobs(&workers) : jobs);
+        sb_step_info info;
+        unsigned long long hash;
+        int id;
+        for (int s = 0; s < 3; s++) {
+            CHECK_OK(sb_body_step(body, REAL(0.01), &info));
+            CHECK(info.pcg_iterations <= 8);
+            if (s == 1)
+                CHECK_OK(sb_body_add_constraint(body, terms, 2, 0, &id, NULL));
+        }
+        hash = scene_hash(sb_body_displacements(body), (size_t)mesh.node_count * sizeof(sb_vec3));
+        expected = workers ? expected : hash;
+        CHECK(hash == expected);
+        sb_body_destroy(body);
+    }
+    sb_mesh_free(&mesh);
+}
+
+/* ---- weighted cells ---- */
+
+/* Distance to a round bar of radius 0.03 m and length 0.18 m that leaves the origin askew. */
+static sb_real bar_distance(void *user, sb_vec3 p)
+{
+    sb_vec3 axis = sb_v3_scale(REAL(1 / sqrt(1 + 0.13 * 0.13 + 0.21 * 0.21)), sb_v3(1, REAL(0.13), REAL(0.21)));
+    double along = (double)sb_v3_dot(p, axis), square = (double)sb_v3_dot(p, p) - along * along;
+    double side = sqrt(square > 0 ? square : 0) - 0.03, end = fabs(along - 0.09) - 0.09;
+    (void)user;
+    if (side < 0 && end < 0)
+        return REAL(fmax(side, end));
+    return REAL(sqrt(fmax(side, 0) * fmax(side, 0) + fmax(end, 0) * fmax(end, 0)));
+}
+
+/* To a ball within it. */
+static sb_real ball_distance(void *user, sb_vec3 p)
+{
+    (void)user;
+    return sb_v3_norm(sb_v3_sub(p, sb_v3(REAL(0.09), REAL(0.015), REAL(0.02)))) - REAL(0.015);
+}
+
+/* The bar in 11 n x 6 n x 6 n cubes; a tumour in it when asked. */
+static sb_grid grid_of_bar(int n, int tumour)
+{
+    sb_grid_def def = sb_default_grid_def();
+    sb_shape inner;
+    sb_grid grid;
+    memset(&grid, 0, sizeof grid);
+    memset(&inner, 0, sizeof inner);
+    inner.distance = ball_distance;
+    inner.max_slope = 1;
+    inner.region = 1;
+    def.outer.distance = bar_distance;
+    def.outer.max_slope = 1;
+    def.low = sb_v3(REAL(-0.02), REAL(-0.04), REAL(-0.04));
+    def.high = sb_v3(REAL(0.2), REAL(0.08), REAL(0.08));
+    def.counts[0] = 11 * n;
+    def.counts[1] = def.counts[2] = 6 * n;
+    def.inner = &inner;
+    def.inner_count = tumour;
+    CHECK_OK(sb_grid_create(&def, &grid, NULL));
+    return grid;
+}
+
+static sb_body *body_of_grid(const sb_grid *grid, sb_precond_kind kind, const sb_multigrid_level *level,
+                             double tolerance)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_region_material tumour;
+    sb_body *body;
+    tumour.region = 1;
+    tumour.material = sb_material_corotated(REAL(50e6), REAL(0.45), 1000);
+    def.mesh = &grid->body_mesh;
+    def.domain = &grid->domain;
+    def.material = sb_material_corotated(REAL(50e3), REAL(0.45), 1000);
+    def.region_materials = &tumour;
+    def.region_material_count = grid->region_count > 1;
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.preconditioner = kind;
+    def.levels = level;
+    def.level_count = level != NULL;
+    def.tolerance = REAL(tolerance);
+    body = scene_body(&def);
+    for (int i = 0; i < grid->mesh.node_count; i++)
+        if (grid->mesh.nodes[i].x < REAL(0.012))
+            sb_body_fix_nodes(body, &i, 1, SB_XYZ);
+    return body;
+}
+
+/* Most iterations of three steps. */
+static int steps_of_grid(const sb_grid *grid, const sb_multigrid_level *level, double tolerance)
+{
+    sb_body *body = body_of_grid(grid, SB_PRECOND_MULTIGRID, level, tolerance);
+    sb_body *exact = body_of_grid(grid, SB_PRECOND_CHOLESKY, NULL, tolerance);
+    double moved = 0;
+    int most = 0;
+    for (int s = 0; s < 3; s++) {
+        sb_step_info info;
+        CHECK_OK(sb_body_step(body, REAL(0.01), &info));
+        CHECK_OK(sb_body_step(exact, REAL(0.01), NULL));
+        most = info.pcg_iterations > most ? info.pcg_iterations : most;
+    }
+    for (int i = 0; i < grid->mesh.node_count; i++)
+        moved = fmax(moved, (double)sb_v3_norm(sb_body_displacements(exact)[i]));
+    CHECK(scene_distance(sb_body_displacements(body), sb_body_displacements(exact), grid->mesh.node_count) <
+          10 * tolerance * moved);
+    sb_body_destroy(body);
+    sb_body_destroy(exact);
+    return most;
+}
+
+/* Cells that a surface cuts, some of which hold next to nothing: as few iterations as whole ones, and the motion of a
+ * complete factor; with levels from the nodes' places and with the nested grid of half as many cells; with a tumour. */
+static void test_weighted_cells(void)
+{
+    double tight = SB_REAL_IS_FLOAT ? 1e-4 : 1e-6;
+    sb_grid coarse = grid_of_bar(1, 0);
+    for (int tumour = 0; tumour < 2; tumour++) {
+        sb_grid grid = grid_of_bar(2, tumour);
+        sb_grid_rows rows;
+        sb_multigrid_level level;
+        memset(&rows, 0, sizeof rows);
+        CHECK_OK(sb_grid_map_points(&coarse, grid.mesh.nodes, grid.mesh.node_count, NULL, &rows, NULL));
+        level.mapping = rows.rows;
+        level.node_count = coarse.mesh.node_count;
+        level.positions = coarse.mesh.nodes;
+        CHECK(steps_of_grid(&grid, NULL, 1e-2) <= (tumour ? 7 : 4));
+        CHECK(steps_of_grid(&grid, NULL, tight) <= (tumour ? 13 : 11));
+        CHECK(steps_of_grid(&grid, &level, 1e-2) <= (tumour ? 9 : 4)); /* levels of one's own know no regions */
+        sb_grid_rows_free(&rows);
+        sb_grid_free(&grid);
+    }
+    sb_grid_free(&coarse);
 }
 
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
             {"large coarser levels", test_large_level}, {"residual", test_residual}, {"series", test_series},
-            {"hard", test_hard}, {"free", test_free}, {"shapes", test_shapes}, {"updates", test_updates},
-            {"the same bits", test_bits}, {"bodies", test_body}, {"levels of one's own", test_own_levels},
-            {"choice", test_choice}, {"refusals", test_refusals}, {"failing allocations", test_memory});
+            {"hard", test_hard}, {"jumps", test_jumps}, {"jumps: the answer", test_jumps_answer}, {"free", test_free},
+            {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits}, {"bodies", test_body},
+            {"levels of one's own", test_own_levels}, {"choice", test_choice}, {"refusals", test_refusals},
+            {"failing allocations", test_memory}, {"moduli", test_moduli},
+            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps},
+            {"weighted cells", test_weighted_cells});

@@ -561,15 +561,51 @@ SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mat
     return SB_OK;
 }
 
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real *young;
+    sb_result result;
+    *moduli = NULL;
+    if (body->material_count < 2)
+        return SB_OK;
+    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
+    if (young && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++)
+            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+                                          *moduli, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
+    }
+    sbi_free(&body->allocator, young);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, *moduli);
+        *moduli = NULL;
+    }
+    return result;
+}
+
 static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
     settings.kind = def->preconditioner;
     settings.positions = def->mesh->nodes;
     settings.jobs = body->jobs;
     settings.levels = def->levels;
     settings.level_count = def->level_count;
-    return sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    if (settings.kind == SB_PRECOND_AUTO)
+        settings.kind = sb_solver_auto(&body->matrix);
+    if (settings.kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+    settings.moduli = moduli;
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
 }
 
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)

@@ -608,6 +608,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_preconditioner_def settings = sb_default_preconditioner_def();
     sb_matrix *matrix = &b->matrix;
     double step;
+    sb_real *moduli = NULL;
     sb_result result = sbi_modes_assemble(m);
     if (result != SB_OK)
         return result;
@@ -634,7 +635,12 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
     settings.jobs = b->jobs;
-    result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
+    if (!b->elimination && sb_solver_auto(m->matrix) == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
+    settings.moduli = moduli;
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
+    sbi_free(&b->allocator, moduli);
     if (result == SB_OK)
         result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);
     return result;

@@ -2,13 +2,21 @@
 #include "multigrid_level.h"
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
+/* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
+ * with 1.4 everywhere a stiff sheet takes half as many iterations again. */
+#define SBI_MG_RATIO 2.0
+#define SBI_MG_THIN_RATIO 1.4
+#define SBI_MG_THIN_RATIO_LATER 1.2
+
 enum {
-    SBI_MG_RATIO = 2,      /* edges of a level over those of the one above */
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_TWICE_FROM = 1  /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
+    SBI_MG_TWICE_FROM = 1, /* with levels this coarse cycled twice iterations stay the same from 5,000 to 300,000
                             * unknowns; once: up by 40 % */
+    SBI_MG_REGIONS = 16,   /* that a level can have, */
+    SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -48,6 +56,7 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
     if (!multigrid)
         return;
     allocator = multigrid->allocator;
+    sbi_mg_regions_free(&allocator, &multigrid->regions);
     for (int k = 0; k < multigrid->array_count; k++)
         sbi_free(&allocator, multigrid->arrays[k]);
     sbi_free(&allocator, multigrid);
@@ -62,7 +71,7 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count;
-    int finest = level == m->levels, packed = finest || level->block_count >= SBI_MG_PACKED;
+    int finest = level == m->levels, packed = finest || (m->regions.count == 0 && level->block_count >= SBI_MG_PACKED);
     if (packed) {
         level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
         level->scale = sbi_mg_take_floats(m, rows, 4);
@@ -337,6 +346,22 @@ static sb_result sbi_mg_check_level(const sb_multigrid_level *own, int index, in
     return SB_OK;
 }
 
+/* Takes over a row of a mapping but for weights below a hundred-thousandth of its largest: a coarse node that hangs on
+ * such weights only has a stiffness that single precision may not hold. Returns the number of entries. */
+static int sbi_mg_copy_row(const sb_mapping *mapping, int row, int *nodes, float *weights)
+{
+    double largest = 0;
+    int count = 0;
+    for (int e = mapping->row_start[row]; e < mapping->row_start[row + 1]; e++)
+        largest = fabs((double)mapping->weights[e]) > largest ? fabs((double)mapping->weights[e]) : largest;
+    for (int e = mapping->row_start[row]; e < mapping->row_start[row + 1]; e++)
+        if (fabs((double)mapping->weights[e]) >= 1e-5 * largest) {
+            nodes[count] = mapping->nodes[e];
+            weights[count++] = (float)mapping->weights[e];
+        }
+    return count;
+}
+
 static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *allocator, sbi_mg_rows *rows)
 {
     const sb_mapping *mapping = &own->mapping;
@@ -351,11 +376,11 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
         sbi_mg_rows_free(allocator, rows);
         return 0;
     }
-    memcpy(rows->start, mapping->row_start, (n + 1) * sizeof(int));
-    memcpy(rows->nodes, mapping->nodes, entries * sizeof(int));
+    rows->start[0] = 0;
+    for (int i = 0; i < mapping->row_count; i++)
+        rows->start[i + 1] = rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i],
+                                                              rows->weights + rows->start[i]);
     memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
-    for (size_t e = 0; e < entries; e++)
-        rows->weights[e] = (float)mapping->weights[e];
     return 1;
 }
 
@@ -387,9 +412,53 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
+/* Takes the regions of `like`, or finds them where moduli are given. The user's levels stay as they are. */
+static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
+{
+    int made = 1;
+    if (setup->like && setup->like->regions.row_count == pattern->row_count)
+        made = sbi_mg_copy_regions(&setup->like->regions, &m->allocator, &m->regions);
+    else if (!setup->like && setup->moduli && setup->level_count == 0)
+        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
+    m->bytes += (size_t)m->regions.row_count * sizeof(int) +
+                (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
+    if (m->regions.count > 0)
+        m->levels[0].mend = sbi_mg_take_floats(m, (size_t)pattern->row_count, 12);
+    return made && (m->regions.count == 0 || m->levels[0].mend);
+}
+
+/* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where
+ * they hardly do: they must not keep the coarsest level from being small. */
+static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, int *labels, sbi_mg_rows *rows)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    sbi_mg_nodes nodes;
+    int made = 1, count = level->row_count;
+    nodes.level = level;
+    nodes.positions = positions;
+    nodes.regions = &m->regions;
+    nodes.labels = labels;
+    if (labels) {
+        double thin = m->level_count == 1 ? SBI_MG_THIN_RATIO : SBI_MG_THIN_RATIO_LATER;
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
+                                    labels) &&
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, thin, &m->allocator, rows);
+        if (!made || rows->coarse_count <= count - count / 8)
+            return made;
+        sbi_mg_rows_free(&m->allocator, rows);
+        if (count <= 2 * SBI_MG_DENSE)
+            return 1;
+        nodes.labels = NULL;
+    }
+    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->allocator, rows);
+    if (made && rows->coarse_count > count / 2)
+        sbi_mg_rows_free(&m->allocator, rows);
+    return made;
+}
+
 /* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
- * much smaller. */
-static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_vec3 *positions,
+ * much smaller. `last` are those that made the last level, or zero. */
+static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *last,
                                   sbi_mg_rows *rows, sb_error *error)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
@@ -405,9 +474,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= SBI_MG_DENSE)
             return SB_OK;
-        made = sbi_mg_lattice(level, positions, SBI_MG_RATIO, &m->allocator, rows);
-        if (made && rows->coarse_count > level->row_count / 2)
-            sbi_mg_rows_free(&m->allocator, rows);
+        made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
     return made ? SB_OK : sbi_mg_no_memory(m, error);
 }
@@ -432,8 +499,14 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     sbi_mg_rows rows, last;
     sb_result result = SB_OK;
     memset(&last, 0, sizeof last);
+    if (m->regions.count) {
+        last.labels = (int *)sbi_alloc(&m->allocator, (size_t)m->regions.row_count, sizeof(int));
+        if (!last.labels)
+            return sbi_mg_no_memory(m, error);
+        memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
+    }
     while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
-        result = sbi_mg_make_rows(m, setup, last.positions ? last.positions : setup->positions, &rows, error);
+        result = sbi_mg_make_rows(m, setup, &last, &rows, error);
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -473,6 +546,8 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->twice_from = SBI_MG_TWICE_FROM;
     m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
+        result = sbi_mg_no_memory(m, error);
+    if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);

@@ -33,9 +33,10 @@ typedef struct sbi_mg_reach {
 
 typedef struct sbi_multigrid_setup {
     const sb_vec3 *positions;         /* [row_count] (m) of the finest nodes */
+    const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like;        /* take the user's levels from here instead, or NULL */
+    const sbi_multigrid *like;        /* take the user's levels or the regions from here instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
 

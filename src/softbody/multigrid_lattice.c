@@ -4,11 +4,14 @@
 #include <math.h>
 #include <string.h>
 
-/* A box of cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are linear: rigid
- * motions and uniform strains of the finer level are then motions of the coarser one, too. */
+/* The box of a region in cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are
+ * linear: rigid motions and uniform strains of the finer level are then motions of the coarser one, too. */
 typedef struct sbi_lattice {
     double low[3], extent[3]; /* m */
+    double edge;              /* about that of its cells (m) */
     int cells[3];             /* 0 along an axis without extent */
+    int tet;                  /* 1: a region smaller than a cell; one tet around it takes half as many nodes */
+    int64_t first;            /* number of its first point */
 } sbi_lattice;
 
 /* Where a node lies: the corners of its tet that have a share. */
@@ -20,36 +23,54 @@ typedef struct sbi_lattice_place {
 
 static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
 
-/* Largest extent. */
-static double sbi_lattice_bound(const sb_vec3 *positions, int count, sbi_lattice *lattice)
+/* Lays the boxes around the nodes of their regions; returns the largest extent. */
+static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices, int lattice_count)
 {
     double largest = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        double low = sbi_lattice_coordinate(positions[0], axis), high = low;
-        for (int i = 1; i < count; i++) {
-            double x = sbi_lattice_coordinate(positions[i], axis);
-            low = x < low ? x : low;
-            high = x > high ? x : high;
+    for (int l = 0; l < lattice_count; l++)
+        lattices[l].edge = -1; /* empty so far */
+    for (int i = 0; i < nodes->level->row_count; i++) {
+        sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        for (int axis = 0; axis < 3; axis++) {
+            double x = sbi_lattice_coordinate(nodes->positions[i], axis), low = lattice->low[axis];
+            double high = lattice->extent[axis];
+            lattice->low[axis] = lattice->edge < 0 || x < low ? x : low;
+            lattice->extent[axis] = lattice->edge < 0 || x > high ? x : high; /* the upper end */
         }
-        lattice->low[axis] = low;
-        lattice->extent[axis] = high - low;
-        largest = high - low > largest ? high - low : largest;
+        lattice->edge = 0;
     }
+    for (int l = 0; l < lattice_count; l++)
+        for (int axis = 0; axis < 3 && lattices[l].edge >= 0; axis++) {
+            lattices[l].extent[axis] -= lattices[l].low[axis];
+            largest = lattices[l].extent[axis] > largest ? lattices[l].extent[axis] : largest;
+        }
     return largest;
 }
 
-/* Cells of about `edge` that fill the box. */
-static void sbi_lattice_cut(sbi_lattice *lattice, double edge)
+/* Cells of about the edges that are set, which fill the boxes. */
+static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        double cells = lattice->extent[axis] / edge + 0.5; /* not a number where there is no extent */
-        lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+    int64_t first = 0;
+    for (int l = 0; l < lattice_count; l++) {
+        sbi_lattice *lattice = lattices + l;
+        int64_t points = 1;
+        int small = lattice_count > 1;
+        for (int axis = 0; axis < 3; axis++)
+            small = small && lattice->extent[axis] <= 0.6 * lattice->edge;
+        lattice->tet = small;
+        lattice->first = first;
+        for (int axis = 0; axis < 3; axis++) {
+            double cells = lattice->extent[axis] / lattice->edge + 0.5; /* not a number where there is no extent */
+            lattice->cells[axis] = cells >= 1 && cells < 1e6 ? (int)cells : lattice->extent[axis] > 0;
+            points *= lattice->cells[axis] + 1;
+        }
+        first += points;
     }
 }
 
 static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
 {
-    return ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
+    return lattice->first + ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
 }
 
 /* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
@@ -61,10 +82,37 @@ static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double 
     place->weights[place->count++] = weight;
 }
 
+/* Shares of the corners of the one tet, whose edges are three times as long as the box, or of the cell's tet. */
+static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const double share[3],
+                                  sbi_lattice_place *place)
+{
+    int order[3] = {0, 1, 2};
+    if (lattice->tet) {
+        sbi_lattice_add(lattice, at, 1 - (share[0] + share[1] + share[2]) / 3, place);
+        for (int axis = 0; axis < 3; axis++) {
+            int corner[3] = {0, 0, 0};
+            corner[axis] = lattice->cells[axis];
+            sbi_lattice_add(lattice, corner, share[axis] / 3, place);
+        }
+        return;
+    }
+    for (int a = 1; a < 3; a++) /* by falling share */
+        for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
+            int swap = order[b];
+            order[b] = order[b - 1];
+            order[b - 1] = swap;
+        }
+    sbi_lattice_add(lattice, at, 1 - share[order[0]], place);
+    for (int k = 0; k < 3; k++) {
+        at[order[k]]++;
+        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), place);
+    }
+}
+
 static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 position)
 {
     sbi_lattice_place place;
-    int at[3], order[3] = {0, 1, 2};
+    int at[3];
     double share[3], sum = 0;
     place.count = 0;
     for (int axis = 0; axis < 3; axis++) {
@@ -76,17 +124,7 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
             at[axis] = cells - 1;
         share[axis] = t - at[axis];
     }
-    for (int a = 1; a < 3; a++) /* by falling share */
-        for (int b = a; b > 0 && share[order[b]] > share[order[b - 1]]; b--) {
-            int swap = order[b];
-            order[b] = order[b - 1];
-            order[b - 1] = swap;
-        }
-    sbi_lattice_add(lattice, at, 1 - share[order[0]], &place);
-    for (int k = 0; k < 3; k++) {
-        at[order[k]]++;
-        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), &place);
-    }
+    sbi_lattice_share_out(lattice, at, share, &place);
     for (int k = 0; k < place.count; k++)
         sum += place.weights[k];
     for (int k = 0; k < place.count; k++)
@@ -97,10 +135,11 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
 static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
 {
     double x[3];
+    point -= lattice->first;
     for (int axis = 0; axis < 3; axis++) {
         int64_t points = lattice->cells[axis] + 1;
         double share = lattice->cells[axis] ? (double)(point % points) / lattice->cells[axis] : 0;
-        x[axis] = lattice->low[axis] + share * lattice->extent[axis];
+        x[axis] = lattice->low[axis] + (lattice->tet ? 3 : 1) * share * lattice->extent[axis];
         point /= points;
     }
     return sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
@@ -137,12 +176,12 @@ static void sbi_lattice_forget(sbi_lattice_table *table)
 }
 
 /* 1: no more than `most` points are in use. */
-static int sbi_lattice_fits(const sbi_lattice *lattice, const sb_vec3 *positions, int count, int most,
-                            sbi_lattice_table *table)
+static int sbi_lattice_fits(const sbi_lattice *lattices, const sbi_mg_nodes *nodes, int most, sbi_lattice_table *table)
 {
     sbi_lattice_forget(table);
-    for (int i = 0; i < count && table->count <= most; i++) {
-        sbi_lattice_place place = sbi_lattice_find(lattice, positions[i]);
+    for (int i = 0; i < nodes->level->row_count && table->count <= most; i++) {
+        const sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        sbi_lattice_place place = sbi_lattice_find(lattice, nodes->positions[i]);
         for (int k = 0; k < place.count; k++)
             sbi_lattice_number(table, place.points[k]);
     }
@@ -162,16 +201,18 @@ static int sbi_lattice_keep_least(double *least, int count, int limit, double va
     return count == limit ? limit : count + 1;
 }
 
-/* Mean distance of a node to the nearest of those that it is coupled with (m), up to six: that many are next to it in a
- * regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
-static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 *positions, int row)
+/* Mean distance of a node to the nearest of those of its region that it is coupled with (m), up to six: that many are
+ * next to it in a regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
+static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
 {
     enum { NEAREST = 6 };
+    const sbi_mg_level *level = nodes->level;
+    const sb_vec3 *positions = nodes->positions;
     double squares[NEAREST], sum = 0;
     int count = 0;
     for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
         sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
-        if (level->columns[q] != row)
+        if (level->columns[q] != row && (!nodes->labels || nodes->labels[level->columns[q]] == nodes->labels[row]))
             count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
     }
     for (int k = 0; k < count; k++)
@@ -179,30 +220,71 @@ static double sbi_lattice_node_spacing(const sbi_mg_level *level, const sb_vec3 
     return count ? sum / count : 0;
 }
 
-/* Cells of about `ratio` times the mean spacing of the nodes, or more as long as more than `most` points were in use;
- * one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattice, double largest, const sbi_mg_level *level,
-                               const sb_vec3 *positions, double ratio, int most, sbi_lattice_table *table)
+/* 1: the node is coupled with a softer region. */
+static int sbi_lattice_is_on_jump(const sbi_mg_nodes *nodes, int row)
 {
-    double sum = 0, edge;
-    for (int i = 0; i < level->row_count; i++)
-        sum += sbi_lattice_node_spacing(level, positions, i);
-    edge = ratio * sum / level->row_count;
-    edge = edge > 1e-5 * largest ? edge : 1e-5 * largest;
-    for (; edge < largest; edge *= 1.25) {
-        sbi_lattice_cut(lattice, edge);
-        if (sbi_lattice_fits(lattice, positions, level->row_count, most, table))
-            return;
+    const sbi_mg_level *level = nodes->level;
+    const sb_real *moduli = nodes->regions->moduli;
+    for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++)
+        if (moduli[nodes->labels[level->columns[q]]] < moduli[nodes->labels[row]])
+            return 1;
+    return 0;
+}
+
+/* What decides about a region's cells. */
+typedef struct sbi_lattice_measure {
+    double spacing; /* of its nodes, summed up */
+    int count;      /* of its nodes */
+    int on_jump;    /* those that are coupled with a softer region */
+} sbi_lattice_measure;
+
+/* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
+ * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
+static void sbi_lattice_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio,
+                                  sbi_lattice_measure *measures, sbi_lattice *lattices, int lattice_count)
+{
+    memset(measures, 0, (size_t)lattice_count * sizeof *measures);
+    for (int i = 0; i < nodes->level->row_count; i++) {
+        sbi_lattice_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
+        measure->spacing += sbi_lattice_node_spacing(nodes, i);
+        measure->count++;
+        measure->on_jump += nodes->labels && sbi_lattice_is_on_jump(nodes, i);
     }
-    sbi_lattice_cut(lattice, largest);
+    for (int l = 0; l < lattice_count; l++) {
+        const sbi_lattice_measure *measure = measures + l;
+        int thin = measure->count < 2 * measure->on_jump;
+        lattices[l].edge = (thin ? thin_ratio : ratio) * measure->spacing / (measure->count ? measure->count : 1);
+    }
+}
+
+/* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least. */
+static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
+                               int most, sbi_lattice_table *table)
+{
+    double least = largest;
+    for (int l = 0; l < lattice_count; l++) {
+        lattices[l].edge = lattices[l].edge > 1e-5 * largest ? lattices[l].edge : 1e-5 * largest;
+        least = lattices[l].edge < least ? lattices[l].edge : least;
+    }
+    for (; least < largest; least *= 1.25) {
+        sbi_lattice_cut(lattices, lattice_count);
+        if (sbi_lattice_fits(lattices, nodes, most, table))
+            return;
+        for (int l = 0; l < lattice_count; l++)
+            lattices[l].edge *= 1.25;
+    }
+    for (int l = 0; l < lattice_count; l++)
+        lattices[l].edge = largest;
+    sbi_lattice_cut(lattices, lattice_count);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
 
 typedef struct sbi_lattice_maker {
+    const sbi_mg_nodes *nodes;
     const sbi_mg_level *level;
-    const sb_vec3 *positions;
-    sbi_lattice lattice;
+    sbi_lattice *lattices; /* [lattice_count] by region */
+    int lattice_count;
     sbi_lattice_table table;
     int point_count;
     int64_t *points;   /* [point_count] */
@@ -220,12 +302,17 @@ static int sbi_lattice_is_alone(const sbi_mg_level *level, int row)
     return level->row_start[row + 1] - level->row_start[row] == 1;
 }
 
+static const sbi_lattice *sbi_lattice_of(const sbi_lattice_maker *m, int row)
+{
+    return m->lattices + (m->nodes->labels ? m->nodes->labels[row] : 0);
+}
+
 static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
 {
     int entries = 0;
     for (int i = 0; i < m->level->row_count; i++)
         if (!sbi_lattice_is_alone(m->level, i))
-            entries += sbi_lattice_find(&m->lattice, m->positions[i]).count;
+            entries += sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]).count;
     return entries;
 }
 
@@ -234,7 +321,7 @@ static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
     int entries = 0;
     sbi_lattice_forget(&m->table);
     for (int i = 0; i < m->level->row_count; i++) {
-        sbi_lattice_place place = sbi_lattice_find(&m->lattice, m->positions[i]);
+        sbi_lattice_place place = sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]);
         rows->start[i] = entries;
         for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
             rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
@@ -327,10 +414,14 @@ static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *alloc
     sbi_lattice_sort(m, rows, entries);
     rows->coarse_count = sbi_lattice_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
-    made = rows->positions != NULL;
+    if (m->nodes->labels)
+        rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
+    made = rows->positions && (rows->labels || !m->nodes->labels);
     for (int e = 0; e < entries && made; e++) {
-        rows->positions[m->number[e]] = sbi_lattice_position(&m->lattice, m->points[rows->nodes[e]]);
+        rows->positions[m->number[e]] = sbi_lattice_position(sbi_lattice_of(m, m->owner[e]), m->points[rows->nodes[e]]);
         rows->nodes[e] = m->number[e];
+        if (rows->labels)
+            rows->labels[m->number[e]] = m->nodes->labels[m->owner[e]];
     }
     return made;
 }
@@ -341,32 +432,49 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     sbi_free(allocator, rows->nodes);
     sbi_free(allocator, rows->weights);
     sbi_free(allocator, rows->positions);
+    sbi_free(allocator, rows->labels);
     memset(rows, 0, sizeof *rows);
 }
 
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
-                           const sb_allocator *allocator, sbi_mg_rows *rows)
+static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator,
+                                    sbi_lattice_measure **measures)
+{
+    size_t places = 64, lattices;
+    m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
+    lattices = (size_t)m->lattice_count;
+    while (places < 16 * (size_t)m->level->row_count)
+        places *= 2;
+    m->table.mask = places - 1;
+    m->table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
+    m->table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
+    m->lattices = (sbi_lattice *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_lattice));
+    *measures = (sbi_lattice_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
+    return m->table.points && m->table.numbers && m->lattices && *measures;
+}
+
+SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
+                           sbi_mg_rows *rows)
 {
     sbi_lattice_maker m;
-    size_t places = 64;
+    sbi_lattice_measure *measures;
     double largest;
-    int made = 0;
+    int made, count = nodes->level->row_count;
     memset(&m, 0, sizeof m);
     memset(rows, 0, sizeof *rows);
-    m.level = level;
-    m.positions = positions;
-    while (places < 16 * (size_t)level->row_count)
-        places *= 2;
-    m.table.mask = places - 1;
-    m.table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
-    m.table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
-    if (m.table.points && m.table.numbers) {
-        largest = sbi_lattice_bound(positions, level->row_count, &m.lattice);
-        sbi_lattice_choose(&m.lattice, largest, level, positions, ratio, level->row_count / 4, &m.table);
+    m.nodes = nodes;
+    m.level = nodes->level;
+    made = sbi_lattice_take_scratch(&m, allocator, &measures);
+    if (made) {
+        largest = sbi_lattice_bound(nodes, m.lattices, m.lattice_count);
+        sbi_lattice_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
+        sbi_lattice_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4,
+                           &m.table);
         made = sbi_lattice_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
     sbi_free(allocator, m.table.numbers);
+    sbi_free(allocator, m.lattices);
+    sbi_free(allocator, measures);
     sbi_free(allocator, m.points);
     sbi_free(allocator, m.list_start);
     if (!made)

@@ -17,18 +17,19 @@ enum {
     SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
                                * second cache then; a smaller one is faster without the conversion */
-    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue */
+    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
+    SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
     SBI_MG_REACH_AGE = 16     /* updates that make do with one */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
  * vectors have room for reading past their end.
  *
- * It is memory that limits a cycle, and most of it is the finest matrix. So that one, and a coarser one that is large,
- * is kept in 16 bits an entry, as S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive
- * definite A is then beyond 1. The vectors of such a level are those of this scaled system (S x, S^-1 r), and S enters
- * where levels meet. The rounding is symmetric and leaves the cycle positive definite; coarser levels are made from A as
- * it was before. */
+ * It is memory that limits a cycle, and most of it is the finest matrix. So that one, and a coarser one that is large
+ * where no moduli jump (rounding tells on parts a thousand times as stiff), is kept in 16 bits an entry, as
+ * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
+ * The vectors of such a level are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The
+ * rounding is symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
     sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
@@ -39,6 +40,8 @@ typedef struct sbi_mg_level {
     uint16_t *rest;           /* [block_count][9] of level 0; NULL in float builds */
     float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
                                * 1 / S */
+    float *mend;              /* [row_count][12] of level 0 where there are regions: what rounding took from the
+                               * diagonal blocks, rows of four; otherwise NULL */
     float *inverse;           /* [row_count][12] of diagonal blocks, rows of four, 0 in directions without stiffness */
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
@@ -58,6 +61,17 @@ typedef struct sbi_mg_level {
     size_t *target_start;     /* [coarser rows + 1] */
 } sbi_mg_level;
 
+/* Parts of a body that are stiff in one piece, where moduli jump. Coarse nodes that span a jump cannot follow the stiff
+ * side without dragging the soft one along, so each region has coarse nodes of its own, on all levels; the linear
+ * motions of the whole are still motions of theirs. */
+typedef struct sbi_mg_regions {
+    int row_count;
+    int count;       /* 0: no jumps, and no arrays */
+    int *of;         /* [row_count] region of each of the finest nodes */
+    sb_real *moduli; /* [count] largest (Pa) */
+    int *sizes;      /* [count] how many of the finest nodes */
+} sbi_mg_regions;
+
 struct sbi_multigrid {
     sb_allocator allocator;
     sb_jobs jobs;
@@ -65,6 +79,7 @@ struct sbi_multigrid {
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
     int twice_from;           /* levels from here on go through their cycle twice */
+    sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
     int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
@@ -79,6 +94,16 @@ struct sbi_multigrid {
     void *arrays[SBI_MG_MAX_ARRAYS];
 };
 
+/* Regions of the nodes of a pattern. 0: no memory. */
+SBI_API int sbi_mg_find_regions(const sb_matrix *pattern, const sb_real *moduli, const sb_vec3 *positions,
+                                const sb_allocator *allocator, sbi_mg_regions *regions);
+SBI_API int sbi_mg_copy_regions(const sbi_mg_regions *from, const sb_allocator *allocator, sbi_mg_regions *regions);
+SBI_API void sbi_mg_regions_free(const sb_allocator *allocator, sbi_mg_regions *regions);
+/* Joins all but the `most` largest regions that the labels of a level's nodes name with neighbours: a small stiff part
+ * counts for little in coarse cells much larger than it. 0: no memory. */
+SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions *regions, int most,
+                                 const sb_allocator *allocator, int *labels);
+
 /* Interpolation rows in the making, with arrays of their own. */
 typedef struct sbi_mg_rows {
     int coarse_count;
@@ -86,12 +111,21 @@ typedef struct sbi_mg_rows {
     int *nodes;
     float *weights;
     sb_vec3 *positions;       /* [coarse_count] */
+    int *labels;              /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
+/* What a lattice is laid over. */
+typedef struct sbi_mg_nodes {
+    const sbi_mg_level *level;
+    const sb_vec3 *positions;      /* [rows] (m) */
+    const sbi_mg_regions *regions; /* read where there are labels */
+    const int *labels;             /* [rows] region of each, or NULL: all are one */
+} sbi_mg_nodes;
+
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
-/* Interpolation from a lattice of tets laid over the nodes, with edges about `ratio` times as long as theirs. 0: no
- * memory. */
-SBI_API int sbi_mg_lattice(const sbi_mg_level *level, const sb_vec3 *positions, double ratio,
-                           const sb_allocator *allocator, sbi_mg_rows *rows);
+/* Interpolation from a lattice of tets laid over the nodes, one for each region, with edges about `ratio` times as long
+ * as theirs; `thin_ratio` for stiff regions that are hardly more than their surface. 0: no memory. */
+SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
+                           sbi_mg_rows *rows);
 
 #endif /* SB_MULTIGRID_LEVEL_H */

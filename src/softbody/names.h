@@ -146,6 +146,7 @@
 #define sb_solver_auto sb_solver_auto_f32
 #define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
+#define sb_preconditioner_moduli sb_preconditioner_moduli_f32
 #define sb_preconditioner_create sb_preconditioner_create_f32
 #define sb_preconditioner_free sb_preconditioner_free_f32
 #define sb_preconditioner_update sb_preconditioner_update_f32

@@ -547,6 +547,43 @@ static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
     return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
 }
 
+static sb_result sbi_precond_check_young(int cell_count, const sb_real *young, sb_error *error)
+{
+    for (int e = 0; e < cell_count; e++) {
+        if (!sb_is_finite(young[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "element %d: the modulus is not finite", e);
+        if (young[e] < 0)
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "element %d: the modulus is negative", e);
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_count, int nodes_per_cell,
+                                          const int *cells, const sb_real *young, sb_real *moduli, sb_error *error)
+{
+    sb_result result;
+    if (!pattern || cell_count < 0 || nodes_per_cell < 1 || !moduli || (cell_count > 0 && (!cells || !young)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli need a matrix, cells and a place");
+    result = sbi_precond_check_young(cell_count, young, error);
+    if (result != SB_OK)
+        return result;
+    memset(moduli, 0, (size_t)pattern->block_count * sizeof *moduli);
+    for (int e = 0; e < cell_count; e++) {
+        const int *cell = cells + (size_t)e * (size_t)nodes_per_cell;
+        for (int a = 0; a < nodes_per_cell; a++)
+            for (int b = 0; b < nodes_per_cell; b++) {
+                int q = sb_matrix_find(pattern, cell[a], cell[b]);
+                if (q < 0)
+                    return sbi_fail_element(error, SB_ERROR_INDEX, e,
+                                            "element %d: the pattern has no block for nodes %d and %d", e, cell[a],
+                                            cell[b]);
+                if (young[e] > moduli[q])
+                    moduli[q] = young[e];
+            }
+    }
+    return SB_OK;
+}
+
 static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
                                    sb_error *error)
 {
@@ -561,6 +598,9 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
                         pattern->row_count);
     if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
+    for (int q = 0; def->moduli && q < pattern->block_count; q++)
+        if (!(def->moduli[q] >= 0) || !sb_is_finite(def->moduli[q]))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli[%d] is not a modulus", q);
     if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)
@@ -632,6 +672,7 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     sbi_multigrid_setup setup;
     sb_result result;
     setup.positions = def->positions;
+    setup.moduli = def->moduli;
     setup.levels = def->levels;
     setup.level_count = def->level_count;
     setup.like = like ? like->multigrid : NULL;

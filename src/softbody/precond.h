@@ -35,6 +35,11 @@ typedef struct sb_preconditioner_def {
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
+    const sb_real *moduli;    /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
+                               * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
+                               * Parts whose moduli differ by more than five then get coarse nodes of their own: jumps
+                               * of 1:1000 cost up to twice the iterations in place of ten times as many. Not with
+                               * levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -61,8 +66,8 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Long steps and nu 0.49 about double its iterations; jumps of the modulus
- * by 1,000 cost it more than IC0, which still needs as many on large meshes. The choice does not depend on the
+ * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
+ * jumps of the modulus by 1,000 about double its iterations. The choice does not depend on the
  * number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
@@ -70,6 +75,15 @@ SB_API const char *sb_precond_string(sb_precond_kind kind);
 
 /* The defaults named at the fields. */
 SB_API sb_preconditioner_def sb_default_preconditioner_def(void);
+
+/* moduli[block_count] of a def from those of the cells.
+ * pattern         made of the cells, by sb_matrix_create or wider; blocks whose nodes share no cell get 0
+ * cells           [cell_count][nodes_per_cell]
+ * young           [cell_count] (Pa), >= 0
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element: a node outside, or no block for two nodes) or
+ * SB_ERROR_NOT_FINITE; what moduli holds is then unspecified. Time as an assembly. */
+SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_count, int nodes_per_cell,
+                                          const int *cells, const sb_real *young, sb_real *moduli, sb_error *error);
 
 /* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
