@@ -23,12 +23,20 @@ static int in_patch(const slab *made, int node, double size)
            x.y > REAL(0.2 * size) && x.y < REAL(0.6 * size);
 }
 
-static int make_slab(slab *made, sb_element_type type, double size)
+/* What the patch is moved by: one way, or a turn about its middle, in which no direction is common. */
+static sb_vec3 drag_of(const slab *made, int node, double size, int turned)
+{
+    sb_vec3 x = made->mesh.nodes[node];
+    double across = 0.2 * ((double)x.x - 0.5 * size), along = 0.2 * ((double)x.y - 0.4 * size);
+    return turned ? sb_v3(REAL(-along), REAL(across), REAL(-0.02 * size))
+                  : sb_v3(REAL(0.06 * size), REAL(0.02 * size), REAL(-0.03 * size));
+}
+
+static int make_moved_slab(slab *made, sb_element_type type, double size, int turned)
 {
     sb_body_def def = sb_default_body_def();
     sb_static_options options = sb_default_static_options();
     sb_boundary boundary;
-    sb_vec3 drag = sb_v3(REAL(0.06 * size), REAL(0.02 * size), REAL(-0.03 * size));
     memset(made, 0, sizeof *made);
     made->patch[0] = 0.35;
     made->patch[1] = 0.65;
@@ -46,8 +54,10 @@ static int make_slab(slab *made, sb_element_type type, double size)
         return 0;
     scene_fix_plane(made->body, &made->mesh, 2, 0, SB_XYZ);
     for (int i = 0; i < made->mesh.node_count; i++)
-        if (in_patch(made, i, size))
+        if (in_patch(made, i, size)) {
+            sb_vec3 drag = drag_of(made, i, size, turned);
             CHECK_OK(sb_body_prescribe(made->body, &i, 1, SB_XYZ, &drag, 1));
+        }
     options.load_steps = 4;
     CHECK_OK(sb_body_solve_static(made->body, &options, NULL));
     memcpy(made->truth, sb_body_displacements(made->body), (size_t)made->mesh.node_count * sizeof(sb_vec3));
@@ -60,6 +70,8 @@ static int make_slab(slab *made, sb_element_type type, double size)
     scene_fix_plane(made->body, &made->mesh, 2, 0, SB_XYZ);
     return made->body != NULL;
 }
+
+static int make_slab(slab *made, sb_element_type type, double size) { return make_moved_slab(made, type, size, 0); }
 
 static void free_slab(slab *made)
 {
@@ -118,6 +130,7 @@ static void test_drag(void)
             before = error_of(&made);
             CHECK_OK(reg_loads_run(&def, forces, &info));
             found[k] = error_of(&made);
+            if (getenv("VERB")) printf("%d: %g of %g rounds %d drag %g %g %g\n", k, found[k], before, info.rounds, info.drag.x, info.drag.y, info.drag.z);
             CHECK(found[k] < 0.5 * before);
             CHECK(info.rounds > 1 && info.rounds <= def.rounds && info.loaded > 0 && info.loaded < REAL(0.3));
             CHECK(info.seconds == 0 && info.mean_distance < REAL(0.01 * size));
@@ -135,6 +148,37 @@ static void test_drag(void)
         free_slab(&made);
     }
     CHECK_NEAR(found[2], found[0], sizeof(sb_real) == 8 ? 1e-3 : 0.1); /* the same shares of any size */
+}
+
+/* One direction that all loaded parts have in common says more than the shape does; where there is none it is not
+ * asked for. */
+static void test_direction(void)
+{
+    for (int turned = 0; turned < 2; turned++) {
+        const sb_vec3 way = sb_v3(REAL(6.0 / 7), REAL(2.0 / 7), REAL(-3.0 / 7));
+        double with = 0, without = 0;
+        slab made;
+        if (make_moved_slab(&made, SB_TET4, 0.2, turned))
+            for (int k = 0; k < 2; k++) {
+                reg_match *match;
+                reg_loads_def def;
+                reg_loads_info info;
+                sb_body_reset(made.body);
+                match = matched(&made, NULL);
+                def = def_of(match);
+                def.drag = k ? def.drag : 0;
+                CHECK_OK(reg_loads_run(&def, NULL, &info));
+                *(k ? &with : &without) = error_of(&made);
+                if (turned || !k)
+                    CHECK(sb_v3_norm(info.drag) == 0);
+                else
+                    CHECK(sb_v3_dot(info.drag, way) > REAL(0.995));
+                reg_match_destroy(match);
+            }
+        if (getenv("VERB")) printf("turned %d with %g without %g\n", turned, with, without);
+        CHECK(with < (turned ? 1.001 : 0.8) * without);
+        free_slab(&made);
+    }
 }
 
 /* The slab was moved as a whole, too, and nobody says how: the pose is found, its supports go there, and a failure puts
@@ -263,6 +307,11 @@ static void test_refusals(void)
         refuse(&bad, SB_ERROR_ARGUMENT);
         bad = def;
         bad.pose = -1;
+        refuse(&bad, SB_ERROR_ARGUMENT);
+        bad = def;
+        bad.drag = REAL(NAN);
+        refuse(&bad, SB_ERROR_ARGUMENT);
+        bad.drag = 1;
         refuse(&bad, SB_ERROR_ARGUMENT);
         grid.body = made.body;
         grid.target = &made.skin;
@@ -446,7 +495,7 @@ static void test_partial_livers(void)
     liver_free(&noisy);
 }
 
-CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"a pose", test_pose}, {"a landmark", test_landmark},
+CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"one direction", test_direction}, {"a pose", test_pose}, {"a landmark", test_landmark},
             {"refusals", test_refusals}, {"nothing to find", test_nothing}, {"time cap", test_time_cap},
             {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
             {"livers, partial surfaces", test_partial_livers});
