@@ -8099,7 +8099,8 @@ enum {
     REGI_LOADS_SMOOTH = 2, /* times that tractions are averaged over facets */
     REGI_LOADS_POSE = 6,   /* moves along the axes and turns about them, */
     REGI_LOADS_FREE = 8,   /* and tilts of the drag: what is found beside the forces */
-    REGI_LOADS_ALONE = 2   /* rounds before a drag is looked for */
+    REGI_LOADS_ALONE = 2,  /* rounds before a drag is looked for */
+    REGI_LOADS_LOOKS = 2   /* times that its region is decided */
 };
 
 typedef struct regi_loads {
@@ -8123,10 +8124,11 @@ typedef struct regi_loads {
     int *part_centre;      /* [part_count] a charge */
     sb_real *part_load;    /* [part_count] mean traction (Pa) */
     unsigned char *is_dragged, *votes; /* [part_count] */
-    int drag_count, drag_most;
+    int drag_looks, drag_count, drag_most; /* looks: how often its region is still to be decided */
     int *drag_parts;       /* [drag_most] */
     sb_vec3 drag, across[2]; /* unit vectors: of the drag, and at right angles to it */
     sb_real drag_spread;   /* of the motions about it, as share of them */
+    double effort;         /* of the last round without a drag */
     sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
     sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
@@ -8510,8 +8512,6 @@ static sb_real regi_loads_load_parts(regi_loads *l)
     sb_real most = 0;
     int width = l->match->width;
     (void)regi_loads_tractions(l);
-    for (int k = 0; k < REGI_LOADS_SMOOTH; k++)
-        regi_loads_smooth(l);
     for (int s = 0; s < l->part_count; s++) {
         sb_real load = 0, area = 0;
         for (int k = l->part_start[s]; k < l->part_start[s + 1]; k++) {
@@ -8550,7 +8550,7 @@ static void regi_loads_vote(regi_loads *l)
     memcpy(l->is_dragged, l->votes, (size_t)l->part_count);
 }
 
-/* Decided once, from loads that were found without a drag: later ones follow what it asks for. */
+/* Parts that bear loads, and those amid them. */
 static void regi_loads_choose_dragged(regi_loads *l)
 {
     sb_real most = regi_loads_load_parts(l);
@@ -8582,17 +8582,57 @@ static void regi_loads_point_drag(regi_loads *l)
     l->drag_spread = values.x > 0 ? sb_sqrt(sb_max(values.y, 0) / values.x) : 1;
 }
 
-/* Motions that have no direction in common are no drag. */
+/* 1 when the last round moved nothing by more than that share of the organ's size. */
+static int regi_loads_is_at_rest(const regi_loads *l, sb_real share)
+{
+    return l->info.change <= share * l->match->size;
+}
+
+/* The region is decided from loads that were found without a drag, since those found with it follow what it asks for;
+ * and, where all of the surface is there to contradict, once more when these come to rest. Motions that have no
+ * direction in common are no drag. */
 static void regi_loads_find_drag(regi_loads *l, int round)
 {
-    const sb_real most_spread = (sb_real)(1.0 / 3);
-    if (round == REGI_LOADS_ALONE && l->drag_most > 0)
+    const sb_real most_spread = (sb_real)(1.0 / 3), rest = (sb_real)3e-3;
+    int first = l->drag_looks == REGI_LOADS_LOOKS;
+    if (l->drag_looks > 0 && ((first && round >= REGI_LOADS_ALONE) || regi_loads_is_at_rest(l, rest))) {
+        l->drag_looks = l->match->partial ? 0 : l->drag_looks - 1;
         regi_loads_choose_dragged(l);
+    }
     if (l->drag_count > 0)
         regi_loads_point_drag(l);
     if (l->drag_spread > most_spread)
-        l->drag_count = 0;
+        l->drag_count = l->drag_looks = 0;
     l->sample_count = (l->drag_first + 2 * l->drag_count + 2) / 3 * 3;
+}
+
+/* What is least for the true loads: sum of area traction^power. */
+static double regi_loads_effort(regi_loads *l)
+{
+    double sum = 0;
+    (void)regi_loads_tractions(l);
+    for (int k = 0; k < l->load_count; k++) {
+        int i = l->load_nodes[k];
+        if (l->traction[i] > 0)
+            sum += (double)(l->area[i] * sb_exp(l->def->power * sb_log(l->traction[i])));
+    }
+    return sum;
+}
+
+/* 1 for a drag that asks for loads which would not be there without it: it was none, and is not looked for again. */
+static int regi_loads_refuse_drag(regi_loads *l)
+{
+    double effort = regi_loads_effort(l);
+    if (l->drag_count == 0) {
+        l->effort = effort;
+        return 0;
+    }
+    if (!(effort > 1.25 * l->effort))
+        return 0;
+    l->drag_count = l->drag_looks = 0;
+    for (int s = l->drag_first; s < l->sample_count; s++)
+        l->variance[s] = 0;
+    return 1;
 }
 
 /* w from the forces; the same everywhere when there are none yet. */
@@ -8691,6 +8731,14 @@ static sb_result regi_loads_solve(regi_loads *l, sb_error *error)
     return SB_OK;
 }
 
+static sb_result regi_loads_reweight(regi_loads *l, int times, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int k = 0; result == SB_OK && k < times; k++)
+        result = regi_loads_solve(l, error);
+    return result;
+}
+
 /* What the solution leaves of the gaps: variance times y. */
 static sb_real regi_loads_misfit(const regi_loads *l)
 {
@@ -8764,8 +8812,9 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     regi_loads_respond(l);
     responded = regi_loads_now(l);
     l->info.seconds_response += responded - begin;
-    for (int k = 0; result == SB_OK && k < reweights; k++)
-        result = regi_loads_solve(l, error);
+    result = regi_loads_reweight(l, reweights, error);
+    if (result == SB_OK && regi_loads_refuse_drag(l))
+        result = regi_loads_reweight(l, reweights, error);
     l->info.seconds_dense += regi_loads_now(l) - responded;
     if (result != SB_OK)
         return result;
@@ -8849,6 +8898,7 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     l->part_count = sbi_min_int(l->def->samples, l->match->charge_count);
     l->drag_first = l->part_count + 3 * l->match->landmark_count;
     l->drag_most = l->def->drag > 0 ? l->part_count / 3 : 0;
+    l->drag_looks = l->drag_most > 0 ? REGI_LOADS_LOOKS : 0;
     l->sample_most = (l->drag_first + 2 * l->drag_most + 2) / 3 * 3;
     memset(&arena, 0, sizeof arena);
     regi_loads_layout(l, &arena);
@@ -8884,7 +8934,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         return result;
     l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        if (l->info.change > (sb_real)1e-3 * l->match->size && !regi_loads_is_late(l))
+        if ((l->drag_looks > 0 || !regi_loads_is_at_rest(l, (sb_real)1e-3)) && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
