@@ -1111,7 +1111,8 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  * the surface that it holds. A surface shows how far a region moved across itself; where its normals differ, one common
  * direction is all that agrees with that, and it tells the motion along the surface. So after two rounds the region
  * that bears loads is taken down and its motions' direction estimated; where they are near one, rounds that follow ask
- * for motions in one direction, which they find, too (`drag`).
+ * for motions in one direction, which they find, too (`drag`). A direction for which many more loads are needed than
+ * without it is dropped. Regions of fewer than some ten samples are too small to be told from what is around them.
  *
  * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
  * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
@@ -8555,7 +8556,7 @@ static void regi_loads_choose_dragged(regi_loads *l)
 {
     sb_real most = regi_loads_load_parts(l);
     for (int s = 0; s < l->part_count; s++)
-        l->is_dragged[s] = l->part_load[s] > (sb_real)0.07 * most;
+        l->is_dragged[s] = l->part_load[s] > (sb_real)0.06 * most;
     for (int k = 0; k < 2; k++)
         regi_loads_vote(l);
     l->drag_count = 0;

@@ -469,7 +469,7 @@ static void regi_loads_choose_dragged(regi_loads *l)
 {
     sb_real most = regi_loads_load_parts(l);
     for (int s = 0; s < l->part_count; s++)
-        l->is_dragged[s] = l->part_load[s] > (sb_real)0.07 * most;
+        l->is_dragged[s] = l->part_load[s] > (sb_real)0.06 * most;
     for (int k = 0; k < 2; k++)
         regi_loads_vote(l);
     l->drag_count = 0;
