@@ -1160,7 +1160,7 @@ typedef struct reg_loads_info {
     sb_real mean_distance; /* of the charges before the last round (m) */
     sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
     sb_real change;        /* largest displacement of a node in the last round (m): see above */
-    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common was found */
+    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
     double seconds;        /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
@@ -8113,7 +8113,8 @@ typedef struct regi_loads {
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
-    int part_count;        /* samples of parts of the surface; three of each landmark follow, two of each dragged part */
+    int part_count;        /* samples of parts of the surface; three of each landmark follow, and two of each part that
+                            * is dragged */
     int drag_first;        /* the first of the latter */
     int load_count;        /* surface nodes that may bear a force */
     int *load_nodes;       /* [load_count] */

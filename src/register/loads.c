@@ -26,7 +26,8 @@ typedef struct regi_loads {
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
-    int part_count;        /* samples of parts of the surface; three of each landmark follow, two of each dragged part */
+    int part_count;        /* samples of parts of the surface; three of each landmark follow, and two of each part that
+                            * is dragged */
     int drag_first;        /* the first of the latter */
     int load_count;        /* surface nodes that may bear a force */
     int *load_nodes;       /* [load_count] */

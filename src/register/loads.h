@@ -70,7 +70,7 @@ typedef struct reg_loads_info {
     sb_real mean_distance; /* of the charges before the last round (m) */
     sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
     sb_real change;        /* largest displacement of a node in the last round (m): see above */
-    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common was found */
+    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
     double seconds;        /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
