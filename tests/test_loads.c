@@ -503,5 +503,5 @@ static void test_partial_livers(void)
 
 CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"no direction", test_no_direction},
             {"a pose", test_pose}, {"a landmark", test_landmark}, {"refusals", test_refusals},
-            {"nothing to find", test_nothing}, {"time cap", test_time_cap}, {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
-            {"livers, partial surfaces", test_partial_livers});
+            {"nothing to find", test_nothing}, {"time cap", test_time_cap}, {"failing allocations", test_memory},
+            {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});
