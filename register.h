@@ -1134,7 +1134,7 @@ typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
     int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
-    int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
+    int rounds;          /* at most, [1, 100]; default 8. One that moves no node by a thousandth of the organ's size is
                           * the last */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
     sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
@@ -8163,7 +8163,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     reg_loads_def def;
     memset(&def, 0, sizeof def);
     def.samples = 300;
-    def.rounds = 10;
+    def.rounds = 8;
     def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;

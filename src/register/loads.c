@@ -76,7 +76,7 @@ REG_API reg_loads_def reg_default_loads_def(void)
     reg_loads_def def;
     memset(&def, 0, sizeof def);
     def.samples = 300;
-    def.rounds = 10;
+    def.rounds = 8;
     def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
