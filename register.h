@@ -1107,6 +1107,13 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it.
  *
+ * What acts is mostly a body of its own (the diaphragm, an instrument) that goes one way, and with it the region of
+ * the surface that it holds. A surface shows how far a region moved across itself; where its normals differ, one common
+ * direction is all that agrees with that, and it tells the motion along the surface. So after two rounds the region
+ * that bears loads is taken down and its motions' direction estimated; where they are near one, rounds that follow ask
+ * for motions in one direction, which they find, too (`drag`). A direction for which many more loads are needed than
+ * without it is dropped. Regions of fewer than some ten samples are too small to be told from what is around them.
+ *
  * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
  * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
  *
@@ -1127,7 +1134,7 @@ typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
     int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
-    int rounds;          /* at most, [1, 100]; default 6. One that moves no node by a thousandth of the organ's size is
+    int rounds;          /* at most, [1, 100]; default 8. One that moves no node by a thousandth of the organ's size is
                           * the last */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
     sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
@@ -1135,6 +1142,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
+                          * motion, [0, 1); default 0.01. 0: directions are free */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
                           * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
                           * after a rigid start; supports then move along */
@@ -1151,6 +1160,7 @@ typedef struct reg_loads_info {
     sb_real mean_distance; /* of the charges before the last round (m) */
     sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
     sb_real change;        /* largest displacement of a node in the last round (m): see above */
+    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
     double seconds;        /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
@@ -8089,7 +8099,10 @@ REG_API sb_result reg_nicp_run(reg_nicp *nicp, int steps, reg_nicp_info *info)
 enum {
     REGI_LOADS_SLAB = 96,  /* force components per product of the dense system */
     REGI_LOADS_SMOOTH = 2, /* times that tractions are averaged over facets */
-    REGI_LOADS_POSE = 6    /* moves along the axes and turns about them */
+    REGI_LOADS_POSE = 6,   /* moves along the axes and turns about them, */
+    REGI_LOADS_FREE = 8,   /* and tilts of the drag: what is found beside the forces */
+    REGI_LOADS_ALONE = 2,  /* rounds before a drag is looked for */
+    REGI_LOADS_LOOKS = 2   /* times that its region is decided */
 };
 
 typedef struct regi_loads {
@@ -8099,8 +8112,11 @@ typedef struct regi_loads {
     sb_boundary boundary;
     sb_direct *direct;
     void *memory;
-    int node_count, sample_count; /* samples: a multiple of 3, those of landmarks among them */
-    int part_count;        /* samples of parts of the surface; three of each landmark follow */
+    int node_count;
+    int sample_count, sample_most; /* multiples of 3 */
+    int part_count;        /* samples of parts of the surface; three of each landmark follow, and two of each part that
+                            * is dragged */
+    int drag_first;        /* the first of the latter */
     int load_count;        /* surface nodes that may bear a force */
     int *load_nodes;       /* [load_count] */
     sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
@@ -8108,11 +8124,19 @@ typedef struct regi_loads {
     int *part;             /* [charges] sample of a charge */
     int *part_start;       /* [part_count + 1] into part_charges */
     int *part_charges;     /* [charges] by sample */
+    int *part_centre;      /* [part_count] a charge */
+    sb_real *part_load;    /* [part_count] mean traction (Pa) */
+    unsigned char *is_dragged, *votes; /* [part_count] */
+    int drag_looks, drag_count, drag_most; /* looks: how often its region is still to be decided */
+    int *drag_parts;       /* [drag_most] */
+    sb_vec3 drag, across[2]; /* unit vectors: of the drag, and at right angles to it */
+    sb_real drag_spread;   /* of the motions about it, as share of them */
+    double effort;         /* of the last round without a drag */
     sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
     sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
     sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
-    sb_real *gap;          /* [sample_count] that forces have to close (m) */
+    sb_real *gap;          /* [sample_most] that forces have to close (m) */
     sb_real *variance;     /* [sample_count] misfit^2, over the share of a sample that acts; 0: the sample is off */
     sb_real *system;       /* [sample_count][sample_count] */
     sb_real *multiplier;   /* [sample_count] y */
@@ -8128,9 +8152,9 @@ typedef struct regi_loads {
     sb_vec3 *before, *goals; /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
     int posed;             /* 1: the pose is sought, too */
     sb_vec3 centre;        /* m: of the held nodes at the beginning, or of all; turns are about it */
-    sb_real likely[REGI_LOADS_POSE];     /* sd of the pose: m, rad */
+    sb_real likely[REGI_LOADS_FREE];     /* sd of the pose (m, rad), and of tilts (rad) */
     sb_real pose[REGI_LOADS_POSE], next[REGI_LOADS_POSE]; /* reached, and found in this round: m, rad */
-    sb_real *pose_rows;    /* [sample_count][POSE] a sample's motion with the whole organ, in sd */
+    sb_real *free_rows;    /* [sample_count][FREE] a sample's motion with pose and tilt, in sd */
     double begun;          /* on the clock */
     reg_loads_info info;
 } regi_loads;
@@ -8140,11 +8164,12 @@ REG_API reg_loads_def reg_default_loads_def(void)
     reg_loads_def def;
     memset(&def, 0, sizeof def);
     def.samples = 300;
-    def.rounds = 6;
+    def.rounds = 8;
     def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
+    def.drag = (sb_real)0.01;
     def.pose = 0;
     def.max_seconds = 1e9;
     def.cookie = REGI_LOADS_COOKIE;
@@ -8160,9 +8185,11 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d samples, %d rounds, %d reweights: out of range", def->samples,
                         def->rounds, def->reweights);
     if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
-        !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, pose %g: out of range",
-                        (double)def->misfit, (double)def->power, (double)def->floor, (double)def->pose);
+        !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
+        !(def->drag >= 0 && def->drag < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, drag %g, pose %g: out of range",
+                        (double)def->misfit, (double)def->power, (double)def->floor, (double)def->drag,
+                        (double)def->pose);
     if (!(def->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
@@ -8221,6 +8248,7 @@ static void regi_loads_cut_parts(regi_loads *l)
     for (int s = 0; s < l->part_count; s++) {
         sb_vec3 at = regi_loads_rest_point(l, centre);
         sb_real farthest = -1;
+        l->part_centre[s] = centre;
         for (int i = 0; i < charges; i++) {
             sb_vec3 way = sb_v3_sub(regi_loads_rest_point(l, i), at);
             sb_real square = sb_v3_dot(way, way);
@@ -8268,7 +8296,7 @@ static void regi_loads_add_pose(regi_loads *l, int sample, sb_vec3 point, sb_vec
 {
     sb_vec3 turn = sb_v3_cross(sb_v3_sub(point, l->centre), line);
     const sb_real slope[REGI_LOADS_POSE] = {line.x, line.y, line.z, turn.x, turn.y, turn.z};
-    sb_real *row = l->pose_rows + (size_t)sample * REGI_LOADS_POSE;
+    sb_real *row = l->free_rows + (size_t)sample * REGI_LOADS_FREE;
     for (int k = 0; k < REGI_LOADS_POSE && l->posed; k++) {
         row[k] += weight * slope[k] * l->likely[k];
         l->gap[sample] += weight * slope[k] * l->pose[k];
@@ -8356,6 +8384,44 @@ static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
     regi_loads_add_point(l, charge, line, 1, row);
 }
 
+/* Mean motion of a part's charges beyond that of the pose (m). */
+static sb_vec3 regi_loads_part_motion(const regi_loads *l, int part)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    sb_real area = 0;
+    for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++) {
+        int charge = l->part_charges[k];
+        sb_vec3 now = regi_match_point(l->match, charge), motion = sb_v3_sub(now, regi_loads_rest_point(l, charge));
+        sb_vec3 turn = sb_v3_cross(sb_v3(l->pose[3], l->pose[4], l->pose[5]), sb_v3_sub(now, l->centre));
+        motion = sb_v3_sub(sb_v3_sub(motion, turn), sb_v3(l->pose[0], l->pose[1], l->pose[2]));
+        sum = sb_v3_madd(sum, l->match->charges[charge].area, motion);
+        area += l->match->charges[charge].area;
+    }
+    return sb_v3_scale(area > 0 ? 1 / area : 0, sum);
+}
+
+/* A part that is dragged does not move across the drag, but for what the drag's tilt makes of its way along it. */
+static void regi_loads_sample_drag(regi_loads *l, int sample, sb_real *row)
+{
+    int axis = (sample - l->drag_first) % 2, part;
+    sb_real area = 0, sd;
+    sb_vec3 motion;
+    if ((sample - l->drag_first) / 2 >= l->drag_count)
+        return;
+    part = l->drag_parts[(sample - l->drag_first) / 2];
+    motion = regi_loads_part_motion(l, part);
+    for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
+        area += l->match->charges[l->part_charges[k]].area;
+    for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
+        regi_loads_add_point(l, l->part_charges[k], l->across[axis],
+                             l->match->charges[l->part_charges[k]].area / area, row);
+    sd = sb_max(l->def->drag, (sb_real)0.2 * l->drag_spread) * sb_v3_norm(motion) + l->def->misfit * l->match->size;
+    l->gap[sample] = -sb_v3_dot(motion, l->across[axis]);
+    l->variance[sample] = sd * sd;
+    l->free_rows[(size_t)sample * REGI_LOADS_FREE + REGI_LOADS_POSE + (size_t)axis] =
+        -l->likely[REGI_LOADS_POSE + axis] * sb_v3_dot(motion, l->drag);
+}
+
 /* Forces and stiffness of the present shape, factored. */
 static sb_result regi_loads_stiffness(regi_loads *l, sb_error *error)
 {
@@ -8384,11 +8450,13 @@ static void regi_loads_respond(regi_loads *l)
     for (int first = 0; first < l->sample_count; first += SBI_FRONT_GROUP) {
         int count = sbi_min_int(SBI_FRONT_GROUP, l->sample_count - first);
         memset(l->rows, 0, (size_t)count * row_size * sizeof(sb_real));
-        memset(l->pose_rows + (size_t)first * REGI_LOADS_POSE, 0, (size_t)count * REGI_LOADS_POSE * sizeof(sb_real));
+        memset(l->free_rows + (size_t)first * REGI_LOADS_FREE, 0, (size_t)count * REGI_LOADS_FREE * sizeof(sb_real));
         for (int s = 0; s < count; s++) {
             l->gap[first + s] = l->variance[first + s] = 0;
             if (first + s < l->part_count)
                 regi_loads_sample_part(l, first + s, l->rows + (size_t)s * row_size);
+            else if (first + s >= l->drag_first)
+                regi_loads_sample_drag(l, first + s, l->rows + (size_t)s * row_size);
             else
                 regi_loads_sample_landmark(l, first + s, l->rows + (size_t)s * row_size);
         }
@@ -8437,6 +8505,137 @@ static sb_real regi_loads_tractions(regi_loads *l)
         most = sb_max(most, l->traction[i]);
     }
     return most;
+}
+
+/* ---- a round: what was dragged ---- */
+
+/* part_load; returns the largest. */
+static sb_real regi_loads_load_parts(regi_loads *l)
+{
+    sb_real most = 0;
+    int width = l->match->width;
+    (void)regi_loads_tractions(l);
+    for (int s = 0; s < l->part_count; s++) {
+        sb_real load = 0, area = 0;
+        for (int k = l->part_start[s]; k < l->part_start[s + 1]; k++) {
+            const regi_match_charge *charge = l->match->charges + l->part_charges[k];
+            const int *nodes = l->body->domain.cells + (size_t)charge->element * (size_t)width;
+            const sb_real *weights = l->match->weights + (size_t)l->part_charges[k] * (size_t)width;
+            sb_real traction = 0;
+            for (int a = 0; a < width; a++)
+                traction += weights[a] * l->traction[nodes[a]];
+            load += charge->area * sb_max(traction, 0);
+            area += charge->area;
+        }
+        l->part_load[s] = area > 0 ? load / area : 0;
+        most = sb_max(most, l->part_load[s]);
+    }
+    return most;
+}
+
+/* A region is compact: parts amid dragged ones are dragged, too, and those on their own are not. */
+static void regi_loads_vote(regi_loads *l)
+{
+    sb_real reach = (sb_real)1.6 * sb_sqrt((sb_real)(l->total_area / l->part_count));
+    for (int s = 0; s < l->part_count; s++) {
+        sb_vec3 at = regi_loads_rest_point(l, l->part_centre[s]), normal = l->match->charges[l->part_centre[s]].normal;
+        int yes = 0, all = 0;
+        for (int t = 0; t < l->part_count; t++) {
+            sb_vec3 way = sb_v3_sub(regi_loads_rest_point(l, l->part_centre[t]), at);
+            if (t == s || sb_v3_dot(way, way) > reach * reach ||
+                sb_v3_dot(l->match->charges[l->part_centre[t]].normal, normal) < 0)
+                continue;
+            yes += l->is_dragged[t];
+            all++;
+        }
+        l->votes[s] = (unsigned char)(l->is_dragged[s] ? 10 * yes >= 5 * all : all > 0 && 10 * yes >= 6 * all);
+    }
+    memcpy(l->is_dragged, l->votes, (size_t)l->part_count);
+}
+
+/* Parts that bear loads, and those amid them. */
+static void regi_loads_choose_dragged(regi_loads *l)
+{
+    sb_real most = regi_loads_load_parts(l);
+    for (int s = 0; s < l->part_count; s++)
+        l->is_dragged[s] = l->part_load[s] > (sb_real)0.06 * most;
+    for (int k = 0; k < 2; k++)
+        regi_loads_vote(l);
+    l->drag_count = 0;
+    for (int s = 0; s < l->part_count; s++)
+        if (l->is_dragged[s] && l->drag_count < l->drag_most)
+            l->drag_parts[l->drag_count++] = s;
+}
+
+/* The direction that the motions of the dragged parts have most in common. */
+static void regi_loads_point_drag(regi_loads *l)
+{
+    sb_mat3 sum = sb_m3_zero(), vectors;
+    sb_vec3 values, all = sb_v3(0, 0, 0);
+    for (int k = 0; k < l->drag_count; k++) {
+        sb_vec3 motion = regi_loads_part_motion(l, l->drag_parts[k]);
+        all = sb_v3_add(all, motion);
+        sum = sb_m3_add(sum, sb_m3_outer(motion, motion));
+    }
+    sb_m3_eigen(sum, &values, &vectors);
+    l->drag = sb_m3_column(vectors, 0);
+    l->drag = sb_v3_dot(all, l->drag) < 0 ? sb_v3_scale(-1, l->drag) : l->drag;
+    l->across[0] = sb_m3_column(vectors, 1);
+    l->across[1] = sb_v3_cross(l->drag, l->across[0]);
+    l->drag_spread = values.x > 0 ? sb_sqrt(sb_max(values.y, 0) / values.x) : 1;
+}
+
+/* 1 when the last round moved nothing by more than that share of the organ's size. */
+static int regi_loads_is_at_rest(const regi_loads *l, sb_real share)
+{
+    return l->info.change <= share * l->match->size;
+}
+
+/* The region is decided from loads that were found without a drag, since those found with it follow what it asks for;
+ * and, where all of the surface is there to contradict, once more when these come to rest. Motions that have no
+ * direction in common are no drag. */
+static void regi_loads_find_drag(regi_loads *l, int round)
+{
+    const sb_real most_spread = (sb_real)(1.0 / 3), rest = (sb_real)3e-3;
+    int first = l->drag_looks == REGI_LOADS_LOOKS;
+    if (l->drag_looks > 0 && ((first && round >= REGI_LOADS_ALONE) || regi_loads_is_at_rest(l, rest))) {
+        l->drag_looks = l->match->partial ? 0 : l->drag_looks - 1;
+        regi_loads_choose_dragged(l);
+    }
+    if (l->drag_count > 0)
+        regi_loads_point_drag(l);
+    if (l->drag_spread > most_spread)
+        l->drag_count = l->drag_looks = 0;
+    l->sample_count = (l->drag_first + 2 * l->drag_count + 2) / 3 * 3;
+}
+
+/* What is least for the true loads: sum of area traction^power. */
+static double regi_loads_effort(regi_loads *l)
+{
+    double sum = 0;
+    (void)regi_loads_tractions(l);
+    for (int k = 0; k < l->load_count; k++) {
+        int i = l->load_nodes[k];
+        if (l->traction[i] > 0)
+            sum += (double)(l->area[i] * sb_exp(l->def->power * sb_log(l->traction[i])));
+    }
+    return sum;
+}
+
+/* 1 for a drag that asks for loads which would not be there without it: it was none, and is not looked for again. */
+static int regi_loads_refuse_drag(regi_loads *l)
+{
+    double effort = regi_loads_effort(l);
+    if (l->drag_count == 0) {
+        l->effort = effort;
+        return 0;
+    }
+    if (!(effort > 1.25 * l->effort))
+        return 0;
+    l->drag_count = l->drag_looks = 0;
+    for (int s = l->drag_first; s < l->sample_count; s++)
+        l->variance[s] = 0;
+    return 1;
 }
 
 /* w from the forces; the same everywhere when there are none yet. */
@@ -8496,8 +8695,8 @@ static void regi_loads_balance(regi_loads *l)
             sb_real *entry = l->system + j * samples + s;
             int off = !(l->variance[s] > 0 && l->variance[j] > 0);
             *entry = off ? (sb_real)(s == j) : -scale * *entry + (s == j ? l->variance[s] + least : 0);
-            for (int k = 0; k < REGI_LOADS_POSE && l->posed && !off; k++)
-                *entry += l->pose_rows[s * REGI_LOADS_POSE + (size_t)k] * l->pose_rows[j * REGI_LOADS_POSE + (size_t)k];
+            for (int k = 0; k < REGI_LOADS_FREE && !off; k++)
+                *entry += l->free_rows[s * REGI_LOADS_FREE + (size_t)k] * l->free_rows[j * REGI_LOADS_FREE + (size_t)k];
         }
 }
 
@@ -8530,9 +8729,17 @@ static sb_result regi_loads_solve(regi_loads *l, sb_error *error)
     for (int k = 0; k < REGI_LOADS_POSE; k++) {
         l->next[k] = 0;
         for (size_t s = 0; s < samples && l->posed; s++)
-            l->next[k] += l->likely[k] * l->pose_rows[s * REGI_LOADS_POSE + (size_t)k] * l->multiplier[s];
+            l->next[k] += l->likely[k] * l->free_rows[s * REGI_LOADS_FREE + (size_t)k] * l->multiplier[s];
     }
     return SB_OK;
+}
+
+static sb_result regi_loads_reweight(regi_loads *l, int times, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int k = 0; result == SB_OK && k < times; k++)
+        result = regi_loads_solve(l, error);
+    return result;
 }
 
 /* What the solution leaves of the gaps: variance times y. */
@@ -8540,7 +8747,7 @@ static sb_real regi_loads_misfit(const regi_loads *l)
 {
     double sum = 0;
     int count = 0;
-    for (int s = 0; s < l->sample_count; s++)
+    for (int s = 0; s < l->drag_first; s++)
         if (l->variance[s] > 0) {
             double left = (double)(l->variance[s] * l->multiplier[s]);
             sum += left * left;
@@ -8604,11 +8811,13 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     if (result != SB_OK)
         return result;
     regi_loads_pool(l);
+    regi_loads_find_drag(l, round);
     regi_loads_respond(l);
     responded = regi_loads_now(l);
     l->info.seconds_response += responded - begin;
-    for (int k = 0; result == SB_OK && k < reweights; k++)
-        result = regi_loads_solve(l, error);
+    result = regi_loads_reweight(l, reweights, error);
+    if (result == SB_OK && regi_loads_refuse_drag(l))
+        result = regi_loads_reweight(l, reweights, error);
     l->info.seconds_dense += regi_loads_now(l) - responded;
     if (result != SB_OK)
         return result;
@@ -8626,13 +8835,18 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
 
 static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
 {
-    size_t n = (size_t)l->node_count, charges = (size_t)l->match->charge_count, samples = (size_t)l->sample_count;
+    size_t n = (size_t)l->node_count, charges = (size_t)l->match->charge_count, samples = (size_t)l->sample_most;
     size_t skin = (size_t)l->boundary.surface.node_count, real = sizeof(sb_real);
     l->load_nodes = (int *)sbi_arena_take(arena, skin, sizeof(int));
     l->area = (sb_real *)sbi_arena_take(arena, n, real);
     l->part = (int *)sbi_arena_take(arena, charges, sizeof(int));
     l->part_start = (int *)sbi_arena_take(arena, (size_t)l->part_count + 1, sizeof(int));
     l->part_charges = (int *)sbi_arena_take(arena, charges, sizeof(int));
+    l->part_centre = (int *)sbi_arena_take(arena, (size_t)l->part_count, sizeof(int));
+    l->part_load = (sb_real *)sbi_arena_take(arena, (size_t)l->part_count, real);
+    l->is_dragged = (unsigned char *)sbi_arena_take(arena, (size_t)l->part_count, 1);
+    l->votes = (unsigned char *)sbi_arena_take(arena, (size_t)l->part_count, 1);
+    l->drag_parts = (int *)sbi_arena_take(arena, (size_t)l->part_count, sizeof(int));
     l->spread = (sb_real *)sbi_arena_take(arena, charges, real);
     l->rows = (sb_real *)sbi_arena_take(arena, n, 3 * SBI_FRONT_GROUP * real);
     l->response = (sb_real *)sbi_arena_take(arena, skin, 3 * samples * real);
@@ -8652,7 +8866,7 @@ static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
     l->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->before = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->goals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
-    l->pose_rows = (sb_real *)sbi_arena_take(arena, samples, REGI_LOADS_POSE * real);
+    l->free_rows = (sb_real *)sbi_arena_take(arena, samples, REGI_LOADS_FREE * real);
 }
 
 /* A turn moves points at a quarter of the organ's size as far as a move does. */
@@ -8667,6 +8881,8 @@ static void regi_loads_begin_pose(regi_loads *l)
             l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(l->body->position[i], l->centre));
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->likely[k] = l->def->pose * (k < 3 ? l->match->size : 4);
+    for (int k = REGI_LOADS_POSE; k < REGI_LOADS_FREE; k++)
+        l->likely[k] = (sb_real)0.3;
 }
 
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
@@ -8683,12 +8899,15 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
         return result;
     l->node_count = mesh.node_count;
     l->part_count = sbi_min_int(l->def->samples, l->match->charge_count);
-    l->sample_count = (l->part_count + 3 * l->match->landmark_count + 2) / 3 * 3;
+    l->drag_first = l->part_count + 3 * l->match->landmark_count;
+    l->drag_most = l->def->drag > 0 ? l->part_count / 3 : 0;
+    l->drag_looks = l->drag_most > 0 ? REGI_LOADS_LOOKS : 0;
+    l->sample_most = (l->drag_first + 2 * l->drag_most + 2) / 3 * 3;
     memset(&arena, 0, sizeof arena);
     regi_loads_layout(l, &arena);
     l->memory = arena.overflow ? NULL : sbi_alloc_zeroed(allocator, 1, arena.used);
     if (!l->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d samples of the surface", l->sample_count);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d samples of the surface", l->sample_most);
     arena.base = (unsigned char *)l->memory;
     arena.used = 0;
     regi_loads_layout(l, &arena);
@@ -8718,7 +8937,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         return result;
     l->info.change = l->match->size;
     for (int round = 0; result == SB_OK && round < l->def->rounds; round++)
-        if (l->info.change > (sb_real)1e-3 * l->match->size && !regi_loads_is_late(l))
+        if ((l->drag_looks > 0 || !regi_loads_is_at_rest(l, (sb_real)1e-3)) && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
         (void)sb_body_set_displacements(l->body, l->before);
@@ -8729,6 +8948,7 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
     for (int i = 0; i < l->node_count; i++)
         loaded += l->traction[i] > (sb_real)0.05 * most ? (double)l->area[i] : 0;
     l->info.loaded = (sb_real)(loaded / l->total_area);
+    l->info.drag = l->drag_count > 0 ? l->drag : sb_v3(0, 0, 0);
     if (forces)
         memcpy(forces, l->force, (size_t)l->node_count * sizeof(sb_vec3));
     return SB_OK;

@@ -23,12 +23,31 @@ static int in_patch(const slab *made, int node, double size)
            x.y > REAL(0.2 * size) && x.y < REAL(0.6 * size);
 }
 
-static int make_slab(slab *made, sb_element_type type, double size)
+/* What moves the slab: a patch that goes one way as a whole; that turns about its middle, with no direction in common;
+ * most of the upper side, one way, the middle farthest. */
+typedef enum slab_pull { PULL_PATCH, PULL_TURN, PULL_SIDE } slab_pull;
+
+/* 1 and the way of a node that is pulled. */
+static int pull_of(const slab *made, int node, double size, slab_pull pull, sb_vec3 *way)
+{
+    const sb_vec3 drag = sb_v3(REAL(0.06 * size), REAL(0.02 * size), REAL(-0.03 * size));
+    sb_vec3 x = made->mesh.nodes[node];
+    double right = (double)x.x / size - 0.5, back = (double)x.y / size - 0.4;
+    double share = exp(-12 * (right * right + back * back));
+    if (pull == PULL_SIDE) {
+        *way = sb_v3_scale(REAL(share), drag);
+        return x.z > REAL(0.26 * size) && share > 0.25;
+    }
+    *way = pull == PULL_PATCH ? drag : sb_v3(REAL(-0.2 * size * back), REAL(0.2 * size * right), REAL(-0.02 * size));
+    return in_patch(made, node, size);
+}
+
+static int make_pulled_slab(slab *made, sb_element_type type, double size, slab_pull pull)
 {
     sb_body_def def = sb_default_body_def();
     sb_static_options options = sb_default_static_options();
     sb_boundary boundary;
-    sb_vec3 drag = sb_v3(REAL(0.06 * size), REAL(0.02 * size), REAL(-0.03 * size));
+    sb_vec3 way;
     memset(made, 0, sizeof *made);
     made->patch[0] = 0.35;
     made->patch[1] = 0.65;
@@ -46,8 +65,8 @@ static int make_slab(slab *made, sb_element_type type, double size)
         return 0;
     scene_fix_plane(made->body, &made->mesh, 2, 0, SB_XYZ);
     for (int i = 0; i < made->mesh.node_count; i++)
-        if (in_patch(made, i, size))
-            CHECK_OK(sb_body_prescribe(made->body, &i, 1, SB_XYZ, &drag, 1));
+        if (pull_of(made, i, size, pull, &way))
+            CHECK_OK(sb_body_prescribe(made->body, &i, 1, SB_XYZ, &way, 1));
     options.load_steps = 4;
     CHECK_OK(sb_body_solve_static(made->body, &options, NULL));
     memcpy(made->truth, sb_body_displacements(made->body), (size_t)made->mesh.node_count * sizeof(sb_vec3));
@@ -59,6 +78,11 @@ static int make_slab(slab *made, sb_element_type type, double size)
     made->body = scene_body(&def);
     scene_fix_plane(made->body, &made->mesh, 2, 0, SB_XYZ);
     return made->body != NULL;
+}
+
+static int make_slab(slab *made, sb_element_type type, double size) 
+{
+    return make_pulled_slab(made, type, size, PULL_PATCH);
 }
 
 static void free_slab(slab *made)
@@ -135,6 +159,32 @@ static void test_drag(void)
         free_slab(&made);
     }
     CHECK_NEAR(found[2], found[0], sizeof(sb_real) == 8 ? 1e-3 : 0.1); /* the same shares of any size */
+}
+
+/* A direction that loads on a few large parts of a small slab do not have in common is not forced on them. */
+static void test_no_direction(void)
+{
+    const slab_pull pulls[3] = {PULL_PATCH, PULL_TURN, PULL_SIDE};
+    for (int p = 0; p < 3; p++) {
+        double found[2] = {0, 0};
+        slab made;
+        if (make_pulled_slab(&made, SB_TET4, 0.2, pulls[p]))
+            for (int k = 0; k < 2; k++) {
+                reg_match *match;
+                reg_loads_def def;
+                reg_loads_info info;
+                sb_body_reset(made.body);
+                match = matched(&made, NULL);
+                def = def_of(match);
+                def.drag = k ? def.drag : 0;
+                CHECK_OK(reg_loads_run(&def, NULL, &info));
+                found[k] = error_of(&made);
+                CHECK(sb_v3_norm(info.drag) == 0);
+                reg_match_destroy(match);
+            }
+        CHECK(found[1] < 1.05 * found[0]);
+        free_slab(&made);
+    }
 }
 
 /* The slab was moved as a whole, too, and nobody says how: the pose is found, its supports go there, and a failure puts
@@ -264,6 +314,11 @@ static void test_refusals(void)
         bad = def;
         bad.pose = -1;
         refuse(&bad, SB_ERROR_ARGUMENT);
+        bad = def;
+        bad.drag = REAL(NAN);
+        refuse(&bad, SB_ERROR_ARGUMENT);
+        bad.drag = 1;
+        refuse(&bad, SB_ERROR_ARGUMENT);
         grid.body = made.body;
         grid.target = &made.skin;
         grid.method = REG_PBSM_LAPLACE;
@@ -391,7 +446,7 @@ static double liver_loads(const liver *made, int held, sb_real charge, int landm
         CHECK_OK(sb_body_set_material(def.body, &tissue, NULL));
         if (CHECK_OK(reg_loads_run(&loads, NULL, NULL)))
             mean = liver_score(made, def.body, &most);
-        CHECK(most < 15);
+        CHECK(most < (held && made->target.node_count > 5000 ? 4.5 : 8));
     }
     reg_match_destroy(match);
     sb_body_destroy(def.body);
@@ -409,10 +464,10 @@ static void test_livers(void)
     for (int k = 0; k < (check_quick() ? 1 : 2); k++)
         for (int m = 0; m < (check_quick() ? 1 : 2); m++) {
             liver made;
-            double before = 0;
+            double before = 0, mean;
             if (liver_read(names[k], meshes[m], "deformed_surface.obj", &made)) {
-                CHECK(liver_loads(&made, 1, 100, -1, 3, &before) < 0.55);
-                CHECK(before > 1);
+                mean = liver_loads(&made, 1, 2, -1, 10, &before);
+                CHECK(mean < 0.5 && before > 2 * mean);
                 if (m == 0)
                     CHECK(liver_loads(&made, 0, 100, -1, 4, &before) < 0.8);
             }
@@ -434,9 +489,9 @@ static void test_partial_livers(void)
     if (liver_read("liver2", "coarse_tet4.vtk", "partial_deformed_surface.obj", &clear) &&
         liver_read("liver2", "coarse_tet4.vtk", "partial_deformed_surface_noisy.obj", &noisy)) {
         CHECK_OK(reg_cloud_smooth_mesh(&noisy.target, NULL, NULL, NULL));
-        mean = liver_loads(&clear, 1, 100, -1, 6, &before);
-        CHECK(mean < 1.5 && before > 2 * mean);
-        CHECK(liver_loads(&noisy, 1, 2, -1, 6, &before) < 2);
+        mean = liver_loads(&clear, 1, 2, -1, 10, &before);
+        CHECK(mean < 1 && before > 2 * mean);
+        CHECK(liver_loads(&noisy, 1, 2, -1, 10, &before) < mean + 0.4);
         liver_free(&clear);
         if (liver_read("liver1", "coarse_tet4.vtk", "partial_deformed_surface.obj", &clear))
             CHECK(liver_loads(&clear, 1, 100, liver_farthest(&clear), 6, &before) <
@@ -446,7 +501,7 @@ static void test_partial_livers(void)
     liver_free(&noisy);
 }
 
-CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"a pose", test_pose}, {"a landmark", test_landmark},
-            {"refusals", test_refusals}, {"nothing to find", test_nothing}, {"time cap", test_time_cap},
-            {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
-            {"livers, partial surfaces", test_partial_livers});
+CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"no direction", test_no_direction},
+            {"a pose", test_pose}, {"a landmark", test_landmark}, {"refusals", test_refusals},
+            {"nothing to find", test_nothing}, {"time cap", test_time_cap}, {"failing allocations", test_memory},
+            {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});
