@@ -12086,8 +12086,8 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
                         "turn_first and max_wait must not be negative, max_updates at least 1");
     if (!(def->reserve >= 0) || !(def->reserve < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reserve must be at least 0 and below 1");
-    if (!(def->learn >= 0) || !(def->learn <= SB_REAL_MAX))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "learn must be finite and not negative");
+    if (!(def->learn >= 0) || !(def->learn <= sb_sqrt(SB_REAL_MAX) / 8)) /* sums hold its square */
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "learn must not be negative, and its square finite");
     memset(steer, 0, sizeof *steer);
     steer->def = *def;
     steer->plan.outcome = NDL_PLAN_SHORT;
@@ -13753,6 +13753,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
 
 /* ==== src/needle/needle_tip.c ==== */
 /* needle_tip: where a needle's tip cuts to, and the mesh that follows it there. */
+#include <string.h>
 
 
 /* ---- where the path looks ---- */
@@ -13938,6 +13939,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
+    ndl_remesh_info sunk;
     ndli_v3 heading;
     sb_vec3 X;
     sb_error own;
@@ -13950,9 +13952,16 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     X = ndli_tip_first_arc(needle, X, &heading);
-    if (ndli_tip_sink(needle, depth, X, done) == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
+    result = ndli_tip_sink(needle, depth, X, &sunk);
+    if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
         return SB_OK; /* better when it is deeper */
+    if (result != SB_OK)
+        memset(&sunk, 0, sizeof sunk);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    done->substeps += sunk.substeps;
+    done->candidates += sunk.candidates;
+    done->smoothed += sunk.smoothed;
+    done->released += sunk.released;
     needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);

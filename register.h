@@ -1135,7 +1135,7 @@ typedef struct reg_loads_def {
                           * its body is moved. Dead loads and gravity of the body are taken as known */
     int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
     int rounds;          /* at most, [1, 100]; default 8. One that moves no node by a thousandth of the organ's size is
-                          * the last */
+                          * the last, but for those that a drag is still looked for in */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
     sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
                           * and model leaves */

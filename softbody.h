@@ -4383,9 +4383,9 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 about double its iterations. The choice does not depend on the
- * number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli
+ * tell) about double its iterations. The choice does not depend on the number of threads, so results do not. Without
+ * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -4404,7 +4404,7 @@ SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_cou
 
 /* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *out stays. */
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node; a modulus) or SB_ERROR_MEMORY; *out stays. */
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
                                           const sb_allocator *allocator, sb_preconditioner **out,
                                           sb_error *error);
@@ -4727,7 +4727,7 @@ typedef struct sb_body_def {
                                        * sb_body_solver tells what it chose */
     const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
                                        * NULL: made from the nodes' places and the materials of now (others that are set
-                                       * later change the time of a solve only) */
+                                       * later change the time of a solve, and its last bits) */
     int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                        * choose theirs from newton_tolerance */
@@ -5320,7 +5320,8 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
  * followed the save, bit for bit, also in another body, process or machine. Loads and constraints come back with the
  * numbers they had, those added since go, those removed since return. It does not hold the mesh: a state is loaded into
  * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
- * preconditioner and single_rotation, in the same precision.
+ * preconditioner and single_rotation, in the same precision; with multigrid also from materials whose stiffness jumps
+ * at the same places, else what follows differs within the tolerance of the solves.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
@@ -22611,7 +22612,7 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
-    SBI_MG_MAX_ARRAYS = 24 * SBI_MG_MAX_LEVELS,
+    SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
@@ -26580,8 +26581,11 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
     if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
     for (int q = 0; def->moduli && q < pattern->block_count; q++)
-        if (!(def->moduli[q] >= 0) || !sb_is_finite(def->moduli[q]))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli[%d] is not a modulus", q);
+        if (!sb_is_finite(def->moduli[q]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "moduli[%d] is not finite", q);
+    for (int q = 0; def->moduli && q < pattern->block_count; q++)
+        if (def->moduli[q] < 0)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli[%d] is negative", q);
     if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)
@@ -27943,7 +27947,9 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
     double least =
         (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    for (;;) {
+    if (s->compact && s->current && *square <= target) /* a start as good as that: without the compact one's rounding */
+        *square = sbi_pcg_true_residual(s);
+    for (int round = 0;; round++) {
         sb_result result;
         double goal = target > least ? target : least, recurred;
         if (*square <= target)
@@ -27969,11 +27975,13 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
         if (*square > 0.25 * before && !s->compact) /* not even halved: the last digit of x is reached */
             return SB_ERROR_NOT_CONVERGED;
         s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
-        if (s->compact && *square > before) { /* it is none of this matrix */
+        if (s->compact && *square > before && round == 0 && !s->current) { /* it is none of this matrix */
             memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
             *square = sbi_pcg_true_residual(s);
+            s->fresh = 1;
+            s->compact = NULL;
         }
-        if (*square > 1.5 * recurred || result != SB_OK)
+        if (*square > before || *square > 1.5 * recurred || result != SB_OK)
             s->compact = NULL;
         info->negative_curvature = 0; /* of the compact matrix, if any */
         before = *square;

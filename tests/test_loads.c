@@ -80,7 +80,7 @@ static int make_pulled_slab(slab *made, sb_element_type type, double size, slab_
     return made->body != NULL;
 }
 
-static int make_slab(slab *made, sb_element_type type, double size) 
+static int make_slab(slab *made, sb_element_type type, double size)
 {
     return make_pulled_slab(made, type, size, PULL_PATCH);
 }
@@ -439,13 +439,16 @@ static double liver_loads(const liver *made, int held, sb_real charge, int landm
     }
     if (CHECK_OK(reg_match_create(&def, &match, NULL)) && CHECK_OK(reg_match_run(match, 60, NULL))) {
         reg_loads_def loads = reg_default_loads_def();
+        reg_loads_info info;
         *matched_error = liver_score(made, def.body, &most);
         loads.match = match;
         loads.samples = 200;
         loads.rounds = rounds;
         CHECK_OK(sb_body_set_material(def.body, &tissue, NULL));
-        if (CHECK_OK(reg_loads_run(&loads, NULL, NULL)))
+        if (CHECK_OK(reg_loads_run(&loads, NULL, &info)))
             mean = liver_score(made, def.body, &most);
+        if (held && charge < 100) /* a patch was dragged, and that is seen */
+            CHECK_NEAR(sb_v3_norm(info.drag), 1, 64 * (double)SB_EPSILON);
         CHECK(most < (held && made->target.node_count > 5000 ? 4.5 : 8));
     }
     reg_match_destroy(match);

@@ -545,9 +545,10 @@ static void test_odd_materials(void)
             CHECK(needle_scene_is_sound(&s));
             if (young[i] > 1000)
                 CHECK_NEAR(needle_push(&s), 0.5 + 20 * (double)ndl_needle_depth(s.needles[0]), 0.05);
-            /* gel of 100 Pa is only dented, and clings to the millimetre that is in: its skin yields by about 1 m/N, so
-             * friction of 20 N/m lets go when it is drawn out by centimetres; how many hangs on that millimetre */
-            needle_scene_run(&s, dt, 120, needle_command(-2 * speed, 0));
+            /* Gel of 100 Pa is only dented, and clings to the millimetre that is in. When that lets go the dent springs
+             * back over the tip, which is then a centimetre deep: friction of 20 N/m on skin that yields by some 1 m/N
+             * has let go of that when it is drawn out by 22 cm. */
+            needle_scene_run(&s, dt, young[i] > 100 ? 80 : 550, needle_command(-2 * speed, 0));
             CHECK(needle_scene_is_sound(&s));
             CHECK(ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(s.tissue)));
         }

@@ -1058,6 +1058,7 @@ static void test_steer_failures(void)
     REFUSED(def.reserve = REAL(NAN));
     REFUSED(def.learn = -1);
     REFUSED(def.learn = REAL(INFINITY));
+    REFUSED(def.learn = SB_REAL_MAX / 4);
     REFUSED(def.step = 0);
     REFUSED(def.max_turn = REAL(INFINITY));
     REFUSED(def.turn_gain = 0);

@@ -1,6 +1,7 @@
 /* needle_tip: where a needle's tip cuts to, and the mesh that follows it there. */
-#include "needle_state.h"
+#include <string.h>
 
+#include "needle_state.h"
 
 /* ---- where the path looks ---- */
 
@@ -185,6 +186,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
+    ndl_remesh_info sunk;
     ndli_v3 heading;
     sb_vec3 X;
     sb_error own;
@@ -197,9 +199,16 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     X = ndli_tip_first_arc(needle, X, &heading);
-    if (ndli_tip_sink(needle, depth, X, done) == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
+    result = ndli_tip_sink(needle, depth, X, &sunk);
+    if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
         return SB_OK; /* better when it is deeper */
+    if (result != SB_OK)
+        memset(&sunk, 0, sizeof sunk);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
+    done->substeps += sunk.substeps;
+    done->candidates += sunk.candidates;
+    done->smoothed += sunk.smoothed;
+    done->released += sunk.released;
     needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);

@@ -42,8 +42,8 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
                         "turn_first and max_wait must not be negative, max_updates at least 1");
     if (!(def->reserve >= 0) || !(def->reserve < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reserve must be at least 0 and below 1");
-    if (!(def->learn >= 0) || !(def->learn <= SB_REAL_MAX))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "learn must be finite and not negative");
+    if (!(def->learn >= 0) || !(def->learn <= sb_sqrt(SB_REAL_MAX) / 8)) /* sums hold its square */
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "learn must not be negative, and its square finite");
     memset(steer, 0, sizeof *steer);
     steer->def = *def;
     steer->plan.outcome = NDL_PLAN_SHORT;

@@ -61,7 +61,7 @@ typedef struct sb_body_def {
                                        * sb_body_solver tells what it chose */
     const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
                                        * NULL: made from the nodes' places and the materials of now (others that are set
-                                       * later change the time of a solve only) */
+                                       * later change the time of a solve, and its last bits) */
     int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                        * choose theirs from newton_tolerance */

@@ -312,7 +312,9 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
     double least =
         (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    for (;;) {
+    if (s->compact && s->current && *square <= target) /* a start as good as that: without the compact one's rounding */
+        *square = sbi_pcg_true_residual(s);
+    for (int round = 0;; round++) {
         sb_result result;
         double goal = target > least ? target : least, recurred;
         if (*square <= target)
@@ -338,11 +340,13 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
         if (*square > 0.25 * before && !s->compact) /* not even halved: the last digit of x is reached */
             return SB_ERROR_NOT_CONVERGED;
         s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
-        if (s->compact && *square > before) { /* it is none of this matrix */
+        if (s->compact && *square > before && round == 0 && !s->current) { /* it is none of this matrix */
             memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
             *square = sbi_pcg_true_residual(s);
+            s->fresh = 1;
+            s->compact = NULL;
         }
-        if (*square > 1.5 * recurred || result != SB_OK)
+        if (*square > before || *square > 1.5 * recurred || result != SB_OK)
             s->compact = NULL;
         info->negative_curvature = 0; /* of the compact matrix, if any */
         before = *square;

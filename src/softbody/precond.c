@@ -599,8 +599,11 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
     if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
     for (int q = 0; def->moduli && q < pattern->block_count; q++)
-        if (!(def->moduli[q] >= 0) || !sb_is_finite(def->moduli[q]))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli[%d] is not a modulus", q);
+        if (!sb_is_finite(def->moduli[q]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "moduli[%d] is not finite", q);
+    for (int q = 0; def->moduli && q < pattern->block_count; q++)
+        if (def->moduli[q] < 0)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "moduli[%d] is negative", q);
     if (def->level_count < 0 || (def->level_count > 0 && !def->levels))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "level_count %d does not fit levels", def->level_count);
     for (int i = 0; def->positions && i < pattern->row_count; i++)

@@ -66,9 +66,9 @@ typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 about double its iterations. The choice does not depend on the
- * number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli
+ * tell) about double its iterations. The choice does not depend on the number of threads, so results do not. Without
+ * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -87,7 +87,7 @@ SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_cou
 
 /* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *out stays. */
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node; a modulus) or SB_ERROR_MEMORY; *out stays. */
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
                                           const sb_allocator *allocator, sb_preconditioner **out,
                                           sb_error *error);
