@@ -133,8 +133,8 @@ SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildca
 QUICK = $(or $(FILTER),$(SLOW))
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
-VIOLENT = -step/Newmark -step/same -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence -integrators/explicit
+VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
+	-viscoelastic/violence -load/1,000 -bbar/violence
 LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0
