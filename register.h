@@ -1133,8 +1133,8 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
 typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
-    int rounds;          /* at most, [1, 100]; default 8. One that moves no node by a thousandth of the organ's size is
+    int samples;         /* of the surface that the target shows, [30, 3000]; default 300. Time grows with their square */
+    int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
                           * the last, but for those that a drag is still looked for in */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
     sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
@@ -1142,6 +1142,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, > 0; default 1e-3:
+                          * some third of a millimetre, what meshes leave */
     sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
                           * motion, [0, 1); default 0.01. 0: directions are free */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
@@ -8102,7 +8104,9 @@ enum {
     REGI_LOADS_POSE = 6,   /* moves along the axes and turns about them, */
     REGI_LOADS_FREE = 8,   /* and tilts of the drag: what is found beside the forces */
     REGI_LOADS_ALONE = 2,  /* rounds before a drag is looked for */
-    REGI_LOADS_LOOKS = 2   /* times that its region is decided */
+    REGI_LOADS_LOOKS = 2,  /* times that its region is decided */
+    REGI_LOADS_AFTER = 2,  /* rounds that have to follow the second, as it may move much */
+    REGI_LOADS_LEAST = 10  /* parts of one: fewer cannot be told from what is around them */
 };
 
 typedef struct regi_loads {
@@ -8114,9 +8118,11 @@ typedef struct regi_loads {
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
-    int part_count;        /* samples of parts of the surface; three of each landmark follow, and two of each part that
+    int part_count;        /* of the surface: possible samples; three of each landmark follow, and two of each part that
                             * is dragged */
     int drag_first;        /* the first of the latter */
+    int *sample_of;        /* [sample_most] which of those a sample is; -1: none, it fills up the last group */
+    int drag_sample;       /* the first of a dragged part */
     int load_count;        /* surface nodes that may bear a force */
     int *load_nodes;       /* [load_count] */
     sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
@@ -8164,11 +8170,12 @@ REG_API reg_loads_def reg_default_loads_def(void)
     reg_loads_def def;
     memset(&def, 0, sizeof def);
     def.samples = 300;
-    def.rounds = 8;
+    def.rounds = 10;
     def.reweights = 9;
     def.misfit = (sb_real)6e-5;
     def.power = (sb_real)0.5;
     def.floor = (sb_real)0.01;
+    def.landmark = (sb_real)1e-3;
     def.drag = (sb_real)0.01;
     def.pose = 0;
     def.max_seconds = 1e9;
@@ -8186,10 +8193,10 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
                         def->rounds, def->reweights);
     if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
         !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
-        !(def->drag >= 0 && def->drag < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, drag %g, pose %g: out of range",
-                        (double)def->misfit, (double)def->power, (double)def->floor, (double)def->drag,
-                        (double)def->pose);
+        !(def->drag >= 0 && def->drag < 1) || !(def->landmark > 0) || !sb_is_finite(def->landmark))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
+                        "range", (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
+                        (double)def->drag, (double)def->pose);
     if (!(def->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
@@ -8315,10 +8322,10 @@ typedef struct regi_loads_part {
     sb_real area, mean, squares; /* m^2; of the distances (m), and about that (m^2) */
 } regi_loads_part;
 
-static regi_loads_part regi_loads_look_at(const regi_loads *l, int sample)
+static regi_loads_part regi_loads_look_at(const regi_loads *l, int index)
 {
     regi_loads_part part = {0, 0, 0, 0};
-    for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
+    for (int k = l->part_start[index]; k < l->part_start[index + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
         sb_real step, distance = charge->active ? regi_loads_distance(charge) : 0;
         if (!charge->active)
@@ -8349,14 +8356,12 @@ static void regi_loads_pool(regi_loads *l)
  * about their mean is noise that no force explains, also that of facets that cut corners: of this part and, since it
  * has few charges, of all parts. Charges share vertices with their neighbours, so that some four are worth one in the
  * mean's variance. */
-static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
+static void regi_loads_sample_part(regi_loads *l, int sample, int index, sb_real *row)
 {
     const int prior = 6; /* charges that the scatter of all parts counts for */
     sb_real misfit = l->def->misfit * l->match->size, scatter;
-    regi_loads_part part = regi_loads_look_at(l, sample);
-    if (part.count == 0)
-        return;
-    for (int k = l->part_start[sample]; k < l->part_start[sample + 1]; k++) {
+    regi_loads_part part = regi_loads_look_at(l, index);
+    for (int k = l->part_start[index]; k < l->part_start[index + 1]; k++) {
         const regi_match_charge *charge = l->match->charges + l->part_charges[k];
         if (!charge->active)
             continue;
@@ -8369,18 +8374,15 @@ static void regi_loads_sample_part(regi_loads *l, int sample, sb_real *row)
                           4 * scatter / (sb_real)part.count;
 }
 
-static void regi_loads_sample_landmark(regi_loads *l, int sample, sb_real *row)
+/* One component of a landmark's place: index counts components. */
+static void regi_loads_sample_landmark(regi_loads *l, int sample, int index, sb_real *row)
 {
-    int index = (sample - l->part_count) / 3, axis = (sample - l->part_count) % 3, charge;
-    sb_real misfit = l->def->misfit * l->match->size;
-    sb_vec3 line = sb_v3(axis == 0, axis == 1, axis == 2), gap;
-    if (index >= l->match->landmark_count)
-        return;
-    charge = l->match->charge_count + index;
-    gap = sb_v3_sub(l->match->targets[l->match->charges[charge].index], regi_match_point(l->match, charge));
-    l->gap[sample] = sb_v3_dot(gap, line);
-    l->variance[sample] = misfit * misfit;
-    regi_loads_add_pose(l, sample, regi_match_point(l->match, charge), line, 1);
+    int axis = index % 3, charge = l->match->charge_count + index / 3;
+    sb_real sd = l->def->landmark * l->match->size;
+    sb_vec3 line = sb_v3(axis == 0, axis == 1, axis == 2), now = regi_match_point(l->match, charge);
+    l->gap[sample] = sb_v3_dot(sb_v3_sub(l->match->targets[l->match->charges[charge].index], now), line);
+    l->variance[sample] = sd * sd;
+    regi_loads_add_pose(l, sample, now, line, 1);
     regi_loads_add_point(l, charge, line, 1, row);
 }
 
@@ -8400,16 +8402,13 @@ static sb_vec3 regi_loads_part_motion(const regi_loads *l, int part)
     return sb_v3_scale(area > 0 ? 1 / area : 0, sum);
 }
 
-/* A part that is dragged does not move across the drag, but for what the drag's tilt makes of its way along it. */
-static void regi_loads_sample_drag(regi_loads *l, int sample, sb_real *row)
+/* A part that is dragged does not move across the drag, but for what the drag's tilt makes of its way along it. Index
+ * counts both directions across. */
+static void regi_loads_sample_drag(regi_loads *l, int sample, int index, sb_real *row)
 {
-    int axis = (sample - l->drag_first) % 2, part;
+    int axis = index % 2, part = l->drag_parts[index / 2];
+    sb_vec3 motion = regi_loads_part_motion(l, part);
     sb_real area = 0, sd;
-    sb_vec3 motion;
-    if ((sample - l->drag_first) / 2 >= l->drag_count)
-        return;
-    part = l->drag_parts[(sample - l->drag_first) / 2];
-    motion = regi_loads_part_motion(l, part);
     for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
         area += l->match->charges[l->part_charges[k]].area;
     for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
@@ -8442,6 +8441,35 @@ static sb_result regi_loads_stiffness(regi_loads *l, sb_error *error)
     return sb_direct_update(l->direct, &b->matrix, error);
 }
 
+/* Numbers the samples of a round: parts of which something is near the target, landmarks, what is dragged. */
+static void regi_loads_list_samples(regi_loads *l)
+{
+    int count = 0;
+    for (int s = 0; s < l->part_count; s++)
+        if (regi_loads_look_at(l, s).count > 0)
+            l->sample_of[count++] = s;
+    for (int s = l->part_count; s < l->drag_first; s++)
+        l->sample_of[count++] = s;
+    l->drag_sample = count;
+    for (int s = 0; s < 2 * l->drag_count; s++)
+        l->sample_of[count++] = l->drag_first + s;
+    while (count % 3 != 0)
+        l->sample_of[count++] = -1;
+    l->sample_count = count;
+}
+
+static void regi_loads_sample(regi_loads *l, int sample, sb_real *row)
+{
+    int index = l->sample_of[sample];
+    l->gap[sample] = l->variance[sample] = 0;
+    if (index >= l->drag_first)
+        regi_loads_sample_drag(l, sample, index - l->drag_first, row);
+    else if (index >= l->part_count)
+        regi_loads_sample_landmark(l, sample, index - l->part_count, row);
+    else if (index >= 0)
+        regi_loads_sample_part(l, sample, index, row);
+}
+
 /* Responses of the samples, a group of right-hand sides at a time, and the gaps that all the forces have to close:
  * those seen and those that would open if the present ones went. */
 static void regi_loads_respond(regi_loads *l)
@@ -8451,15 +8479,8 @@ static void regi_loads_respond(regi_loads *l)
         int count = sbi_min_int(SBI_FRONT_GROUP, l->sample_count - first);
         memset(l->rows, 0, (size_t)count * row_size * sizeof(sb_real));
         memset(l->free_rows + (size_t)first * REGI_LOADS_FREE, 0, (size_t)count * REGI_LOADS_FREE * sizeof(sb_real));
-        for (int s = 0; s < count; s++) {
-            l->gap[first + s] = l->variance[first + s] = 0;
-            if (first + s < l->part_count)
-                regi_loads_sample_part(l, first + s, l->rows + (size_t)s * row_size);
-            else if (first + s >= l->drag_first)
-                regi_loads_sample_drag(l, first + s, l->rows + (size_t)s * row_size);
-            else
-                regi_loads_sample_landmark(l, first + s, l->rows + (size_t)s * row_size);
-        }
+        for (int s = 0; s < count; s++)
+            regi_loads_sample(l, first + s, l->rows + (size_t)s * row_size);
         (void)sb_direct_solve(l->direct, l->rows, l->rows, count);
         for (int s = 0; s < count; s++) {
             const sb_real *row = l->rows + (size_t)s * row_size;
@@ -8593,20 +8614,21 @@ static int regi_loads_is_at_rest(const regi_loads *l, sb_real share)
 
 /* The region is decided from loads that were found without a drag, since those found with it follow what it asks for;
  * and, where all of the surface is there to contradict, once more when these come to rest. Motions that have no
- * direction in common are no drag. */
+ * direction in common are no drag, nor are those of a few parts. */
 static void regi_loads_find_drag(regi_loads *l, int round)
 {
     const sb_real most_spread = (sb_real)(1.0 / 3), rest = (sb_real)3e-3;
     int first = l->drag_looks == REGI_LOADS_LOOKS;
+    if (!first && round + REGI_LOADS_AFTER >= l->def->rounds)
+        l->drag_looks = 0;
     if (l->drag_looks > 0 && ((first && round >= REGI_LOADS_ALONE) || regi_loads_is_at_rest(l, rest))) {
         l->drag_looks = l->match->partial ? 0 : l->drag_looks - 1;
         regi_loads_choose_dragged(l);
     }
     if (l->drag_count > 0)
         regi_loads_point_drag(l);
-    if (l->drag_spread > most_spread)
+    if (l->drag_spread > most_spread || (l->drag_count > 0 && l->drag_count < REGI_LOADS_LEAST))
         l->drag_count = l->drag_looks = 0;
-    l->sample_count = (l->drag_first + 2 * l->drag_count + 2) / 3 * 3;
 }
 
 /* What is least for the true loads: sum of area traction^power. */
@@ -8633,7 +8655,7 @@ static int regi_loads_refuse_drag(regi_loads *l)
     if (!(effort > 1.25 * l->effort))
         return 0;
     l->drag_count = l->drag_looks = 0;
-    for (int s = l->drag_first; s < l->sample_count; s++)
+    for (int s = l->drag_sample; s < l->sample_count; s++)
         l->variance[s] = 0;
     return 1;
 }
@@ -8747,7 +8769,7 @@ static sb_real regi_loads_misfit(const regi_loads *l)
 {
     double sum = 0;
     int count = 0;
-    for (int s = 0; s < l->drag_first; s++)
+    for (int s = 0; s < l->drag_sample; s++)
         if (l->variance[s] > 0) {
             double left = (double)(l->variance[s] * l->multiplier[s]);
             sum += left * left;
@@ -8812,6 +8834,7 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
         return result;
     regi_loads_pool(l);
     regi_loads_find_drag(l, round);
+    regi_loads_list_samples(l);
     regi_loads_respond(l);
     responded = regi_loads_now(l);
     l->info.seconds_response += responded - begin;
@@ -8838,6 +8861,7 @@ static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
     size_t n = (size_t)l->node_count, charges = (size_t)l->match->charge_count, samples = (size_t)l->sample_most;
     size_t skin = (size_t)l->boundary.surface.node_count, real = sizeof(sb_real);
     l->load_nodes = (int *)sbi_arena_take(arena, skin, sizeof(int));
+    l->sample_of = (int *)sbi_arena_take(arena, samples, sizeof(int));
     l->area = (sb_real *)sbi_arena_take(arena, n, real);
     l->part = (int *)sbi_arena_take(arena, charges, sizeof(int));
     l->part_start = (int *)sbi_arena_take(arena, (size_t)l->part_count + 1, sizeof(int));
@@ -8885,6 +8909,18 @@ static void regi_loads_begin_pose(regi_loads *l)
         l->likely[k] = (sb_real)0.3;
 }
 
+/* As many parts as make the samples asked for where the target shows a part of the organ, but at most twice as many. */
+static int regi_loads_part_count(const regi_loads *l)
+{
+    double all = 0, seen = 0, most = 2;
+    for (int i = 0; i < l->match->charge_count; i++) {
+        all += (double)l->match->charges[i].area;
+        seen += l->match->charges[i].active ? (double)l->match->charges[i].area : 0;
+    }
+    most = l->match->partial && all < most * seen ? all / seen : l->match->partial ? most : 1;
+    return sbi_min_int((int)(most * l->def->samples), l->match->charge_count);
+}
+
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
 {
     const sb_allocator *allocator = &l->def->allocator;
@@ -8898,7 +8934,7 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     if (result != SB_OK)
         return result;
     l->node_count = mesh.node_count;
-    l->part_count = sbi_min_int(l->def->samples, l->match->charge_count);
+    l->part_count = regi_loads_part_count(l);
     l->drag_first = l->part_count + 3 * l->match->landmark_count;
     l->drag_most = l->def->drag > 0 ? l->part_count / 3 : 0;
     l->drag_looks = l->drag_most > 0 ? REGI_LOADS_LOOKS : 0;

@@ -237,11 +237,10 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     for (int i = 0; i < given->landmark_count; i++) {
         pairs[i].model = given->landmarks[i];
         pairs[i].target = given->landmark_targets[i];
-        /* deformed as it is, one landmark must not tell the pose */
         pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, 0.01);
     }
     options.landmarks = pairs;
-    options.landmark_count = given->landmark_count;
+    options.landmark_count = given->landmark_count >= 3 ? given->landmark_count : 0; /* fewer tell no pose: all deforms */
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
     options.max_seconds = fmin(options.max_seconds, given->max_seconds);
@@ -521,8 +520,8 @@ static inline reg_loads_def task_loads_def(const task *given, const outcome *out
     def.match = match;
     def.clock = seconds_now;
     def.max_seconds = given->max_seconds - out->seconds_run;
-    if (out->smooth.noise > out->smooth.left) /* there was noise; samples are means of some points */
-        def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.16 * left * left);
+    if (out->smooth.noise > out->smooth.left) /* there was noise; samples are means of some 25 points */
+        def.misfit = sb_sqrt(def.misfit * def.misfit + (sb_real)0.04 * left * left);
     if (given->fixed_count == 0 || (!given->aligned && !out->is_placed))
         def.pose = (sb_real)0.01;
     return def;
@@ -595,12 +594,14 @@ static inline sb_result task_match(const task *given, outcome *out, sb_error *er
 {
     sb_vec3 *landmarks = task_landmarks(given, out);
     reg_match_def def = task_match_def(given, out, landmarks);
-    sb_real firm = def.last_charge;
+    sb_real firm = def.last_charge, stiff = def.landmark_stiffness;
     int soft = given->loads && out->how == METHOD_PBSM, found = 0;
     reg_match *match = NULL;
     sb_result result = landmarks ? SB_OK : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
-    if (soft)
+    if (soft) {
         def.last_charge = 2;
+        def.landmark_stiffness *= (sb_real)1e-4; /* their springs dent the organ; loads reach them without */
+    }
     if (result == SB_OK)
         result = task_match_up_to(given, &def, out, &match, error);
     if (result == SB_OK && soft && strcmp(out->stop, "settled") == 0)
@@ -610,6 +611,7 @@ static inline sb_result task_match(const task *given, outcome *out, sb_error *er
     if (result == SB_OK && soft && !found && firm > def.last_charge) {
         int before = out->iterations;
         def.last_charge = firm;
+        def.landmark_stiffness = stiff;
         def.first_charge = 2;
         def.reach = def.last_reach;
         result = task_match_up_to(given, &def, out, &match, error);

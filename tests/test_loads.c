@@ -309,6 +309,11 @@ static void test_refusals(void)
         bad.floor = 0;
         refuse(&bad, SB_ERROR_ARGUMENT);
         bad = def;
+        bad.landmark = 0;
+        refuse(&bad, SB_ERROR_ARGUMENT);
+        bad.landmark = REAL(NAN);
+        refuse(&bad, SB_ERROR_ARGUMENT);
+        bad = def;
         bad.max_seconds = 0;
         refuse(&bad, SB_ERROR_ARGUMENT);
         bad = def;

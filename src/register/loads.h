@@ -43,8 +43,8 @@
 typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface, [30, 3000]; default 300. Time grows with their square */
-    int rounds;          /* at most, [1, 100]; default 8. One that moves no node by a thousandth of the organ's size is
+    int samples;         /* of the surface that the target shows, [30, 3000]; default 300. Time grows with their square */
+    int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
                           * the last, but for those that a drag is still looked for in */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
     sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
@@ -52,6 +52,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, > 0; default 1e-3:
+                          * some third of a millimetre, what meshes leave */
     sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
                           * motion, [0, 1); default 0.01. 0: directions are free */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
