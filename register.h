@@ -1105,14 +1105,15 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  * responses to all forces are one column each of the inverse stiffness (see direct.h), after which a round is a dense
  * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
- * Rounds repeat that from the shape found, as the stiffness follows it.
+ * Rounds repeat that from the shape found, as the stiffness follows it. The match's landmarks are samples of their
+ * own, three each; weaken their springs during the match (landmark_stiffness), or loads have the springs' dents to mend.
  *
  * What acts is mostly a body of its own (the diaphragm, an instrument) that goes one way, and with it the region of
  * the surface that it holds. A surface shows how far a region moved across itself; where its normals differ, one common
  * direction is all that agrees with that, and it tells the motion along the surface. So after two rounds the region
  * that bears loads is taken down and its motions' direction estimated; where they are near one, rounds that follow ask
  * for motions in one direction, which they find, too (`drag`). A direction for which many more loads are needed than
- * without it is dropped. Regions of fewer than some ten samples are too small to be told from what is around them.
+ * without it is dropped, and so is a region of fewer than ten parts, too small to be told from what is around it.
  *
  * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
  * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
@@ -1133,7 +1134,8 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
 typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface that the target shows, [30, 3000]; default 300. Time grows with their square */
+    int samples;         /* of the surface that the target shows, [30, 3000]; default 300; fewer where that is less than
+                          * half of the organ's. Time and memory grow with their square */
     int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
                           * the last, but for those that a drag is still looked for in */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
@@ -1142,8 +1144,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
-    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, > 0; default 1e-3:
-                          * some third of a millimetre, what meshes leave */
+    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, [1e-6, 1]; default
+                          * 1e-3: a third of a millimetre for a liver, what meshes leave */
     sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
                           * motion, [0, 1); default 0.01. 0: directions are free */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
@@ -1160,7 +1162,8 @@ REG_API reg_loads_def reg_default_loads_def(void);
 typedef struct reg_loads_info {
     int rounds;            /* done */
     sb_real mean_distance; /* of the charges before the last round (m) */
-    sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
+    sb_real sample_misfit; /* root mean square of the gaps of the surface's samples that the last round left, as it
+                            * foresaw (m) */
     sb_real change;        /* largest displacement of a node in the last round (m): see above */
     sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
@@ -8127,9 +8130,9 @@ typedef struct regi_loads {
     int *load_nodes;       /* [load_count] */
     sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
     double total_area;
-    int *part;             /* [charges] sample of a charge */
+    int *part;             /* [charges] that a charge belongs to */
     int *part_start;       /* [part_count + 1] into part_charges */
-    int *part_charges;     /* [charges] by sample */
+    int *part_charges;     /* [charges] by part */
     int *part_centre;      /* [part_count] a charge */
     sb_real *part_load;    /* [part_count] mean traction (Pa) */
     unsigned char *is_dragged, *votes; /* [part_count] */
@@ -8143,7 +8146,7 @@ typedef struct regi_loads {
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
     sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
     sb_real *gap;          /* [sample_most] that forces have to close (m) */
-    sb_real *variance;     /* [sample_count] misfit^2, over the share of a sample that acts; 0: the sample is off */
+    sb_real *variance;     /* [sample_count] of a part misfit^2, over the share of it that acts; 0: the sample is off */
     sb_real *system;       /* [sample_count][sample_count] */
     sb_real *multiplier;   /* [sample_count] y */
     sb_real *signs, *sizes;/* [sample_count] of the factor */
@@ -8193,7 +8196,7 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
                         def->rounds, def->reweights);
     if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
         !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
-        !(def->drag >= 0 && def->drag < 1) || !(def->landmark > 0) || !sb_is_finite(def->landmark))
+        !(def->drag >= 0 && def->drag < 1) || !(def->landmark >= (sb_real)1e-6 && def->landmark <= 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
                         "range", (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
                         (double)def->drag, (double)def->pose);
@@ -8764,13 +8767,13 @@ static sb_result regi_loads_reweight(regi_loads *l, int times, sb_error *error)
     return result;
 }
 
-/* What the solution leaves of the gaps: variance times y. */
+/* What the solution leaves of the gaps of the surface: variance times y. */
 static sb_real regi_loads_misfit(const regi_loads *l)
 {
     double sum = 0;
     int count = 0;
     for (int s = 0; s < l->drag_sample; s++)
-        if (l->variance[s] > 0) {
+        if (l->sample_of[s] < l->part_count && l->variance[s] > 0) {
             double left = (double)(l->variance[s] * l->multiplier[s]);
             sum += left * left;
             count++;
@@ -8912,13 +8915,14 @@ static void regi_loads_begin_pose(regi_loads *l)
 /* As many parts as make the samples asked for where the target shows a part of the organ, but at most twice as many. */
 static int regi_loads_part_count(const regi_loads *l)
 {
-    double all = 0, seen = 0, most = 2;
+    double all = 0, seen = 0, times = 1;
     for (int i = 0; i < l->match->charge_count; i++) {
         all += (double)l->match->charges[i].area;
         seen += l->match->charges[i].active ? (double)l->match->charges[i].area : 0;
     }
-    most = l->match->partial && all < most * seen ? all / seen : l->match->partial ? most : 1;
-    return sbi_min_int((int)(most * l->def->samples), l->match->charge_count);
+    if (l->match->partial)
+        times = all < 2 * seen ? all / seen : 2;
+    return sbi_min_int((int)(times * l->def->samples), l->match->charge_count);
 }
 
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)

@@ -5,7 +5,8 @@
  * MODEL is a volume mesh, or a closed surface, which is then filled with tets; TARGET a surface or a point cloud, whole or
  * a part, in any pose. It is aligned rigidly first, from all directions, and then deformed. All numbers in files are in
  * metres (or --scale), nodes count from 0, # begins a comment:
- *     --landmarks FILE     x y z  X Y Z    a point of the model, and where it is seen
+ *     --landmarks FILE     x y z  X Y Z    a point of the model, and where it is seen; three or more, or with icp
+ *                                          any, guide the rigid start, too
  *     --fix FILE           n               a node of the model that moves with the organ as a whole only,
  *                          x y z           or the node nearest to a point,
  *                          a b c d         or all nodes with a x + b y + c z < d

@@ -237,10 +237,11 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     for (int i = 0; i < given->landmark_count; i++) {
         pairs[i].model = given->landmarks[i];
         pairs[i].target = given->landmark_targets[i];
-        pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, 0.01);
+        pairs[i].weight = (sb_real)fmin(0.3 / given->landmark_count, 0.01); /* they deform, too */
     }
     options.landmarks = pairs;
-    options.landmark_count = given->landmark_count >= 3 ? given->landmark_count : 0; /* fewer tell no pose: all deforms */
+    /* one or two tell no pose; what deforms the organ afterwards meets them better */
+    options.landmark_count = given->landmark_count >= 3 || out->how == METHOD_ICP ? given->landmark_count : 0;
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
     options.max_seconds = fmin(options.max_seconds, given->max_seconds);
@@ -545,6 +546,7 @@ static inline int task_find_loads(const task *given, reg_match *match, outcome *
                 info.change < (sb_real)0.01 * sb_v3_norm(sb_v3_sub(high, low));
         if (!found) {
             (void)sb_body_set_displacements(out->body, before);
+            (void)sb_body_fix_nodes(out->body, given->fixed, given->fixed_count, SB_XYZ); /* loads move them, too */
             (void)task_soften(given, out->body, 0);
         }
     }
@@ -588,33 +590,35 @@ static inline sb_result task_match_up_to(const task *given, const reg_match_def 
     return result;
 }
 
-/* Loads begin with a shape that is not pressed on: a firm charge leaves elements that they cannot bear. Where there are
- * none the firm charge follows. */
+/* Loads begin with a shape that is not pressed on: a firm charge leaves elements that they cannot bear, and landmarks'
+ * springs dents. Where there are none the firm charge follows; with landmarks, which lead the way, from the beginning. */
 static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
 {
     sb_vec3 *landmarks = task_landmarks(given, out);
-    reg_match_def def = task_match_def(given, out, landmarks);
-    sb_real firm = def.last_charge, stiff = def.landmark_stiffness;
-    int soft = given->loads && out->how == METHOD_PBSM, found = 0;
+    reg_match_def firm = task_match_def(given, out, landmarks), soft = firm;
+    int wants_loads = given->loads && out->how == METHOD_PBSM, found = 0;
+    int led = landmarks && given->landmark_count > 0;
     reg_match *match = NULL;
     sb_result result = landmarks ? SB_OK : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
-    if (soft) {
-        def.last_charge = 2;
-        def.landmark_stiffness *= (sb_real)1e-4; /* their springs dent the organ; loads reach them without */
+    if (wants_loads) {
+        soft.last_charge = 2;
+        soft.landmark_stiffness *= (sb_real)1e-4;
     }
     if (result == SB_OK)
-        result = task_match_up_to(given, &def, out, &match, error);
-    if (result == SB_OK && soft && strcmp(out->stop, "settled") == 0)
+        result = task_match_up_to(given, &soft, out, &match, error);
+    if (result == SB_OK && wants_loads && strcmp(out->stop, "settled") == 0)
         found = task_find_loads(given, match, out);
     reg_match_destroy(match);
     match = NULL;
-    if (result == SB_OK && soft && !found && firm > def.last_charge) {
+    if (wants_loads && !found && (led || (result == SB_OK && firm.last_charge > soft.last_charge))) {
         int before = out->iterations;
-        def.last_charge = firm;
-        def.landmark_stiffness = stiff;
-        def.first_charge = 2;
-        def.reach = def.last_reach;
-        result = task_match_up_to(given, &def, out, &match, error);
+        if (led) {
+            sb_body_reset(out->body);
+        } else {
+            firm.first_charge = 2;
+            firm.reach = firm.last_reach;
+        }
+        result = task_match_up_to(given, &firm, out, &match, error);
         out->iterations += before;
         reg_match_destroy(match);
     }

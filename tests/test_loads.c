@@ -227,6 +227,49 @@ static void test_pose(void)
     free_slab(&made);
 }
 
+/* Keeps the triangles that lie above a height. */
+static void cut_below(sb_mesh *skin, sb_real height)
+{
+    int kept = 0;
+    for (int e = 0; e < skin->element_count; e++) {
+        const int *n = skin->elements + 3 * (size_t)e;
+        if (skin->nodes[n[0]].z > height && skin->nodes[n[1]].z > height && skin->nodes[n[2]].z > height)
+            memmove(skin->elements + 3 * (size_t)kept++, n, 3 * sizeof *n);
+    }
+    skin->element_count = kept;
+    CHECK_OK(sb_mesh_remove_unreferenced(skin, &kept, NULL));
+}
+
+/* The upper side alone is seen: parts elsewhere are no samples. A match that never ran has seen nothing so far. */
+static void test_part(void)
+{
+    slab made;
+    if (make_slab(&made, SB_TET4, 0.2)) {
+        for (int ran = 0; ran < 2; ran++) {
+            reg_match_def given = reg_default_match_def();
+            reg_match *match = NULL;
+            reg_loads_info info;
+            double before;
+            if (ran == 0)
+                cut_below(&made.skin, REAL(0.04));
+            sb_body_reset(made.body);
+            given.body = made.body;
+            given.target = &made.skin;
+            given.partial = 1;
+            if (CHECK_OK(reg_match_create(&given, &match, NULL))) {
+                reg_loads_def def = def_of(match);
+                if (ran)
+                    CHECK_OK(reg_match_run(match, 60, NULL));
+                before = error_of(&made);
+                CHECK_OK(reg_loads_run(&def, NULL, &info));
+                CHECK(error_of(&made) < 0.6 * before);
+            }
+            reg_match_destroy(match);
+        }
+    }
+    free_slab(&made);
+}
+
 /* A landmark in the patch, which says where it went. */
 static void test_landmark(void)
 {
@@ -510,6 +553,6 @@ static void test_partial_livers(void)
 }
 
 CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"no direction", test_no_direction},
-            {"a pose", test_pose}, {"a landmark", test_landmark}, {"refusals", test_refusals},
+            {"a pose", test_pose}, {"a part", test_part}, {"a landmark", test_landmark}, {"refusals", test_refusals},
             {"nothing to find", test_nothing}, {"time cap", test_time_cap}, {"failing allocations", test_memory},
             {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});

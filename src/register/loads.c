@@ -37,9 +37,9 @@ typedef struct regi_loads {
     int *load_nodes;       /* [load_count] */
     sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
     double total_area;
-    int *part;             /* [charges] sample of a charge */
+    int *part;             /* [charges] that a charge belongs to */
     int *part_start;       /* [part_count + 1] into part_charges */
-    int *part_charges;     /* [charges] by sample */
+    int *part_charges;     /* [charges] by part */
     int *part_centre;      /* [part_count] a charge */
     sb_real *part_load;    /* [part_count] mean traction (Pa) */
     unsigned char *is_dragged, *votes; /* [part_count] */
@@ -53,7 +53,7 @@ typedef struct regi_loads {
     sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
     sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
     sb_real *gap;          /* [sample_most] that forces have to close (m) */
-    sb_real *variance;     /* [sample_count] misfit^2, over the share of a sample that acts; 0: the sample is off */
+    sb_real *variance;     /* [sample_count] of a part misfit^2, over the share of it that acts; 0: the sample is off */
     sb_real *system;       /* [sample_count][sample_count] */
     sb_real *multiplier;   /* [sample_count] y */
     sb_real *signs, *sizes;/* [sample_count] of the factor */
@@ -103,7 +103,7 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
                         def->rounds, def->reweights);
     if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
         !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
-        !(def->drag >= 0 && def->drag < 1) || !(def->landmark > 0) || !sb_is_finite(def->landmark))
+        !(def->drag >= 0 && def->drag < 1) || !(def->landmark >= (sb_real)1e-6 && def->landmark <= 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
                         "range", (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
                         (double)def->drag, (double)def->pose);
@@ -674,13 +674,13 @@ static sb_result regi_loads_reweight(regi_loads *l, int times, sb_error *error)
     return result;
 }
 
-/* What the solution leaves of the gaps: variance times y. */
+/* What the solution leaves of the gaps of the surface: variance times y. */
 static sb_real regi_loads_misfit(const regi_loads *l)
 {
     double sum = 0;
     int count = 0;
     for (int s = 0; s < l->drag_sample; s++)
-        if (l->variance[s] > 0) {
+        if (l->sample_of[s] < l->part_count && l->variance[s] > 0) {
             double left = (double)(l->variance[s] * l->multiplier[s]);
             sum += left * left;
             count++;
@@ -822,13 +822,14 @@ static void regi_loads_begin_pose(regi_loads *l)
 /* As many parts as make the samples asked for where the target shows a part of the organ, but at most twice as many. */
 static int regi_loads_part_count(const regi_loads *l)
 {
-    double all = 0, seen = 0, most = 2;
+    double all = 0, seen = 0, times = 1;
     for (int i = 0; i < l->match->charge_count; i++) {
         all += (double)l->match->charges[i].area;
         seen += l->match->charges[i].active ? (double)l->match->charges[i].area : 0;
     }
-    most = l->match->partial && all < most * seen ? all / seen : l->match->partial ? most : 1;
-    return sbi_min_int((int)(most * l->def->samples), l->match->charge_count);
+    if (l->match->partial)
+        times = all < 2 * seen ? all / seen : 2;
+    return sbi_min_int((int)(times * l->def->samples), l->match->charge_count);
 }
 
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)

@@ -14,14 +14,15 @@
  * responses to all forces are one column each of the inverse stiffness (see direct.h), after which a round is a dense
  * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
- * Rounds repeat that from the shape found, as the stiffness follows it.
+ * Rounds repeat that from the shape found, as the stiffness follows it. The match's landmarks are samples of their
+ * own, three each; weaken their springs during the match (landmark_stiffness), or loads have the springs' dents to mend.
  *
  * What acts is mostly a body of its own (the diaphragm, an instrument) that goes one way, and with it the region of
  * the surface that it holds. A surface shows how far a region moved across itself; where its normals differ, one common
  * direction is all that agrees with that, and it tells the motion along the surface. So after two rounds the region
  * that bears loads is taken down and its motions' direction estimated; where they are near one, rounds that follow ask
  * for motions in one direction, which they find, too (`drag`). A direction for which many more loads are needed than
- * without it is dropped. Regions of fewer than some ten samples are too small to be told from what is around them.
+ * without it is dropped, and so is a region of fewer than ten parts, too small to be told from what is around it.
  *
  * The organ's pose can be sought with the loads, held nodes included (`pose`): of all poses the one that needs the
  * least loads. That is for a rigid start from a part of a deformed organ, which may be off by more than a centimetre.
@@ -43,7 +44,8 @@
 typedef struct reg_loads_def {
     reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
                           * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface that the target shows, [30, 3000]; default 300. Time grows with their square */
+    int samples;         /* of the surface that the target shows, [30, 3000]; default 300; fewer where that is less than
+                          * half of the organ's. Time and memory grow with their square */
     int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
                           * the last, but for those that a drag is still looked for in */
     int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
@@ -52,8 +54,8 @@ typedef struct reg_loads_def {
     sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
                           * sum of forces is least; below: fewer regions, harder edges */
     sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
-    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, > 0; default 1e-3:
-                          * some third of a millimetre, what meshes leave */
+    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, [1e-6, 1]; default
+                          * 1e-3: a third of a millimetre for a liver, what meshes leave */
     sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
                           * motion, [0, 1); default 0.01. 0: directions are free */
     sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
@@ -70,7 +72,8 @@ REG_API reg_loads_def reg_default_loads_def(void);
 typedef struct reg_loads_info {
     int rounds;            /* done */
     sb_real mean_distance; /* of the charges before the last round (m) */
-    sb_real sample_misfit; /* root mean square of the samples' gaps that the last round left, as it foresaw (m) */
+    sb_real sample_misfit; /* root mean square of the gaps of the surface's samples that the last round left, as it
+                            * foresaw (m) */
     sb_real change;        /* largest displacement of a node in the last round (m): see above */
     sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
     sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
