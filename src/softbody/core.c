@@ -5,6 +5,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(SB_USE_OPENMP)
+#include <omp.h>
+#endif
 
 SB_API const char *sb_result_string(sb_result result)
 {
@@ -142,12 +145,40 @@ SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int cou
 }
 
 #if defined(SB_USE_OPENMP)
+enum { SBI_OPENMP_RANGES = 64 };
+
+/* Tasks that a thread has first claim to, a cache line apart from those of others. */
+typedef struct sbi_openmp_range {
+    int next, end;
+    char apart[64 - 2 * sizeof(int)];
+} sbi_openmp_range;
+
+/* The next task of a range, or -1. */
+static int sbi_openmp_take(sbi_openmp_range *range)
+{
+    int index;
+#pragma omp atomic capture
+    index = range->next++;
+    return index < range->end ? index : -1;
+}
+
+/* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
+ * the next; whoever is done helps the others. */
 static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
 {
+    sbi_openmp_range ranges[SBI_OPENMP_RANGES];
+    int shares = sbi_max_int(sbi_min_int(sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES), count), 1);
     (void)user;
-#pragma omp parallel for schedule(dynamic, 1)
-    for (int i = 0; i < count; i++)
-        task(task_user, i);
+    for (int k = 0; k < shares; k++) {
+        ranges[k].next = (int)((int64_t)count * k / shares);
+        ranges[k].end = (int)((int64_t)count * (k + 1) / shares);
+    }
+#pragma omp parallel num_threads(shares) if (shares > 1)
+    for (int k = 0; k < shares; k++) {
+        sbi_openmp_range *range = ranges + (omp_get_thread_num() + k) % shares;
+        for (int i = sbi_openmp_take(range); i >= 0; i = sbi_openmp_take(range))
+            task(task_user, i);
+    }
 }
 
 SB_API sb_jobs sb_jobs_openmp(void)

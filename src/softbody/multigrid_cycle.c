@@ -254,15 +254,17 @@ static int sbi_mg_invert(const float *block, float *inverse)
     for (int k = 0; k < 3; k++) {
         double pivot = a[4 * k], least = 64 * (double)FLT_EPSILON * (double)block[4 * k];
         int keep = pivot > (double)FLT_MIN / (double)FLT_EPSILON && pivot > least; /* false for NaN */
+        double inverse_pivot = keep ? 1 / pivot : 0, column[3], row[3];
+        for (int i = 0; i < 3; i++) {
+            column[i] = keep ? a[3 * i + k] * inverse_pivot : 0;
+            row[i] = a[3 * k + i];
+        }
         for (int i = 0; i < 9; i++)
-            if (keep && i / 3 != k && i % 3 != k)
-                a[i] -= a[3 * (i / 3) + k] * a[3 * k + i % 3] / pivot;
+            if (i / 3 != k && i % 3 != k)
+                a[i] -= column[i / 3] * row[i % 3];
         for (int i = 0; i < 3; i++)
-            if (i != k) {
-                a[3 * i + k] = keep ? a[3 * i + k] / pivot : 0;
-                a[3 * k + i] = keep ? a[3 * k + i] / pivot : 0;
-            }
-        a[4 * k] = keep ? -1 / pivot : 0;
+            a[3 * i + k] = a[3 * k + i] = column[i];
+        a[4 * k] = -inverse_pivot;
         kept += keep;
     }
     for (int k = 0; k < 12; k++)
@@ -426,6 +428,10 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
         int j = columns[q];
+        SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD);
+        SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 2);
+        SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
         sbi_mg_round_block(from[q], scale, block);
 #if SB_REAL_IS_FLOAT
         sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
@@ -865,6 +871,8 @@ SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *re
     for (; column < end; column++, packed += 9, rest += 9) {
         const double *from = x + 4 * (size_t)*column;
         __m256d v = _mm256_loadu_pd(from);
+        SBI_PREFETCH(packed, SBI_MG_AHEAD);
+        SBI_PREFETCH(rest, SBI_MG_AHEAD);
         sum = sbi_mg_add_words(sum, _mm_loadu_si128((const __m128i *)(const void *)packed),
                                _mm_loadu_si128((const __m128i *)(const void *)rest), v);
         ninth = _mm_add_pd(ninth, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));

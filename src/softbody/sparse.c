@@ -242,6 +242,8 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
 
 /* ---- products ------------------------------------------------------------------------------------------ */
 
+enum { SBI_SPARSE_AHEAD = 1024 }; /* bytes of blocks asked for before they are read */
+
 /* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
  * so no sum waits for another, and both forms below give the same bits. */
 #if SBI_HAS_LANES
@@ -264,6 +266,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
         } else {
             v = SBI_LANES_AT(from);
         }
+        SBI_PREFETCH(block, SBI_SPARSE_AHEAD);
         s0 += SBI_LANES_AT(block) * v;
         s1 += SBI_LANES_AT(block + 3) * v;
         s2 += SBI_LANES_AT(block + 6) * v;

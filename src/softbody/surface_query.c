@@ -323,13 +323,10 @@ SBI_FORCE_INLINE void sbi_surface_order(uint64_t *far, uint64_t *near)
 /* Asks for the memory of a child that will be looked at soon: for as much as a leaf takes, to spare a branch. */
 SBI_FORCE_INLINE void sbi_surface_prefetch(const sb_surface *s, int child)
 {
-#if defined(__GNUC__)
-    const char *at = child < 0 ? (const char *)(s->leaf + ~child) : (const char *)(s->tree + child);
+    const void *at = child < 0 ? (const void *)(s->leaf + ~child) : (const void *)(s->tree + child);
     for (size_t i = 0; i < sizeof *s->leaf; i += SBI_SURFACE_LINE)
-        __builtin_prefetch(at + i);
-#else
-    (void)s, (void)child;
-#endif
+        SBI_PREFETCH(at, i);
+    (void)at;
 }
 
 /* Pushes the children of a node that may win, the nearest last; returns the new top. */
