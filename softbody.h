@@ -4145,7 +4145,7 @@ typedef sb_real sbi_lanes
 #endif
 
 /* Rows per task of products and vector loops: fixed, so that partial sums do not depend on threads. */
-enum { SBI_ROW_CHUNK = 512 };
+enum { SBI_ROW_CHUNK = 256 };
 
 SB_INLINE int sbi_row_chunks(int row_count)
 {
@@ -4357,7 +4357,8 @@ typedef struct sb_preconditioner_def {
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only */
+    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
+                      * made beside the factor */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
@@ -22653,8 +22654,8 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
 enum {
     SBI_MG_MAX_LEVELS = 16,
     SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
-    SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
-    SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
+    SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
+    SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
                                * second cache then; a smaller one is faster without the conversion */
@@ -25934,7 +25935,8 @@ enum {
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
-    SBI_PRECOND_MULTIGRID_ROWS = 5000
+    SBI_PRECOND_MULTIGRID_ROWS = 5000,
+    SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -26008,6 +26010,8 @@ typedef struct sbi_precond_job {
     sb_real *z;
     double scale;    /* of r: a power of two */
     int with_result; /* restriction: of r - A result, not r */
+    sb_task beside;  /* see sbi_precond_update_coarse */
+    void *beside_user;
 } sbi_precond_job;
 
 /* An array of the object on a cache line boundary; NULL when there is no memory. */
@@ -26022,8 +26026,10 @@ SBI_API double sbi_precond_power(double size);
 
 /* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
-/* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
-SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); meanwhile one thread does beside(user, 0), unless
+ * that is NULL. */
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
+                                       sb_task beside, void *beside_user);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
 SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
@@ -26224,6 +26230,9 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
     const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
     float *l = p->lower + 12 * (size_t)e;
+    int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
+    SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
+    SBI_PREFETCH(a->blocks[later], 64);
     for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
         const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
                     *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
@@ -26481,12 +26490,11 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
 static sbi_precond_job sbi_precond_make_job(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
 {
     sbi_precond_job job;
+    memset(&job, 0, sizeof job);
     job.p = p;
-    job.a = NULL;
     job.r = r;
     job.z = z;
     job.scale = sbi_precond_power(size);
-    job.with_result = 0;
     return job;
 }
 
@@ -26836,24 +26844,43 @@ static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *
     return SB_OK;
 }
 
+/* An update of the smoother as a task. */
+typedef struct sbi_precond_smoothing {
+    sb_preconditioner *p;
+    const sb_matrix *matrix;
+    sb_error *error;
+    sb_result result;
+} sbi_precond_smoothing;
+
+static void sbi_precond_smoother_task(void *user, int index)
+{
+    sbi_precond_smoothing *work = (sbi_precond_smoothing *)user;
+    (void)index;
+    work->result = sbi_precond_update_kind(work->p, work->matrix, work->error);
+}
+
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error)
 {
+    sbi_precond_smoothing work;
     double scale;
     sb_result result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
+    int threaded = p && p->kind == SB_PRECOND_FSAI; /* its update shares itself out */
     if (result != SB_OK)
         return result;
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
     p->turned = 0;
-    result = sbi_precond_update_kind(p, matrix, error);
-    if (result != SB_OK)
-        return result;
+    work.p = p;
+    work.matrix = matrix;
+    work.error = error;
+    if (threaded || !p->coarse.piece_count)
+        sbi_precond_smoother_task(&work, 0);
     if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions);
-    p->ready = 1;
-    return SB_OK;
+        sbi_precond_update_coarse(p, matrix, positions, threaded ? NULL : sbi_precond_smoother_task, &work);
+    p->ready = work.result == SB_OK;
+    return work.result;
 }
 
 /* ---- warping ------------------------------------------------------------------------------------------- */
@@ -26906,7 +26933,7 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     if (rotations)
         sbi_precond_turn(p, matrix, rotations);
     if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions);
+        sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
     return SB_OK;
 }
 
@@ -27172,7 +27199,10 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, a->block_count - 1)];
         sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
+        SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
+        SBI_PREFETCH(a->blocks[later], 64);
         p0 += r0, x0 += r0 * arm[0], y0 += r0 * arm[1], z0 += r0 * arm[2];
         p1 += r1, x1 += r1 * arm[0], y1 += r1 * arm[1], z1 += r1 * arm[2];
         p2 += r2, x2 += r2 * arm[0], y2 += r2 * arm[1], z2 += r2 * arm[2];
@@ -27312,18 +27342,32 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions)
+/* What is done beside the columns of the pieces is the first task: it takes longest. */
+static void sbi_precond_update_task(void *user, int index)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    int first = job->beside != NULL;
+    if (index < first)
+        job->beside(job->beside_user, 0);
+    else
+        sbi_precond_couple_task(user, index - first);
+}
+
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
+                                       sb_task beside, void *beside_user)
 {
     sbi_precond_coarse *c = &p->coarse;
     sbi_precond_job job;
     memset(&job, 0, sizeof job);
     job.p = p;
     job.a = a;
+    job.beside = beside;
+    job.beside_user = beside_user;
     if (positions)
         memcpy(c->positions, positions, (size_t)p->row_count * sizeof(sb_vec3));
     memset(c->matrix, 0, (size_t)c->size * (size_t)c->size * sizeof(double));
     sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
-    sbi_run(&p->jobs, sbi_precond_couple_task, &job, c->piece_count);
+    sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside != NULL));
     sbi_precond_factor_coarse(c);
     c->ready = 1;
 }

@@ -12,8 +12,8 @@
 enum {
     SBI_MG_MAX_LEVELS = 16,
     SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
-    SBI_MG_ROWS = 256,        /* rows of a task: fixed, so that sums do not depend on threads */
-    SBI_MG_THREADED = 1024,   /* levels with fewer rows are not worth waking a thread for */
+    SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
+    SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
                                * second cache then; a smaller one is faster without the conversion */

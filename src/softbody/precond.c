@@ -193,6 +193,9 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
     const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
     float *l = p->lower + 12 * (size_t)e;
+    int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
+    SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
+    SBI_PREFETCH(a->blocks[later], 64);
     for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
         const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
                     *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
@@ -450,12 +453,11 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
 static sbi_precond_job sbi_precond_make_job(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
 {
     sbi_precond_job job;
+    memset(&job, 0, sizeof job);
     job.p = p;
-    job.a = NULL;
     job.r = r;
     job.z = z;
     job.scale = sbi_precond_power(size);
-    job.with_result = 0;
     return job;
 }
 
@@ -805,24 +807,43 @@ static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *
     return SB_OK;
 }
 
+/* An update of the smoother as a task. */
+typedef struct sbi_precond_smoothing {
+    sb_preconditioner *p;
+    const sb_matrix *matrix;
+    sb_error *error;
+    sb_result result;
+} sbi_precond_smoothing;
+
+static void sbi_precond_smoother_task(void *user, int index)
+{
+    sbi_precond_smoothing *work = (sbi_precond_smoothing *)user;
+    (void)index;
+    work->result = sbi_precond_update_kind(work->p, work->matrix, work->error);
+}
+
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error)
 {
+    sbi_precond_smoothing work;
     double scale;
     sb_result result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
+    int threaded = p && p->kind == SB_PRECOND_FSAI; /* its update shares itself out */
     if (result != SB_OK)
         return result;
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
     p->turned = 0;
-    result = sbi_precond_update_kind(p, matrix, error);
-    if (result != SB_OK)
-        return result;
+    work.p = p;
+    work.matrix = matrix;
+    work.error = error;
+    if (threaded || !p->coarse.piece_count)
+        sbi_precond_smoother_task(&work, 0);
     if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions);
-    p->ready = 1;
-    return SB_OK;
+        sbi_precond_update_coarse(p, matrix, positions, threaded ? NULL : sbi_precond_smoother_task, &work);
+    p->ready = work.result == SB_OK;
+    return work.result;
 }
 
 /* ---- warping ------------------------------------------------------------------------------------------- */
@@ -875,7 +896,7 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     if (rotations)
         sbi_precond_turn(p, matrix, rotations);
     if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions);
+        sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
     return SB_OK;
 }
 

@@ -201,7 +201,10 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, a->block_count - 1)];
         sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
+        SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
+        SBI_PREFETCH(a->blocks[later], 64);
         p0 += r0, x0 += r0 * arm[0], y0 += r0 * arm[1], z0 += r0 * arm[2];
         p1 += r1, x1 += r1 * arm[0], y1 += r1 * arm[1], z1 += r1 * arm[2];
         p2 += r2, x2 += r2 * arm[0], y2 += r2 * arm[1], z2 += r2 * arm[2];
@@ -341,18 +344,32 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions)
+/* What is done beside the columns of the pieces is the first task: it takes longest. */
+static void sbi_precond_update_task(void *user, int index)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    int first = job->beside != NULL;
+    if (index < first)
+        job->beside(job->beside_user, 0);
+    else
+        sbi_precond_couple_task(user, index - first);
+}
+
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
+                                       sb_task beside, void *beside_user)
 {
     sbi_precond_coarse *c = &p->coarse;
     sbi_precond_job job;
     memset(&job, 0, sizeof job);
     job.p = p;
     job.a = a;
+    job.beside = beside;
+    job.beside_user = beside_user;
     if (positions)
         memcpy(c->positions, positions, (size_t)p->row_count * sizeof(sb_vec3));
     memset(c->matrix, 0, (size_t)c->size * (size_t)c->size * sizeof(double));
     sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
-    sbi_run(&p->jobs, sbi_precond_couple_task, &job, c->piece_count);
+    sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside != NULL));
     sbi_precond_factor_coarse(c);
     c->ready = 1;
 }

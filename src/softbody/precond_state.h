@@ -18,7 +18,8 @@ enum {
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
-    SBI_PRECOND_MULTIGRID_ROWS = 5000
+    SBI_PRECOND_MULTIGRID_ROWS = 5000,
+    SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -92,6 +93,8 @@ typedef struct sbi_precond_job {
     sb_real *z;
     double scale;    /* of r: a power of two */
     int with_result; /* restriction: of r - A result, not r */
+    sb_task beside;  /* see sbi_precond_update_coarse */
+    void *beside_user;
 } sbi_precond_job;
 
 /* An array of the object on a cache line boundary; NULL when there is no memory. */
@@ -106,8 +109,10 @@ SBI_API double sbi_precond_power(double size);
 
 /* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
-/* Z^T A Z and A Z at positions[row_count], or where they were (NULL). */
-SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions);
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); meanwhile one thread does beside(user, 0), unless
+ * that is NULL. */
+SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
+                                       sb_task beside, void *beside_user);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
 SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 

@@ -88,7 +88,7 @@ typedef sb_real sbi_lanes
 #endif
 
 /* Rows per task of products and vector loops: fixed, so that partial sums do not depend on threads. */
-enum { SBI_ROW_CHUNK = 512 };
+enum { SBI_ROW_CHUNK = 256 };
 
 SB_INLINE int sbi_row_chunks(int row_count)
 {
