@@ -6,11 +6,21 @@
 
 enum { MOST_UNKNOWNS = 150000 }; /* beyond, the factor takes more memory than a common machine has */
 
+/* Not half of all: of two entries that are equal but for rounding, one may be zero and left out. */
+static size_t count_upper(const race_system *s)
+{
+    size_t count = 0;
+    for (int j = 0; j < s->n; j++)
+        for (int q = s->start[j]; q < s->start[j + 1]; q++)
+            count += s->column[q] <= j;
+    return count;
+}
+
 /* Upper triangle by columns: rows of a symmetric matrix are its columns. */
 static cholmod_sparse *upper_triangle(const race_system *s, cholmod_common *c)
 {
-    size_t n = (size_t)s->n, most = (size_t)(s->entries + s->n) / 2 + 1;
-    cholmod_sparse *a = cholmod_l_allocate_sparse(n, n, most, 1, 1, 1, CHOLMOD_REAL, c);
+    size_t n = (size_t)s->n;
+    cholmod_sparse *a = cholmod_l_allocate_sparse(n, n, count_upper(s), 1, 1, 1, CHOLMOD_REAL, c);
     SuiteSparse_long *p = (SuiteSparse_long *)a->p, *i = (SuiteSparse_long *)a->i, used = 0;
     for (int j = 0; j < s->n; j++) {
         p[j] = used;
