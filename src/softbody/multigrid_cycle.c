@@ -696,7 +696,7 @@ static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
     while (more && l.steps < most)
         more = sbi_mg_lanczos_step(work, &l);
     if (l.steps)
-        bound = (most == SBI_MG_LANCZOS ? 1.3 : 1.2) * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
+        bound = 1.2 * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
     work->level->bound = bound;
     if (!reach)
         return;
@@ -1086,8 +1086,7 @@ static void sbi_mg_residual(sbi_mg_work *work)
 
 static void sbi_mg_cycle(sbi_mg_work *work, int l);
 
-/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. Coarser
- * levels, which cost little, go through their cycle twice. */
+/* x = what the levels from l on find of A^-1 r, r being restricted from the level above or taken from outside. */
 static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
@@ -1100,7 +1099,7 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
         return;
     }
     sbi_mg_cycle(work, l);
-    if (l < m->twice_from)
+    if (l == 0 || l > m->twice_to)
         return;
     sbi_mg_residual(work);
     sbi_mg_set_step(work, 0);

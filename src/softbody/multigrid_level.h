@@ -79,7 +79,7 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     int degree;               /* of the Chebyshev smoother */
-    int twice_from;           /* levels from here on go through their cycle twice */
+    int twice_to;             /* levels from 1 to this one go through their cycle twice */
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
