@@ -111,7 +111,7 @@ SANITIZE_CFLAGS = -O1 -g
 # Suites that touch most of what a language, a system or threads could change; the other builds are of all.
 PORTABLE = core dense element material mesh meshio sparse pcg body step state record surface embed grid rod steer tissue \
 	couple kdtree cloud cpd field picture
-THREADED = core step golden tissue couple
+THREADED = core step golden tissue couple precond multigrid
 LONG = $(wildcard tests/test_verification_*.c tests/test_reference.c)
 FLOAT_TESTS = $(TESTS)
 some = $(1:%=tests/test_%.c)

@@ -155,6 +155,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(SB_USE_OPENMP) && defined(_OPENMP)
+#include <omp.h>
+#endif
 #endif
 #pragma GCC push_options
 #pragma GCC optimize("fp-contract=off")

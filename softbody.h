@@ -327,6 +327,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(SB_USE_OPENMP) && defined(_OPENMP)
+#include <omp.h>
+#endif
 #endif
 #pragma GCC push_options
 #pragma GCC optimize("fp-contract=off")
@@ -679,12 +682,12 @@ typedef SB_REAL sb_real;
 #define SBI_FORCE_INLINE static inline
 #endif
 
-/* Asks for the cache line `bytes` behind a pointer, which need not be one of the array's. Processors foresee one stream;
+/* Asks for the cache line `bytes` past a pointer, which need not be one of the array's. Processors predict one stream;
  * loops over matrices read several. */
 #if defined(__GNUC__)
 #define SBI_PREFETCH(pointer, bytes) __builtin_prefetch((const void *)((uintptr_t)(pointer) + (bytes)))
 #else
-#define SBI_PREFETCH(pointer, bytes) ((void)0)
+#define SBI_PREFETCH(pointer, bytes) ((void)(pointer), (void)(bytes))
 #endif
 
 /* SB_RESTRICT: the pointer's target is reached through no other pointer of the function. */
@@ -751,8 +754,9 @@ typedef struct sb_allocator {
 /* ---- threads ------------------------------------------------------------------------------------------
  * run must call task(task_user, i) once for every i in [0, count), in any order and on any threads, and return
  * when all calls have returned. A jobs of zeros ({0}) does the work inline. The result does not depend on how
- * the calls are spread: every task owns its outputs. Speed does: give each thread the same stretch of [0, count) in
- * every run, so that it finds in its cache what it wrote in the last one (a tenth of a step). */
+ * the calls are spread: every task owns its outputs. The time does: give each thread the same stretch of [0, count) in
+ * every run, so that it finds in its cache what it wrote in the last one, and let threads that are done help the
+ * others; this saves a tenth of a step. */
 typedef void (*sb_task)(void *task_user, int index);
 typedef struct sb_jobs {
     void (*run)(void *user, sb_task task, void *task_user, int count);
@@ -4358,7 +4362,7 @@ typedef struct sb_preconditioner_def {
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
-                      * made beside the factor */
+                      * made while one thread makes the factor */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
@@ -4421,7 +4425,8 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 
 /* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
- * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
+ * positions  [row_count] where the nodes are now, for the rigid motions of the pieces, taken over even when the factor
+ *            fails; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
  * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
@@ -5849,7 +5854,7 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#if defined(SB_USE_OPENMP)
+#if defined(SB_USE_OPENMP) && defined(_OPENMP)
 #include <omp.h>
 #endif
 
@@ -5989,7 +5994,8 @@ SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int cou
 }
 
 #if defined(SB_USE_OPENMP)
-enum { SBI_OPENMP_RANGES = 64 };
+#if defined(_OPENMP) && _OPENMP >= 201107 /* 3.1: atomic capture */
+enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
 
 /* Tasks that a thread has first claim to, a cache line apart from those of others. */
 typedef struct sbi_openmp_range {
@@ -6007,23 +6013,33 @@ static int sbi_openmp_take(sbi_openmp_range *range)
 }
 
 /* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
- * the next; whoever is done helps the others. */
+ * the next; whoever is done helps the others. There are as many threads however few tasks there are: a runtime ends
+ * those that one loop does not need, and starts them anew for the next. */
 static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
 {
     sbi_openmp_range ranges[SBI_OPENMP_RANGES];
-    int shares = sbi_max_int(sbi_min_int(sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES), count), 1);
+    int threads = sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES);
     (void)user;
-    for (int k = 0; k < shares; k++) {
-        ranges[k].next = (int)((int64_t)count * k / shares);
-        ranges[k].end = (int)((int64_t)count * (k + 1) / shares);
+    for (int k = 0; k < threads; k++) {
+        ranges[k].next = (int)((int64_t)count * k / threads);
+        ranges[k].end = (int)((int64_t)count * (k + 1) / threads);
     }
-#pragma omp parallel num_threads(shares) if (shares > 1)
-    for (int k = 0; k < shares; k++) {
-        sbi_openmp_range *range = ranges + (omp_get_thread_num() + k) % shares;
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    for (int k = 0; k < threads; k++) {
+        sbi_openmp_range *range = ranges + (omp_get_thread_num() + k) % threads;
         for (int i = sbi_openmp_take(range); i >= 0; i = sbi_openmp_take(range))
             task(task_user, i);
     }
 }
+#else
+static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
+{
+    (void)user;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (int i = 0; i < count; i++)
+        task(task_user, i);
+}
+#endif
 
 SB_API sb_jobs sb_jobs_openmp(void)
 {
@@ -15658,7 +15674,6 @@ SBI_FORCE_INLINE void sbi_surface_prefetch(const sb_surface *s, int child)
     const void *at = child < 0 ? (const void *)(s->leaf + ~child) : (const void *)(s->tree + child);
     for (size_t i = 0; i < sizeof *s->leaf; i += SBI_SURFACE_LINE)
         SBI_PREFETCH(at, i);
-    (void)at;
 }
 
 /* Pushes the children of a node that may win, the nearest last; returns the new top. */
@@ -22662,7 +22677,7 @@ enum {
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
     SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
     SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
-    SBI_MG_AHEAD = 1024       /* bytes of each of two streams of entries asked for before they are read */
+    SBI_MG_AHEAD = 1024       /* how far ahead of their use entries are asked for, in bytes of a half of 16 bits */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
@@ -23593,8 +23608,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 
 enum {
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_TWICE_TO = 2,   /* the last of the levels that are cycled twice where no moduli jump. With none iterations grow
-                            * by 40 % from 5,000 to 300,000 unknowns, with one static problems need 30 % more */
+    SBI_MG_TWICE_TO = 2,   /* the last of the levels that are cycled twice where no moduli jump. With none, iterations grow
+                            * by 40 % from 5,000 to 300,000 unknowns; with one, those of static problems by 30 % */
     SBI_MG_REGIONS = 16,   /* that a level can have, */
     SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
@@ -24128,7 +24143,9 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
         result = sbi_mg_no_memory(m, error);
-    m->twice_to = m->regions.count ? SBI_MG_MAX_LEVELS : SBI_MG_TWICE_TO;
+    m->twice_to = SBI_MG_TWICE_TO;
+    if (m->regions.count > 0)
+        m->twice_to = SBI_MG_MAX_LEVELS;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_dense(m))
@@ -24400,7 +24417,7 @@ static int sbi_mg_invert(const float *block, float *inverse)
         double inverse_pivot = keep ? 1 / pivot : 0, column[3], row[3];
         for (int i = 0; i < 3; i++) {
             column[i] = keep ? a[3 * i + k] * inverse_pivot : 0;
-            row[i] = a[3 * k + i];
+            row[i] = keep ? a[3 * k + i] : 0;
         }
         for (int i = 0; i < 9; i++)
             if (i / 3 != k && i % 3 != k)
@@ -24574,7 +24591,8 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
         SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD);
         SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD + 64);
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 2);
-        SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
+        if (mixes)
+            SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
         sbi_mg_round_block(from[q], scale, block);
 #if SB_REAL_IS_FLOAT
         sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
@@ -24839,7 +24857,7 @@ static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
     while (more && l.steps < most)
         more = sbi_mg_lanczos_step(work, &l);
     if (l.steps)
-        bound = 1.2 * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
+        bound = (most == SBI_MG_LANCZOS ? 1.25 : 1.2) * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
     work->level->bound = bound;
     if (!reach)
         return;
@@ -25192,7 +25210,7 @@ static void sbi_mg_step_task(void *user, int task)
 
 /* Chebyshev's polynomial for eigenvalues from a twentieth of `bound` to it, by its three-term recurrence. Those of the
  * fourth kind (Lottes 2022) need no lower end, but take a tenth to a fifth more iterations; a tenth and a thirtieth are
- * worse than a twentieth. Eigenvalues up to 6 % beyond the bound are still reduced. */
+ * worse than a twentieth. Eigenvalues up to 5 % beyond the bound do not grow. */
 static void sbi_mg_set_step(sbi_mg_work *work, int step)
 {
     const double low = 1.0 / 20, twice_sigma = 2 * (1 + low) / (1 - low);
@@ -26025,8 +26043,8 @@ SBI_API double sbi_precond_power(double size);
 
 /* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
-/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); meanwhile one thread does beside(user, 0), unless
- * that is NULL. */
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); beside(user, 0), unless NULL, is one more of the
+ * tasks. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
                                        sb_task beside, void *beside_user);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
@@ -26863,10 +26881,9 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
 {
     sbi_precond_smoothing work;
     double scale;
-    sb_result result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
-    int threaded = p && p->kind == SB_PRECOND_FSAI; /* its update shares itself out */
-    if (result != SB_OK)
-        return result;
+    work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
+    if (work.result != SB_OK)
+        return work.result;
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
@@ -26874,10 +26891,13 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.p = p;
     work.matrix = matrix;
     work.error = error;
-    if (threaded || !p->coarse.piece_count)
+    if (p->coarse.piece_count && p->kind != SB_PRECOND_FSAI) { /* which shares itself out */
+        sbi_precond_update_coarse(p, matrix, positions, sbi_precond_smoother_task, &work);
+    } else {
         sbi_precond_smoother_task(&work, 0);
-    if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions, threaded ? NULL : sbi_precond_smoother_task, &work);
+        if (work.result == SB_OK && p->coarse.piece_count)
+            sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
+    }
     p->ready = work.result == SB_OK;
     return work.result;
 }

@@ -5,6 +5,10 @@
 #include "check.h"
 #include "softbody.h"
 
+#if defined(SB_USE_OPENMP)
+#include <omp.h>
+#endif
+
 #define REAL(x) ((sb_real)(x))
 /* A tolerance that float can meet too: `tolerance` in double, at least `eps_count` machine epsilons. */
 static inline double scene_tolerance(double tolerance, double eps_count)
@@ -157,13 +161,19 @@ static inline sb_allocator scene_allocator(scene_memory *memory)
     return allocator;
 }
 
-/* Jobs that run the tasks as `workers` threads might: dealt out in turn, the last worker first. */
+/* Jobs that run the tasks as `workers` threads might: dealt out in turn, the last worker first; with OpenMP on threads. */
 static inline void scene_run(void *user, sb_task task, void *task_user, int count)
 {
     int workers = *(const int *)user;
+#if defined(SB_USE_OPENMP)
+    sb_jobs jobs = sb_jobs_openmp();
+    omp_set_num_threads(workers);
+    jobs.run(jobs.user, task, task_user, count);
+#else
     for (int w = workers - 1; w >= 0; w--)
         for (int i = w; i < count; i += workers)
             task(task_user, i);
+#endif
 }
 
 static inline sb_jobs scene_jobs(int *workers)

@@ -69,18 +69,25 @@ static void test_scalar(void)
 #if defined(SB_USE_OPENMP)
 static void count_call(void *user, int index) { ((int *)user)[index]++; }
 
+/* Each task once, in regions of any size by turns, and in one that is within another. */
 static void test_openmp_jobs(void)
 {
     enum { TASKS = 1000 };
+    static const int counts[7] = {TASKS, 1, 2, 65, TASKS, 3, 0};
     static int calls[TASKS + 1];
     sb_jobs jobs = sb_jobs_openmp();
+    for (int k = 0; k < 7; k++) {
+        memset(calls, 0, sizeof calls);
+        jobs.run(jobs.user, count_call, calls, counts[k]);
+        for (int i = 0; i <= TASKS; i++)
+            CHECK_INT(calls[i], i < counts[k]);
+    }
     memset(calls, 0, sizeof calls);
-    jobs.run(jobs.user, count_call, calls, TASKS);
-    for (int i = 0; i < TASKS; i++)
-        CHECK_INT(calls[i], 1);
-    CHECK_INT(calls[TASKS], 0);
-    jobs.run(jobs.user, count_call, calls, 0);
-    CHECK_INT(calls[0], 1);
+#pragma omp parallel for
+    for (int part = 0; part < 4; part++)
+        jobs.run(jobs.user, count_call, calls + part * (TASKS / 4), TASKS / 4);
+    for (int i = 0; i <= TASKS; i++)
+        CHECK_INT(calls[i], i < TASKS);
 }
 #define OPENMP_TEST {"openmp jobs", test_openmp_jobs},
 #else

@@ -1,10 +1,6 @@
 /* Time steps and static solves: closed forms, conservation, order, scale, undo, violence, threads. */
 #include "softbody.h"
 
-#if defined(SB_USE_OPENMP)
-#include <omp.h>
-#endif
-
 #include "check.h"
 #include "scene.h"
 
@@ -708,15 +704,6 @@ static void test_threads(void)
                 CHECK(scene_play(element_types[t], material, integrators[m], steps, scene_jobs(&count)) == expected);
             }
         }
-#if defined(SB_USE_OPENMP)
-    for (int threads = 1; threads <= 7; threads += threads < 3 ? 1 : 4) { /* 1, 2, 3, 7 real ones */
-        sb_material material = sb_material_corotated(REAL(2e4), REAL(0.4), REAL(1000));
-        omp_set_num_threads(threads);
-        for (int t = 0; t < ELEMENT_TYPES; t++)
-            CHECK(scene_play(element_types[t], material, SB_EULER, steps, sb_jobs_openmp()) ==
-                  scene_play(element_types[t], material, SB_EULER, steps, inline_jobs));
-    }
-#endif
 }
 
 /* ---- supports and loads that change between steps ---- */

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#if defined(SB_USE_OPENMP)
+#if defined(SB_USE_OPENMP) && defined(_OPENMP)
 #include <omp.h>
 #endif
 
@@ -145,7 +145,8 @@ SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int cou
 }
 
 #if defined(SB_USE_OPENMP)
-enum { SBI_OPENMP_RANGES = 64 };
+#if defined(_OPENMP) && _OPENMP >= 201107 /* 3.1: atomic capture */
+enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
 
 /* Tasks that a thread has first claim to, a cache line apart from those of others. */
 typedef struct sbi_openmp_range {
@@ -163,23 +164,33 @@ static int sbi_openmp_take(sbi_openmp_range *range)
 }
 
 /* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
- * the next; whoever is done helps the others. */
+ * the next; whoever is done helps the others. There are as many threads however few tasks there are: a runtime ends
+ * those that one loop does not need, and starts them anew for the next. */
 static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
 {
     sbi_openmp_range ranges[SBI_OPENMP_RANGES];
-    int shares = sbi_max_int(sbi_min_int(sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES), count), 1);
+    int threads = sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES);
     (void)user;
-    for (int k = 0; k < shares; k++) {
-        ranges[k].next = (int)((int64_t)count * k / shares);
-        ranges[k].end = (int)((int64_t)count * (k + 1) / shares);
+    for (int k = 0; k < threads; k++) {
+        ranges[k].next = (int)((int64_t)count * k / threads);
+        ranges[k].end = (int)((int64_t)count * (k + 1) / threads);
     }
-#pragma omp parallel num_threads(shares) if (shares > 1)
-    for (int k = 0; k < shares; k++) {
-        sbi_openmp_range *range = ranges + (omp_get_thread_num() + k) % shares;
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    for (int k = 0; k < threads; k++) {
+        sbi_openmp_range *range = ranges + (omp_get_thread_num() + k) % threads;
         for (int i = sbi_openmp_take(range); i >= 0; i = sbi_openmp_take(range))
             task(task_user, i);
     }
 }
+#else
+static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
+{
+    (void)user;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (int i = 0; i < count; i++)
+        task(task_user, i);
+}
+#endif
 
 SB_API sb_jobs sb_jobs_openmp(void)
 {

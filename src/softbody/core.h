@@ -73,12 +73,12 @@ typedef SB_REAL sb_real;
 #define SBI_FORCE_INLINE static inline
 #endif
 
-/* Asks for the cache line `bytes` behind a pointer, which need not be one of the array's. Processors foresee one stream;
+/* Asks for the cache line `bytes` past a pointer, which need not be one of the array's. Processors predict one stream;
  * loops over matrices read several. */
 #if defined(__GNUC__)
 #define SBI_PREFETCH(pointer, bytes) __builtin_prefetch((const void *)((uintptr_t)(pointer) + (bytes)))
 #else
-#define SBI_PREFETCH(pointer, bytes) ((void)0)
+#define SBI_PREFETCH(pointer, bytes) ((void)(pointer), (void)(bytes))
 #endif
 
 /* SB_RESTRICT: the pointer's target is reached through no other pointer of the function. */
@@ -145,8 +145,9 @@ typedef struct sb_allocator {
 /* ---- threads ------------------------------------------------------------------------------------------
  * run must call task(task_user, i) once for every i in [0, count), in any order and on any threads, and return
  * when all calls have returned. A jobs of zeros ({0}) does the work inline. The result does not depend on how
- * the calls are spread: every task owns its outputs. Speed does: give each thread the same stretch of [0, count) in
- * every run, so that it finds in its cache what it wrote in the last one (a tenth of a step). */
+ * the calls are spread: every task owns its outputs. The time does: give each thread the same stretch of [0, count) in
+ * every run, so that it finds in its cache what it wrote in the last one, and let threads that are done help the
+ * others; this saves a tenth of a step. */
 typedef void (*sb_task)(void *task_user, int index);
 typedef struct sb_jobs {
     void (*run)(void *user, sb_task task, void *task_user, int count);

@@ -13,8 +13,8 @@
 
 enum {
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_TWICE_TO = 2,   /* the last of the levels that are cycled twice where no moduli jump. With none iterations grow
-                            * by 40 % from 5,000 to 300,000 unknowns, with one static problems need 30 % more */
+    SBI_MG_TWICE_TO = 2,   /* the last of the levels that are cycled twice where no moduli jump. With none, iterations grow
+                            * by 40 % from 5,000 to 300,000 unknowns; with one, those of static problems by 30 % */
     SBI_MG_REGIONS = 16,   /* that a level can have, */
     SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
@@ -548,7 +548,9 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
         result = sbi_mg_no_memory(m, error);
-    m->twice_to = m->regions.count ? SBI_MG_MAX_LEVELS : SBI_MG_TWICE_TO;
+    m->twice_to = SBI_MG_TWICE_TO;
+    if (m->regions.count > 0)
+        m->twice_to = SBI_MG_MAX_LEVELS;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_dense(m))

@@ -257,7 +257,7 @@ static int sbi_mg_invert(const float *block, float *inverse)
         double inverse_pivot = keep ? 1 / pivot : 0, column[3], row[3];
         for (int i = 0; i < 3; i++) {
             column[i] = keep ? a[3 * i + k] * inverse_pivot : 0;
-            row[i] = a[3 * k + i];
+            row[i] = keep ? a[3 * k + i] : 0;
         }
         for (int i = 0; i < 9; i++)
             if (i / 3 != k && i % 3 != k)
@@ -431,7 +431,8 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
         SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD);
         SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD + 64);
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 2);
-        SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
+        if (mixes)
+            SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
         sbi_mg_round_block(from[q], scale, block);
 #if SB_REAL_IS_FLOAT
         sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
@@ -696,7 +697,7 @@ static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
     while (more && l.steps < most)
         more = sbi_mg_lanczos_step(work, &l);
     if (l.steps)
-        bound = 1.2 * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
+        bound = (most == SBI_MG_LANCZOS ? 1.25 : 1.2) * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
     work->level->bound = bound;
     if (!reach)
         return;
@@ -1049,7 +1050,7 @@ static void sbi_mg_step_task(void *user, int task)
 
 /* Chebyshev's polynomial for eigenvalues from a twentieth of `bound` to it, by its three-term recurrence. Those of the
  * fourth kind (Lottes 2022) need no lower end, but take a tenth to a fifth more iterations; a tenth and a thirtieth are
- * worse than a twentieth. Eigenvalues up to 6 % beyond the bound are still reduced. */
+ * worse than a twentieth. Eigenvalues up to 5 % beyond the bound do not grow. */
 static void sbi_mg_set_step(sbi_mg_work *work, int step)
 {
     const double low = 1.0 / 20, twice_sigma = 2 * (1 + low) / (1 - low);

@@ -827,10 +827,9 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
 {
     sbi_precond_smoothing work;
     double scale;
-    sb_result result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
-    int threaded = p && p->kind == SB_PRECOND_FSAI; /* its update shares itself out */
-    if (result != SB_OK)
-        return result;
+    work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
+    if (work.result != SB_OK)
+        return work.result;
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
@@ -838,10 +837,13 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.p = p;
     work.matrix = matrix;
     work.error = error;
-    if (threaded || !p->coarse.piece_count)
+    if (p->coarse.piece_count && p->kind != SB_PRECOND_FSAI) { /* which shares itself out */
+        sbi_precond_update_coarse(p, matrix, positions, sbi_precond_smoother_task, &work);
+    } else {
         sbi_precond_smoother_task(&work, 0);
-    if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions, threaded ? NULL : sbi_precond_smoother_task, &work);
+        if (work.result == SB_OK && p->coarse.piece_count)
+            sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
+    }
     p->ready = work.result == SB_OK;
     return work.result;
 }

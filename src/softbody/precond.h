@@ -32,7 +32,7 @@ typedef struct sb_preconditioner_def {
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
-                      * made beside the factor */
+                      * made while one thread makes the factor */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
@@ -95,7 +95,8 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 
 /* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
- * positions  [row_count] where the nodes are now, for the rigid motions of the pieces; NULL: as before
+ * positions  [row_count] where the nodes are now, for the rigid motions of the pieces, taken over even when the factor
+ *            fails; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
  * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.

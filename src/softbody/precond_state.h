@@ -109,8 +109,8 @@ SBI_API double sbi_precond_power(double size);
 
 /* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
-/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); meanwhile one thread does beside(user, 0), unless
- * that is NULL. */
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); beside(user, 0), unless NULL, is one more of the
+ * tasks. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
                                        sb_task beside, void *beside_user);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */

@@ -326,7 +326,6 @@ SBI_FORCE_INLINE void sbi_surface_prefetch(const sb_surface *s, int child)
     const void *at = child < 0 ? (const void *)(s->leaf + ~child) : (const void *)(s->tree + child);
     for (size_t i = 0; i < sizeof *s->leaf; i += SBI_SURFACE_LINE)
         SBI_PREFETCH(at, i);
-    (void)at;
 }
 
 /* Pushes the children of a node that may win, the nearest last; returns the new top. */
