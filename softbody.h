@@ -21137,7 +21137,10 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
 
 /* ---- products ------------------------------------------------------------------------------------------ */
 
-enum { SBI_SPARSE_AHEAD = 1024 }; /* bytes of blocks asked for before they are read */
+enum {
+    SBI_SPARSE_AHEAD = 1024,   /* bytes of blocks, */
+    SBI_SPARSE_ROWS_AHEAD = 16 /* and diagonal blocks, asked for before they are read */
+};
 
 /* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
  * so no sum waits for another, and both forms below give the same bits. */
@@ -21250,14 +21253,18 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
 {
     double sum = 0;
     int count = 0;
-    for (int i = 0; i < matrix->row_count; i++)
+    for (int i = 0; i < matrix->row_count; i++) {
+        const sb_real *block = matrix->blocks[matrix->diagonal[i]];
+        int later = matrix->diagonal[sbi_min_int(i + SBI_SPARSE_ROWS_AHEAD, matrix->row_count - 1)];
+        SBI_PREFETCH(matrix->blocks[later], 0);
         for (int k = 0; k < 3; k++) {
-            double d = (double)matrix->blocks[matrix->diagonal[i]][4 * k];
+            double d = (double)block[4 * k];
             if (mask && mask[i] >> k & 1)
                 continue;
             sum += d < 0 ? -d : d;
             count++;
         }
+    }
     return sum == 0 ? (sb_real)1 : (sb_real)(sum / count);
 }
 
@@ -22677,7 +22684,9 @@ enum {
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
     SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
     SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
-    SBI_MG_AHEAD = 1024       /* how far ahead of their use entries are asked for, in bytes of a half of 16 bits */
+    SBI_MG_AHEAD = 4096,      /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
+                               * caches do not mind */
+    SBI_MG_ROWS_AHEAD = 16    /* diagonal blocks asked for before they are read */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
@@ -24293,6 +24302,8 @@ SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *
     sbi_mg_eight even = {0, 0, 0, 0, 0, 0, 0, 0}, odd = even;
     sbi_mg_four even_last = {0, 0, 0, 0}, odd_last = even_last;
     for (; column + 1 < end; column += 2, block += 18) {
+        SBI_PREFETCH(block, SBI_MG_AHEAD);
+        SBI_PREFETCH(column, SBI_MG_AHEAD / 4);
         sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
         sbi_mg_add_packed(block + 9, v + 4 * (size_t)column[1], &odd, &odd_last);
     }
@@ -24439,6 +24450,7 @@ static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
     const sb_real *block = work->matrix->blocks[level->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
     double largest = 0, inverse;
+    SBI_PREFETCH(work->matrix->blocks[level->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)]], 0);
     for (int k = 0; k < 9; k += 4)
         largest = (double)block[k] > largest ? (double)block[k] : largest;
     if (!(largest > 0))
@@ -24588,11 +24600,11 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
         int j = columns[q];
-        SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD);
-        SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD + 64);
-        SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 2);
+        SBI_PREFETCH(from[q], SBI_MG_AHEAD);
+        SBI_PREFETCH(from[q], SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
-            SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
+            SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
         sbi_mg_round_block(from[q], scale, block);
 #if SB_REAL_IS_FLOAT
         sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
@@ -25034,6 +25046,7 @@ SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *re
         __m256d v = _mm256_loadu_pd(from);
         SBI_PREFETCH(packed, SBI_MG_AHEAD);
         SBI_PREFETCH(rest, SBI_MG_AHEAD);
+        SBI_PREFETCH(column, SBI_MG_AHEAD / 4);
         sum = sbi_mg_add_words(sum, _mm_loadu_si128((const __m128i *)(const void *)packed),
                                _mm_loadu_si128((const __m128i *)(const void *)rest), v);
         ninth = _mm_add_pd(ninth, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));

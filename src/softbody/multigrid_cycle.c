@@ -133,6 +133,8 @@ SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *
     sbi_mg_eight even = {0, 0, 0, 0, 0, 0, 0, 0}, odd = even;
     sbi_mg_four even_last = {0, 0, 0, 0}, odd_last = even_last;
     for (; column + 1 < end; column += 2, block += 18) {
+        SBI_PREFETCH(block, SBI_MG_AHEAD);
+        SBI_PREFETCH(column, SBI_MG_AHEAD / 4);
         sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
         sbi_mg_add_packed(block + 9, v + 4 * (size_t)column[1], &odd, &odd_last);
     }
@@ -279,6 +281,7 @@ static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
     const sb_real *block = work->matrix->blocks[level->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
     double largest = 0, inverse;
+    SBI_PREFETCH(work->matrix->blocks[level->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)]], 0);
     for (int k = 0; k < 9; k += 4)
         largest = (double)block[k] > largest ? (double)block[k] : largest;
     if (!(largest > 0))
@@ -428,11 +431,11 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     for (int q = level->row_start[i]; q < last; q++) {
         float block[9];
         int j = columns[q];
-        SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD);
-        SBI_PREFETCH(from[q], 2 * SBI_MG_AHEAD + 64);
-        SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 2);
+        SBI_PREFETCH(from[q], SBI_MG_AHEAD);
+        SBI_PREFETCH(from[q], SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
-            SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 2);
+            SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
         sbi_mg_round_block(from[q], scale, block);
 #if SB_REAL_IS_FLOAT
         sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
@@ -874,6 +877,7 @@ SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *re
         __m256d v = _mm256_loadu_pd(from);
         SBI_PREFETCH(packed, SBI_MG_AHEAD);
         SBI_PREFETCH(rest, SBI_MG_AHEAD);
+        SBI_PREFETCH(column, SBI_MG_AHEAD / 4);
         sum = sbi_mg_add_words(sum, _mm_loadu_si128((const __m128i *)(const void *)packed),
                                _mm_loadu_si128((const __m128i *)(const void *)rest), v);
         ninth = _mm_add_pd(ninth, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));

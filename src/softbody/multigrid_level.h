@@ -20,7 +20,9 @@ enum {
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
     SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
     SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
-    SBI_MG_AHEAD = 1024       /* how far ahead of their use entries are asked for, in bytes of a half of 16 bits */
+    SBI_MG_AHEAD = 4096,      /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
+                               * caches do not mind */
+    SBI_MG_ROWS_AHEAD = 16    /* diagonal blocks asked for before they are read */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as

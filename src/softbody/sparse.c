@@ -242,7 +242,10 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
 
 /* ---- products ------------------------------------------------------------------------------------------ */
 
-enum { SBI_SPARSE_AHEAD = 1024 }; /* bytes of blocks asked for before they are read */
+enum {
+    SBI_SPARSE_AHEAD = 1024,   /* bytes of blocks, */
+    SBI_SPARSE_ROWS_AHEAD = 16 /* and diagonal blocks, asked for before they are read */
+};
 
 /* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
  * so no sum waits for another, and both forms below give the same bits. */
@@ -355,14 +358,18 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
 {
     double sum = 0;
     int count = 0;
-    for (int i = 0; i < matrix->row_count; i++)
+    for (int i = 0; i < matrix->row_count; i++) {
+        const sb_real *block = matrix->blocks[matrix->diagonal[i]];
+        int later = matrix->diagonal[sbi_min_int(i + SBI_SPARSE_ROWS_AHEAD, matrix->row_count - 1)];
+        SBI_PREFETCH(matrix->blocks[later], 0);
         for (int k = 0; k < 3; k++) {
-            double d = (double)matrix->blocks[matrix->diagonal[i]][4 * k];
+            double d = (double)block[4 * k];
             if (mask && mask[i] >> k & 1)
                 continue;
             sum += d < 0 ? -d : d;
             count++;
         }
+    }
     return sum == 0 ? (sb_real)1 : (sb_real)(sum / count);
 }
 
