@@ -6716,7 +6716,7 @@ static sb_result regi_match_solve(reg_match *match)
     sb_pcg_info pcg;
     sb_result result;
     memset(&pcg, 0, sizeof pcg);
-    sb_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x);
+    sbi_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
     result = sb_preconditioner_update(b->precond, &b->matrix, b->position, &match->info.error);
     if (result != SB_OK)
         return result;

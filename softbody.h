@@ -5665,6 +5665,10 @@ SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, con
 /* y_i = (A x)_i for the rows first <= i < last. */
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last);
+/* sb_matrix_diagonal_scale and sb_matrix_constrain on all threads. */
+SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs);
+SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
+                                  const sb_jobs *jobs);
 
 /* ==== src/softbody/direct.h, internal ==== */
 /* order[k] is the node eliminated k-th, by nested dissection. Scratch from the allocator, released again. */
@@ -21249,30 +21253,67 @@ SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
 
 /* ---- constraints --------------------------------------------------------------------------------------- */
 
-SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
+/* The mean of a diagonal, by parts that do not depend on who adds them up. */
+enum { SBI_SPARSE_PARTS = 64 };
+typedef struct sbi_sparse_mean {
+    const sb_matrix *matrix;
+    const unsigned char *mask;
+    int parts;
+    double sums[SBI_SPARSE_PARTS];
+    int counts[SBI_SPARSE_PARTS];
+} sbi_sparse_mean;
+
+static void sbi_sparse_mean_task(void *user, int part)
 {
-    double sum = 0;
-    int count = 0;
-    for (int i = 0; i < matrix->row_count; i++) {
+    sbi_sparse_mean *mean = (sbi_sparse_mean *)user;
+    const sb_matrix *matrix = mean->matrix;
+    int rows = matrix->row_count, count = 0;
+    int first = (int)((int64_t)rows * part / mean->parts), end = (int)((int64_t)rows * (part + 1) / mean->parts);
+    double sums[3] = {0, 0, 0}; /* three that do not wait for each other */
+    for (int i = first; i < end; i++) {
         const sb_real *block = matrix->blocks[matrix->diagonal[i]];
-        int later = matrix->diagonal[sbi_min_int(i + SBI_SPARSE_ROWS_AHEAD, matrix->row_count - 1)];
+        int later = matrix->diagonal[sbi_min_int(i + SBI_SPARSE_ROWS_AHEAD, rows - 1)];
+        int held = mean->mask ? mean->mask[i] : 0;
         SBI_PREFETCH(matrix->blocks[later], 0);
+        SBI_PREFETCH(matrix->blocks[later], 64); /* where the last of its diagonal is */
         for (int k = 0; k < 3; k++) {
             double d = (double)block[4 * k];
-            if (mask && mask[i] >> k & 1)
-                continue;
-            sum += d < 0 ? -d : d;
-            count++;
+            int counts = !(held >> k & 1);
+            sums[k] += !counts ? 0 : d < 0 ? -d : d;
+            count += counts;
         }
+    }
+    mean->sums[part] = sums[0] + sums[1] + sums[2];
+    mean->counts[part] = count;
+}
+
+SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs)
+{
+    sbi_sparse_mean mean;
+    double sum = 0, count = 0;
+    mean.matrix = matrix;
+    mean.mask = mask;
+    mean.parts = sbi_min_int(sbi_row_chunks(matrix->row_count), SBI_SPARSE_PARTS);
+    sbi_run(jobs, sbi_sparse_mean_task, &mean, mean.parts);
+    for (int part = 0; part < mean.parts; part++) {
+        sum += mean.sums[part];
+        count += mean.counts[part];
     }
     return sum == 0 ? (sb_real)1 : (sb_real)(sum / count);
 }
 
+SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
+{
+    return sbi_matrix_diagonal_scale(matrix, mask, NULL);
+}
+
 /* Moves the known terms of node i's prescribed components to the other rows' right-hand sides. The column of
- * component c in block (j, i) is row c of block (i, j). */
+ * component c in block (j, i) is row c of block (i, j). Most supports stand still and have none. */
 static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value,
                                   sb_real *rhs)
 {
+    if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
+        return;
     for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
@@ -21286,10 +21327,16 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 /* Zeroes node i's prescribed rows and columns. */
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
+    int all = (mask & SB_XYZ) == SB_XYZ;
     for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
-        for (int c = 0; c < 3; c++)
+        int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];
+        SBI_PREFETCH(matrix->blocks[later], 0);
+        SBI_PREFETCH(matrix->blocks[later], 64);
+        for (int k = 0; all && k < 9; k++)
+            block[k] = transposed[k] = 0;
+        for (int c = 0; !all && c < 3; c++)
             if (mask >> c & 1)
                 for (int r = 0; r < 3; r++) {
                     block[3 * c + r] = 0;
@@ -21298,10 +21345,10 @@ static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
     }
 }
 
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
-                                sb_real *rhs)
+SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
+                                  const sb_jobs *jobs)
 {
-    sb_real scale = sb_matrix_diagonal_scale(matrix, mask);
+    sb_real scale = sbi_matrix_diagonal_scale(matrix, mask, jobs);
     if (values && rhs)
         for (int i = 0; i < matrix->row_count; i++)
             if (mask[i] & SB_XYZ)
@@ -21318,6 +21365,12 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
                     rhs[3 * (size_t)i + (size_t)k] = values ? scale * values[3 * (size_t)i + (size_t)k] : 0;
             }
     }
+}
+
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
+                                sb_real *rhs)
+{
+    sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
 }
 
 /* ==== src/softbody/direct_order.c ==== */
@@ -25415,6 +25468,24 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
 
 SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
 
+#if SBI_HAS_FLOAT4 && defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define SBI_HAS_SHUFFLE 1
+#endif
+#endif
+
+/* (sum of a, sum of b, sum of c, anything), to the bits of sbi_f4_sum. */
+SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c)
+{
+#if defined(SBI_HAS_SHUFFLE)
+    sbi_float4 low = __builtin_shufflevector(a, b, 0, 4, 1, 5), high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
+    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7), second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
+    return sbi_f4_add(sbi_f4_add(first, second), __builtin_shufflevector(high, c, 0, 1, 6, 7));
+#else
+    return sbi_f4_make(sbi_f4_sum(a), sbi_f4_sum(b), sbi_f4_sum(c));
+#endif
+}
+
 /* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
  * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)
@@ -25987,7 +26058,8 @@ typedef struct sbi_precond_coarse {
     float *arms;           /* [row_count][4] the same, rounded */
     float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
     float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
-    double *matrix;        /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
+    int *reach;            /* [piece_count] where the rows of a piece end */
+    double *matrix;        /* [size][size] upper triangle, each row up to its reach: Z^T A Z, then its Cholesky factor */
     double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
     double *solution;      /* [size] */
     sb_vec3 *positions;    /* [row_count] as last given */
@@ -26036,6 +26108,7 @@ struct sb_preconditioner {
 typedef struct sbi_precond_job {
     sb_preconditioner *p;
     const sb_matrix *a;
+    const sb_vec3 *positions; /* NULL: where they were */
     const sb_real *r;
     sb_real *z;
     double scale;    /* of r: a power of two */
@@ -26406,33 +26479,41 @@ static void sbi_precond_columns_task(void *user, int chunk)
         sbi_precond_leave_task(user, chunk);
 }
 
-/* middle = (I + L)^-1 r, result = D^-1 middle. */
+/* middle = (I + L)^-1 r, result = D^-1 middle. Here and below the arrays are named first: a store of a vector may change
+ * anything, also p, as far as a compiler knows. */
 static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
 {
-    const float *l = p->lower;
-    for (size_t i = 0; i < (size_t)p->row_count; i++) {
+    const int *start = p->start, *columns = p->columns;
+    const float *l = p->lower, *inverse = p->inverse;
+    float *middle = p->middle, *result = p->result;
+    size_t rows = (size_t)p->row_count;
+    int plain = !p->turned;
+    for (size_t i = 0; i < rows; i++) {
         sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
-        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
-            sbi_float4 v = sbi_f4_load(p->middle + 4 * (size_t)p->columns[e]);
+        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
+            sbi_float4 v = sbi_f4_load(middle + 4 * (size_t)columns[e]);
             s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
             s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
             s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
         }
-        y = sbi_f4_sub(sbi_precond_enter(p, r, i, scale),
-                       sbi_f4_make(sbi_f4_sum(s0), sbi_f4_sum(s1), sbi_f4_sum(s2)));
-        sbi_f4_store(p->middle + 4 * i, y);
-        sbi_f4_store(p->result + 4 * i, sbi_f4_rows(y, p->inverse + 12 * i));
+        y = plain && i + 1 < rows ? sbi_f4_round_row(r + 3 * i, scale) : sbi_precond_enter(p, r, i, scale);
+        y = sbi_f4_sub(y, sbi_f4_sums(s0, s1, s2));
+        sbi_f4_store(middle + 4 * i, y);
+        sbi_f4_store(result + 4 * i, sbi_f4_rows(y, inverse + 12 * i));
     }
 }
 
 /* result = (I + L)^-T result, by columns of L^T: each row is final when it is met. */
 static void sbi_precond_backward(sb_preconditioner *p)
 {
+    const int *start = p->start, *columns = p->columns;
+    const float *lower = p->lower;
+    float *result = p->result;
     for (int i = p->row_count; i-- > 0;) {
-        sbi_float4 z = sbi_f4_load(p->result + 4 * (size_t)i);
-        const float *l = p->lower + 12 * (size_t)p->start[i];
-        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
-            float *to = p->result + 4 * (size_t)p->columns[e];
+        sbi_float4 z = sbi_f4_load(result + 4 * (size_t)i);
+        const float *l = lower + 12 * (size_t)start[i];
+        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
+            float *to = result + 4 * (size_t)columns[e];
             sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
         }
     }
@@ -26835,7 +26916,7 @@ static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_m
 {
     if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
-    *scale = (double)sb_matrix_diagonal_scale(matrix, NULL);
+    *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the matrix has a diagonal entry that is not finite");
     for (int i = 0; positions && p->coarse.piece_count && i < p->row_count; i++)
@@ -27108,6 +27189,43 @@ static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces
     return sbi_precond_cut(c, middle, end, pieces - left, piece);
 }
 
+/* Numbers the pieces along the longest side of the whole, so that those that touch have near numbers and the rows of
+ * their matrix are short. Returns 0 when there is no memory. */
+static int sbi_precond_line_up(sb_preconditioner *p)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)p->row_count, pieces = (size_t)c->piece_count;
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, pieces, sizeof(sb_vec3));
+    int *nodes = (int *)sbi_alloc(&p->allocator, rows + 2 * pieces + 1, sizeof(int)), *start, *order, at = 0;
+    if (!centres || !nodes) {
+        sbi_free(&p->allocator, centres);
+        sbi_free(&p->allocator, nodes);
+        return 0;
+    }
+    start = nodes + rows;
+    order = start + pieces + 1;
+    memcpy(nodes, c->piece_nodes, rows * sizeof(int));
+    memcpy(start, c->piece_start, (pieces + 1) * sizeof(int));
+    for (int a = 0; a < c->piece_count; a++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = start[a]; k < start[a + 1]; k++)
+            sum = sb_v3_add(sum, c->positions[nodes[k]]);
+        centres[a] = sb_v3_scale((sb_real)1 / (sb_real)(start[a + 1] - start[a]), sum);
+        order[a] = a;
+    }
+    sbi_precond_sort_nodes(centres, sbi_precond_longest_axis(c->positions, nodes, p->row_count), order, c->piece_count);
+    for (int a = 0; a < c->piece_count; a++) {
+        c->piece_start[a] = at;
+        for (int k = start[order[a]]; k < start[order[a] + 1]; k++, at++) {
+            c->piece_nodes[at] = nodes[k];
+            c->piece_of[nodes[k]] = a;
+        }
+    }
+    sbi_free(&p->allocator, centres);
+    sbi_free(&p->allocator, nodes);
+    return 1;
+}
+
 /* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
  * fills the coarse arrays when they are there. marker [row_count] is scratch. */
 static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, int *marker, int *entry_of)
@@ -27163,6 +27281,23 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
 }
 
+/* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives what a
+ * row has to the rows that it touches. */
+static void sbi_precond_make_reach(sbi_precond_coarse *c)
+{
+    for (int a = 0; a < c->piece_count; a++)
+        c->reach[a] = 6 * a + 6;
+    for (int b = 0; b < c->piece_count; b++)
+        for (int e = c->piece_entry[b]; e < c->piece_entry[b + 1]; e++) {
+            int a = c->piece_of[c->entry_node[e]];
+            if (a < b)
+                c->reach[a] = 6 * b + 6;
+        }
+    for (int a = 0; a < c->piece_count; a++)
+        for (int i = a + 1; 6 * i < c->reach[a]; i++)
+            c->reach[i] = sbi_max_int(c->reach[i], c->reach[a]);
+}
+
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
@@ -27173,6 +27308,7 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     c->piece_entry = sbi_precond_take_ints(p, (size_t)pieces + 1);
     c->piece_nodes = sbi_precond_take_ints(p, rows);
     c->piece_of = sbi_precond_take_ints(p, rows);
+    c->reach = sbi_precond_take_ints(p, (size_t)pieces);
     c->arms = sbi_precond_take_floats(p, rows, 4);
     c->free = sbi_precond_take_floats(p, rows, 4);
     c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
@@ -27180,8 +27316,8 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
     c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
     c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->arms || !c->free ||
-        !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
+    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->reach || !c->arms ||
+        !c->free || !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     for (int i = 0; i < a->row_count; i++)
@@ -27189,7 +27325,10 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     c->piece_count = sbi_precond_cut(c, 0, a->row_count, pieces, 0);
     c->piece_start[pieces] = a->row_count;
     c->size = (int)size;
-    return sbi_precond_make_entries(p, a);
+    if (!sbi_precond_line_up(p) || !sbi_precond_make_entries(p, a))
+        return 0;
+    sbi_precond_make_reach(c);
+    return 1;
 }
 
 /* Positions of the nodes relative to their piece's centre, in units of its root mean square radius. */
@@ -27297,33 +27436,33 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
     }
 }
 
-/* The six rows of a piece: each is scaled by its pivot and taken from the following ones. */
-static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first)
+/* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */
+static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
 {
     int size = c->size;
     for (int k = first; k < first + 6; k++) {
         double *row = c->matrix + (size_t)k * (size_t)size, pivot = row[k];
         c->inverse[k] = pivot > 0 && pivot > c->solution[k] ? 1 / sqrt(pivot) : 0;
-        for (int j = k; j < size; j++)
+        for (int j = k; j < end; j++)
             row[j] *= c->inverse[k];
         for (int i = k + 1; i < first + 6; i++) {
             double *other = c->matrix + (size_t)i * (size_t)size, factor = row[i];
-            for (int j = i; j < size; j++)
+            for (int j = i; j < end; j++)
                 other[j] -= factor * row[j];
         }
     }
 }
 
-/* to[i..] -= sum over six rows of row[i] row[i..]; six at a time, since it is memory that limits the
+/* to[i..end] -= sum over six rows of row[i] row[i..end]; six at a time, since it is memory that limits the
  * factorisation. */
-static void sbi_precond_eliminate_rows(const double *rows, int size, int i, double *SB_RESTRICT to)
+static void sbi_precond_eliminate_rows(const double *rows, int size, int i, int end, double *SB_RESTRICT to)
 {
     const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
                  *r5 = r4 + size;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
-    for (int j = i; j < size; j++)
+    for (int j = i; j < end; j++)
         to[j] -= ((f0 * r0[j] + f1 * r1[j]) + (f2 * r2[j] + f3 * r3[j])) + (f4 * r4[j] + f5 * r5[j]);
 }
 
@@ -27337,17 +27476,23 @@ static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
         c->solution[k] = tiny * c->matrix[(size_t)k * (size_t)size + (size_t)k];
     for (int first = 0; first < size; first += 6) {
         double *rows = c->matrix + (size_t)first * (size_t)size;
-        sbi_precond_factor_rows(c, first);
-        for (int i = first + 6; i < size; i++)
-            sbi_precond_eliminate_rows(rows, size, i, c->matrix + (size_t)i * (size_t)size);
+        int end = c->reach[first / 6];
+        sbi_precond_factor_rows(c, first, end);
+        for (int i = first + 6; i < end; i++)
+            sbi_precond_eliminate_rows(rows, size, i, end, c->matrix + (size_t)i * (size_t)size);
     }
 }
 
-/* Where a piece's nodes are, and which of their components are free. */
+/* Where a piece's nodes are, and which of their components are free; its rows of the coarse matrix: 0. */
 static void sbi_precond_place_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     sbi_precond_coarse *c = &job->p->coarse;
+    size_t first = 6 * (size_t)piece, width = (size_t)c->reach[piece] - first;
+    for (size_t k = first; k < first + 6; k++)
+        memset(c->matrix + k * (size_t)c->size + first, 0, width * sizeof(double));
+    for (int s = c->piece_start[piece]; job->positions && s < c->piece_start[piece + 1]; s++)
+        c->positions[c->piece_nodes[s]] = job->positions[c->piece_nodes[s]];
     sbi_precond_place_piece(c, piece);
     for (int s = c->piece_start[piece]; s < c->piece_start[piece + 1]; s++) {
         size_t i = (size_t)c->piece_nodes[s];
@@ -27395,9 +27540,7 @@ SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a,
     job.a = a;
     job.beside = beside;
     job.beside_user = beside_user;
-    if (positions)
-        memcpy(c->positions, positions, (size_t)p->row_count * sizeof(sb_vec3));
-    memset(c->matrix, 0, (size_t)c->size * (size_t)c->size * sizeof(double));
+    job.positions = positions;
     sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
     sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside != NULL));
     sbi_precond_factor_coarse(c);
@@ -27412,17 +27555,17 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
     for (int k = 0; k < size; k++) {
         const double *row = c->matrix + (size_t)k * (size_t)size;
         double value = v[k] *= c->inverse[k];
-        for (int j = k + 1; j < size; j++)
+        for (int j = k + 1, end = c->reach[k / 6]; j < end; j++)
             v[j] -= value * row[j];
     }
     for (int k = size; k-- > 0;) {
         const double *row = c->matrix + (size_t)k * (size_t)size;
         double sums[4] = {0, 0, 0, 0}, value = v[k];
-        int j = k + 1;
-        for (; j + 4 <= size; j += 4)
+        int j = k + 1, end = c->reach[k / 6];
+        for (; j + 4 <= end; j += 4)
             for (int lane = 0; lane < 4; lane++)
                 sums[lane] += row[j + lane] * v[j + lane];
-        for (; j < size; j++)
+        for (; j < end; j++)
             sums[0] += row[j] * v[j];
         value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
         v[k] = value * c->inverse[k];
@@ -40219,7 +40362,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
         open = sbi_newton_condense(newton);
     else
         sbi_newton_keep_support_rows(b);
-    sb_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
     result = sb_preconditioner_update(precond, matrix, b->position, &info->error);
     middle = sbi_step_now(b);
     info->seconds_precond += middle - begin;

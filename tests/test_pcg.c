@@ -568,6 +568,37 @@ static void test_coarse_space(void)
     beam_free(&b);
 }
 
+/* What is left of a load after M^-1 does no work on any motion of the pieces, hence none on a shift of the whole, in
+ * whatever order the pieces are: also bent to a ring, where pieces that touch are far apart along its longest side. */
+static void test_coarse_residual(void)
+{
+    static const int pieces[4] = {1, 7, 16, 40};
+    beam b = beam_make(20, 3, 3, 0, 1);
+    sb_vec3 *ring = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)b.nodes);
+    sb_real *z = (sb_real *)malloc(sizeof(sb_real) * 2 * (size_t)b.n), *product = z + b.n;
+    for (int i = 0; i < b.nodes; i++) {
+        double angle = 6.283185307179586 * (double)b.positions[i].x / 0.21, radius = 0.1 + (double)b.positions[i].y;
+        ring[i] = sb_v3((sb_real)(radius * cos(angle)), (sb_real)(radius * sin(angle)), b.positions[i].z);
+    }
+    for (int k = 0; k < 8; k++) {
+        sb_preconditioner *p = precond_make(&b.a, SB_PRECOND_IC0, k % 2 ? ring : b.positions, pieces[k / 2]);
+        double left[3] = {0, 0, 0}, size = 0;
+        sb_preconditioner_apply(p, b.rhs, z);
+        sb_matrix_multiply(&b.a, z, product, NULL);
+        for (int c = 0; c < b.n; c++) {
+            double rest = (double)b.rhs[c] - (double)product[c];
+            left[c % 3] += b.mask[c / 3] ? 0 : rest;
+            size += fabs(rest);
+        }
+        for (int axis = 0; axis < 3; axis++)
+            CHECK_NEAR(left[axis], 0, 1e-5 * size);
+        sb_preconditioner_free(p);
+    }
+    free(z);
+    free(ring);
+    beam_free(&b);
+}
+
 /* Pieces of one node (no rotations), of nodes on a line, and all fixed. */
 static void test_degenerate_pieces(void)
 {
@@ -989,8 +1020,8 @@ CHECK_SUITE(pcg, {"defaults and no preconditioner", test_none_and_defaults},
             {"smoothers are symmetric", test_smoothers_are_symmetric}, {"IC0 shift", test_shift},
             {"indefinite factor", test_indefinite_factor}, {"solves equal dense", test_solves_equal_dense},
             {"prescribed values", test_prescribed_values}, {"iteration counts", test_iteration_counts},
-            {"coarse space", test_coarse_space}, {"degenerate pieces", test_degenerate_pieces},
-            {"moved positions", test_moved_positions}, {"warm start", test_warm_start},
+            {"coarse space", test_coarse_space}, {"coarse residual", test_coarse_residual},
+            {"degenerate pieces", test_degenerate_pieces}, {"moved positions", test_moved_positions}, {"warm start", test_warm_start},
             {"zero rhs and one node", test_zero_rhs_and_one_node}, {"scales", test_scales},
             {"threads", test_threads}, {"golden solve", test_golden_solve}, {"iteration cap", test_cap},
             {"tolerance zero", test_tolerance_zero}, {"indefinite solve", test_indefinite_solve},

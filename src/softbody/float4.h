@@ -86,6 +86,24 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
 
 SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
 
+#if SBI_HAS_FLOAT4 && defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define SBI_HAS_SHUFFLE 1
+#endif
+#endif
+
+/* (sum of a, sum of b, sum of c, anything), to the bits of sbi_f4_sum. */
+SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c)
+{
+#if defined(SBI_HAS_SHUFFLE)
+    sbi_float4 low = __builtin_shufflevector(a, b, 0, 4, 1, 5), high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
+    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7), second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
+    return sbi_f4_add(sbi_f4_add(first, second), __builtin_shufflevector(high, c, 0, 1, 6, 7));
+#else
+    return sbi_f4_make(sbi_f4_sum(a), sbi_f4_sum(b), sbi_f4_sum(c));
+#endif
+}
+
 /* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
  * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)

@@ -339,33 +339,41 @@ static void sbi_precond_columns_task(void *user, int chunk)
         sbi_precond_leave_task(user, chunk);
 }
 
-/* middle = (I + L)^-1 r, result = D^-1 middle. */
+/* middle = (I + L)^-1 r, result = D^-1 middle. Here and below the arrays are named first: a store of a vector may change
+ * anything, also p, as far as a compiler knows. */
 static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
 {
-    const float *l = p->lower;
-    for (size_t i = 0; i < (size_t)p->row_count; i++) {
+    const int *start = p->start, *columns = p->columns;
+    const float *l = p->lower, *inverse = p->inverse;
+    float *middle = p->middle, *result = p->result;
+    size_t rows = (size_t)p->row_count;
+    int plain = !p->turned;
+    for (size_t i = 0; i < rows; i++) {
         sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
-        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
-            sbi_float4 v = sbi_f4_load(p->middle + 4 * (size_t)p->columns[e]);
+        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
+            sbi_float4 v = sbi_f4_load(middle + 4 * (size_t)columns[e]);
             s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
             s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
             s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
         }
-        y = sbi_f4_sub(sbi_precond_enter(p, r, i, scale),
-                       sbi_f4_make(sbi_f4_sum(s0), sbi_f4_sum(s1), sbi_f4_sum(s2)));
-        sbi_f4_store(p->middle + 4 * i, y);
-        sbi_f4_store(p->result + 4 * i, sbi_f4_rows(y, p->inverse + 12 * i));
+        y = plain && i + 1 < rows ? sbi_f4_round_row(r + 3 * i, scale) : sbi_precond_enter(p, r, i, scale);
+        y = sbi_f4_sub(y, sbi_f4_sums(s0, s1, s2));
+        sbi_f4_store(middle + 4 * i, y);
+        sbi_f4_store(result + 4 * i, sbi_f4_rows(y, inverse + 12 * i));
     }
 }
 
 /* result = (I + L)^-T result, by columns of L^T: each row is final when it is met. */
 static void sbi_precond_backward(sb_preconditioner *p)
 {
+    const int *start = p->start, *columns = p->columns;
+    const float *lower = p->lower;
+    float *result = p->result;
     for (int i = p->row_count; i-- > 0;) {
-        sbi_float4 z = sbi_f4_load(p->result + 4 * (size_t)i);
-        const float *l = p->lower + 12 * (size_t)p->start[i];
-        for (int e = p->start[i]; e < p->start[i + 1]; e++, l += 12) {
-            float *to = p->result + 4 * (size_t)p->columns[e];
+        sbi_float4 z = sbi_f4_load(result + 4 * (size_t)i);
+        const float *l = lower + 12 * (size_t)start[i];
+        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
+            float *to = result + 4 * (size_t)columns[e];
             sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
         }
     }
@@ -768,7 +776,7 @@ static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_m
 {
     if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
-    *scale = (double)sb_matrix_diagonal_scale(matrix, NULL);
+    *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the matrix has a diagonal entry that is not finite");
     for (int i = 0; positions && p->coarse.piece_count && i < p->row_count; i++)

@@ -78,6 +78,43 @@ static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces
     return sbi_precond_cut(c, middle, end, pieces - left, piece);
 }
 
+/* Numbers the pieces along the longest side of the whole, so that those that touch have near numbers and the rows of
+ * their matrix are short. Returns 0 when there is no memory. */
+static int sbi_precond_line_up(sb_preconditioner *p)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)p->row_count, pieces = (size_t)c->piece_count;
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, pieces, sizeof(sb_vec3));
+    int *nodes = (int *)sbi_alloc(&p->allocator, rows + 2 * pieces + 1, sizeof(int)), *start, *order, at = 0;
+    if (!centres || !nodes) {
+        sbi_free(&p->allocator, centres);
+        sbi_free(&p->allocator, nodes);
+        return 0;
+    }
+    start = nodes + rows;
+    order = start + pieces + 1;
+    memcpy(nodes, c->piece_nodes, rows * sizeof(int));
+    memcpy(start, c->piece_start, (pieces + 1) * sizeof(int));
+    for (int a = 0; a < c->piece_count; a++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = start[a]; k < start[a + 1]; k++)
+            sum = sb_v3_add(sum, c->positions[nodes[k]]);
+        centres[a] = sb_v3_scale((sb_real)1 / (sb_real)(start[a + 1] - start[a]), sum);
+        order[a] = a;
+    }
+    sbi_precond_sort_nodes(centres, sbi_precond_longest_axis(c->positions, nodes, p->row_count), order, c->piece_count);
+    for (int a = 0; a < c->piece_count; a++) {
+        c->piece_start[a] = at;
+        for (int k = start[order[a]]; k < start[order[a] + 1]; k++, at++) {
+            c->piece_nodes[at] = nodes[k];
+            c->piece_of[nodes[k]] = a;
+        }
+    }
+    sbi_free(&p->allocator, centres);
+    sbi_free(&p->allocator, nodes);
+    return 1;
+}
+
 /* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
  * fills the coarse arrays when they are there. marker [row_count] is scratch. */
 static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, int *marker, int *entry_of)
@@ -133,6 +170,23 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
 }
 
+/* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives what a
+ * row has to the rows that it touches. */
+static void sbi_precond_make_reach(sbi_precond_coarse *c)
+{
+    for (int a = 0; a < c->piece_count; a++)
+        c->reach[a] = 6 * a + 6;
+    for (int b = 0; b < c->piece_count; b++)
+        for (int e = c->piece_entry[b]; e < c->piece_entry[b + 1]; e++) {
+            int a = c->piece_of[c->entry_node[e]];
+            if (a < b)
+                c->reach[a] = 6 * b + 6;
+        }
+    for (int a = 0; a < c->piece_count; a++)
+        for (int i = a + 1; 6 * i < c->reach[a]; i++)
+            c->reach[i] = sbi_max_int(c->reach[i], c->reach[a]);
+}
+
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
@@ -143,6 +197,7 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     c->piece_entry = sbi_precond_take_ints(p, (size_t)pieces + 1);
     c->piece_nodes = sbi_precond_take_ints(p, rows);
     c->piece_of = sbi_precond_take_ints(p, rows);
+    c->reach = sbi_precond_take_ints(p, (size_t)pieces);
     c->arms = sbi_precond_take_floats(p, rows, 4);
     c->free = sbi_precond_take_floats(p, rows, 4);
     c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
@@ -150,8 +205,8 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
     c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
     c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->arms || !c->free ||
-        !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
+    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->reach || !c->arms ||
+        !c->free || !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     for (int i = 0; i < a->row_count; i++)
@@ -159,7 +214,10 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     c->piece_count = sbi_precond_cut(c, 0, a->row_count, pieces, 0);
     c->piece_start[pieces] = a->row_count;
     c->size = (int)size;
-    return sbi_precond_make_entries(p, a);
+    if (!sbi_precond_line_up(p) || !sbi_precond_make_entries(p, a))
+        return 0;
+    sbi_precond_make_reach(c);
+    return 1;
 }
 
 /* Positions of the nodes relative to their piece's centre, in units of its root mean square radius. */
@@ -267,33 +325,33 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
     }
 }
 
-/* The six rows of a piece: each is scaled by its pivot and taken from the following ones. */
-static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first)
+/* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */
+static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
 {
     int size = c->size;
     for (int k = first; k < first + 6; k++) {
         double *row = c->matrix + (size_t)k * (size_t)size, pivot = row[k];
         c->inverse[k] = pivot > 0 && pivot > c->solution[k] ? 1 / sqrt(pivot) : 0;
-        for (int j = k; j < size; j++)
+        for (int j = k; j < end; j++)
             row[j] *= c->inverse[k];
         for (int i = k + 1; i < first + 6; i++) {
             double *other = c->matrix + (size_t)i * (size_t)size, factor = row[i];
-            for (int j = i; j < size; j++)
+            for (int j = i; j < end; j++)
                 other[j] -= factor * row[j];
         }
     }
 }
 
-/* to[i..] -= sum over six rows of row[i] row[i..]; six at a time, since it is memory that limits the
+/* to[i..end] -= sum over six rows of row[i] row[i..end]; six at a time, since it is memory that limits the
  * factorisation. */
-static void sbi_precond_eliminate_rows(const double *rows, int size, int i, double *SB_RESTRICT to)
+static void sbi_precond_eliminate_rows(const double *rows, int size, int i, int end, double *SB_RESTRICT to)
 {
     const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
                  *r5 = r4 + size;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
-    for (int j = i; j < size; j++)
+    for (int j = i; j < end; j++)
         to[j] -= ((f0 * r0[j] + f1 * r1[j]) + (f2 * r2[j] + f3 * r3[j])) + (f4 * r4[j] + f5 * r5[j]);
 }
 
@@ -307,17 +365,23 @@ static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
         c->solution[k] = tiny * c->matrix[(size_t)k * (size_t)size + (size_t)k];
     for (int first = 0; first < size; first += 6) {
         double *rows = c->matrix + (size_t)first * (size_t)size;
-        sbi_precond_factor_rows(c, first);
-        for (int i = first + 6; i < size; i++)
-            sbi_precond_eliminate_rows(rows, size, i, c->matrix + (size_t)i * (size_t)size);
+        int end = c->reach[first / 6];
+        sbi_precond_factor_rows(c, first, end);
+        for (int i = first + 6; i < end; i++)
+            sbi_precond_eliminate_rows(rows, size, i, end, c->matrix + (size_t)i * (size_t)size);
     }
 }
 
-/* Where a piece's nodes are, and which of their components are free. */
+/* Where a piece's nodes are, and which of their components are free; its rows of the coarse matrix: 0. */
 static void sbi_precond_place_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     sbi_precond_coarse *c = &job->p->coarse;
+    size_t first = 6 * (size_t)piece, width = (size_t)c->reach[piece] - first;
+    for (size_t k = first; k < first + 6; k++)
+        memset(c->matrix + k * (size_t)c->size + first, 0, width * sizeof(double));
+    for (int s = c->piece_start[piece]; job->positions && s < c->piece_start[piece + 1]; s++)
+        c->positions[c->piece_nodes[s]] = job->positions[c->piece_nodes[s]];
     sbi_precond_place_piece(c, piece);
     for (int s = c->piece_start[piece]; s < c->piece_start[piece + 1]; s++) {
         size_t i = (size_t)c->piece_nodes[s];
@@ -365,9 +429,7 @@ SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a,
     job.a = a;
     job.beside = beside;
     job.beside_user = beside_user;
-    if (positions)
-        memcpy(c->positions, positions, (size_t)p->row_count * sizeof(sb_vec3));
-    memset(c->matrix, 0, (size_t)c->size * (size_t)c->size * sizeof(double));
+    job.positions = positions;
     sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
     sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside != NULL));
     sbi_precond_factor_coarse(c);
@@ -382,17 +444,17 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
     for (int k = 0; k < size; k++) {
         const double *row = c->matrix + (size_t)k * (size_t)size;
         double value = v[k] *= c->inverse[k];
-        for (int j = k + 1; j < size; j++)
+        for (int j = k + 1, end = c->reach[k / 6]; j < end; j++)
             v[j] -= value * row[j];
     }
     for (int k = size; k-- > 0;) {
         const double *row = c->matrix + (size_t)k * (size_t)size;
         double sums[4] = {0, 0, 0, 0}, value = v[k];
-        int j = k + 1;
-        for (; j + 4 <= size; j += 4)
+        int j = k + 1, end = c->reach[k / 6];
+        for (; j + 4 <= end; j += 4)
             for (int lane = 0; lane < 4; lane++)
                 sums[lane] += row[j + lane] * v[j + lane];
-        for (; j < size; j++)
+        for (; j < end; j++)
             sums[0] += row[j] * v[j];
         value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
         v[k] = value * c->inverse[k];

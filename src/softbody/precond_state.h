@@ -40,7 +40,8 @@ typedef struct sbi_precond_coarse {
     float *arms;           /* [row_count][4] the same, rounded */
     float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
     float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
-    double *matrix;        /* [size][size] upper triangle: Z^T A Z, then its Cholesky factor */
+    int *reach;            /* [piece_count] where the rows of a piece end */
+    double *matrix;        /* [size][size] upper triangle, each row up to its reach: Z^T A Z, then its Cholesky factor */
     double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
     double *solution;      /* [size] */
     sb_vec3 *positions;    /* [row_count] as last given */
@@ -89,6 +90,7 @@ struct sb_preconditioner {
 typedef struct sbi_precond_job {
     sb_preconditioner *p;
     const sb_matrix *a;
+    const sb_vec3 *positions; /* NULL: where they were */
     const sb_real *r;
     sb_real *z;
     double scale;    /* of r: a power of two */

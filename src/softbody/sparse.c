@@ -354,30 +354,67 @@ SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
 
 /* ---- constraints --------------------------------------------------------------------------------------- */
 
-SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
+/* The mean of a diagonal, by parts that do not depend on who adds them up. */
+enum { SBI_SPARSE_PARTS = 64 };
+typedef struct sbi_sparse_mean {
+    const sb_matrix *matrix;
+    const unsigned char *mask;
+    int parts;
+    double sums[SBI_SPARSE_PARTS];
+    int counts[SBI_SPARSE_PARTS];
+} sbi_sparse_mean;
+
+static void sbi_sparse_mean_task(void *user, int part)
 {
-    double sum = 0;
-    int count = 0;
-    for (int i = 0; i < matrix->row_count; i++) {
+    sbi_sparse_mean *mean = (sbi_sparse_mean *)user;
+    const sb_matrix *matrix = mean->matrix;
+    int rows = matrix->row_count, count = 0;
+    int first = (int)((int64_t)rows * part / mean->parts), end = (int)((int64_t)rows * (part + 1) / mean->parts);
+    double sums[3] = {0, 0, 0}; /* three that do not wait for each other */
+    for (int i = first; i < end; i++) {
         const sb_real *block = matrix->blocks[matrix->diagonal[i]];
-        int later = matrix->diagonal[sbi_min_int(i + SBI_SPARSE_ROWS_AHEAD, matrix->row_count - 1)];
+        int later = matrix->diagonal[sbi_min_int(i + SBI_SPARSE_ROWS_AHEAD, rows - 1)];
+        int held = mean->mask ? mean->mask[i] : 0;
         SBI_PREFETCH(matrix->blocks[later], 0);
+        SBI_PREFETCH(matrix->blocks[later], 64); /* where the last of its diagonal is */
         for (int k = 0; k < 3; k++) {
             double d = (double)block[4 * k];
-            if (mask && mask[i] >> k & 1)
-                continue;
-            sum += d < 0 ? -d : d;
-            count++;
+            int counts = !(held >> k & 1);
+            sums[k] += !counts ? 0 : d < 0 ? -d : d;
+            count += counts;
         }
+    }
+    mean->sums[part] = sums[0] + sums[1] + sums[2];
+    mean->counts[part] = count;
+}
+
+SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs)
+{
+    sbi_sparse_mean mean;
+    double sum = 0, count = 0;
+    mean.matrix = matrix;
+    mean.mask = mask;
+    mean.parts = sbi_min_int(sbi_row_chunks(matrix->row_count), SBI_SPARSE_PARTS);
+    sbi_run(jobs, sbi_sparse_mean_task, &mean, mean.parts);
+    for (int part = 0; part < mean.parts; part++) {
+        sum += mean.sums[part];
+        count += mean.counts[part];
     }
     return sum == 0 ? (sb_real)1 : (sb_real)(sum / count);
 }
 
+SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
+{
+    return sbi_matrix_diagonal_scale(matrix, mask, NULL);
+}
+
 /* Moves the known terms of node i's prescribed components to the other rows' right-hand sides. The column of
- * component c in block (j, i) is row c of block (i, j). */
+ * component c in block (j, i) is row c of block (i, j). Most supports stand still and have none. */
 static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value,
                                   sb_real *rhs)
 {
+    if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
+        return;
     for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
@@ -391,10 +428,16 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 /* Zeroes node i's prescribed rows and columns. */
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
+    int all = (mask & SB_XYZ) == SB_XYZ;
     for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
-        for (int c = 0; c < 3; c++)
+        int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];
+        SBI_PREFETCH(matrix->blocks[later], 0);
+        SBI_PREFETCH(matrix->blocks[later], 64);
+        for (int k = 0; all && k < 9; k++)
+            block[k] = transposed[k] = 0;
+        for (int c = 0; !all && c < 3; c++)
             if (mask >> c & 1)
                 for (int r = 0; r < 3; r++) {
                     block[3 * c + r] = 0;
@@ -403,10 +446,10 @@ static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
     }
 }
 
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
-                                sb_real *rhs)
+SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
+                                  const sb_jobs *jobs)
 {
-    sb_real scale = sb_matrix_diagonal_scale(matrix, mask);
+    sb_real scale = sbi_matrix_diagonal_scale(matrix, mask, jobs);
     if (values && rhs)
         for (int i = 0; i < matrix->row_count; i++)
             if (mask[i] & SB_XYZ)
@@ -423,4 +466,10 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
                     rhs[3 * (size_t)i + (size_t)k] = values ? scale * values[3 * (size_t)i + (size_t)k] : 0;
             }
     }
+}
+
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
+                                sb_real *rhs)
+{
+    sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
 }

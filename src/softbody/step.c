@@ -382,7 +382,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
         open = sbi_newton_condense(newton);
     else
         sbi_newton_keep_support_rows(b);
-    sb_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
     result = sb_preconditioner_update(precond, matrix, b->position, &info->error);
     middle = sbi_step_now(b);
     info->seconds_precond += middle - begin;
