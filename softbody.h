@@ -22731,7 +22731,8 @@ enum {
     SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
+    SBI_MG_SPARSE = 500,      /* and where moduli jump: 20 balls in 106,329 unknowns take 9 iterations so, 12 with 300 */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
                                * second cache then; a smaller one is faster without the conversion */
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
@@ -22802,9 +22803,13 @@ struct sbi_multigrid {
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
-    int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
-    double *factor;           /* [dense][dense] */
-    double *pivot, *solution; /* [dense] */
+    /* the coarsest level of n unknowns: a dense factor, a sparse one, or none */
+    int factored;             /* 1: there is one of the last update; 0: the level is smoothed only */
+    double *factor;           /* [n][n] */
+    double *pivot, *solution; /* [n] */
+    sb_direct *direct;
+    sb_matrix coarsest;       /* what it factors */
+    sb_real *exact;           /* [n] */
     double *spread;           /* [rows of level 0][4] S x of the x to multiply by */
     double matrix_scale;      /* of the last update */
     double deviation;         /* see sbi_multigrid_deviation */
@@ -22813,6 +22818,22 @@ struct sbi_multigrid {
     int array_count;
     void *arrays[SBI_MG_MAX_ARRAYS];
 };
+
+/* An array of the object on a cache line boundary; NULL when there is no memory. */
+SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
+/* Nodes of a level that is small enough to be the coarsest. */
+SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE; }
+
+/* ---- multigrid_coarsest ---- */
+
+/* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
+SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
+/* Factors the coarsest level's matrix; 0: it has to do with its smoother. */
+SBI_API int sbi_mg_factor_coarsest(sbi_multigrid *m);
+/* x = A^-1 r of it */
+SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m);
+
+/* ---- multigrid_region ---- */
 
 /* Regions of the nodes of a pattern. 0: no memory. */
 SBI_API int sbi_mg_find_regions(const sb_matrix *pattern, const sb_real *moduli, const sb_vec3 *positions,
@@ -23655,6 +23676,177 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
     return made;
 }
 
+/* ==== src/softbody/multigrid_coarsest.c ==== */
+/* multigrid_coarsest: the coarsest level, solved by elimination. Floor 2.
+ *
+ * Where no moduli jump it is as small as levels get, and a dense factor does. Where they do, a level of few nodes cannot
+ * tell the regions' motions apart well enough, however often it is visited: then levels end at one of some hundred nodes,
+ * with a sparse factor. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+/* The level's pattern as a matrix, with the same order of blocks; 0: no memory. */
+static int sbi_mg_copy_level_pattern(const sbi_mg_level *level, const sb_allocator *allocator, sb_matrix *matrix)
+{
+    int *pairs = (int *)sbi_alloc(allocator, (size_t)level->block_count, 2 * sizeof(int));
+    sb_result result = SB_ERROR_MEMORY;
+    for (int i = 0; pairs && i < level->row_count; i++)
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+            pairs[2 * (size_t)q] = i;
+            pairs[2 * (size_t)q + 1] = level->columns[q];
+        }
+    if (pairs)
+        result = sb_matrix_create(level->row_count, level->block_count, 2, NULL, pairs, allocator, matrix, NULL);
+    sbi_free(allocator, pairs);
+    return result == SB_OK;
+}
+
+static int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level)
+{
+    size_t blocks = (size_t)level->block_count;
+    m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
+    if (!m->exact || !sbi_mg_copy_level_pattern(level, &m->allocator, &m->coarsest) ||
+        sb_direct_create(NULL, &m->coarsest, &m->allocator, &m->direct, NULL) != SB_OK)
+        return 0;
+    m->bytes += blocks * (9 * sizeof(sb_real) + 2 * sizeof(int)) + sb_direct_get_info(m->direct).bytes;
+    return 1;
+}
+
+SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    size_t size = 3 * (size_t)level->row_count;
+    if (m->level_count == 1 || level->row_count > 2 * sbi_mg_small(m))
+        return 1;
+    if (m->regions.count)
+        return sbi_mg_take_direct(m, level);
+    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
+    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
+    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
+    return m->factor && m->pivot && m->solution;
+}
+
+/* ---- dense --------------------------------------------------------------------------------------------- */
+
+/* Cholesky factor R^T R in the upper triangle; directions without stiffness are left out. */
+static void sbi_mg_factor_dense(sbi_multigrid *m, const sbi_mg_level *level)
+{
+    size_t n = 3 * (size_t)level->row_count;
+    double *a = m->factor;
+    memset(a, 0, n * n * sizeof(double));
+    for (int i = 0; i < level->row_count; i++)
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
+            for (size_t k = 0; k < 9; k++)
+                a[(3 * (size_t)i + k / 3) * n + 3 * (size_t)level->columns[q] + k % 3] =
+                    (double)level->blocks[9 * (size_t)q + k];
+    for (size_t k = 0; k < n; k++) /* single precision: what is smaller is rounding */
+        m->solution[k] = 16 * (double)FLT_EPSILON * a[k * n + k];
+    for (size_t k = 0; k < n; k++) {
+        double *row = a + k * n, pivot = row[k];
+        m->pivot[k] = pivot > 0 && pivot > m->solution[k] ? 1 / sqrt(pivot) : 0;
+        for (size_t j = k; j < n; j++)
+            row[j] *= m->pivot[k];
+        for (size_t i = k + 1; i < n; i++) {
+            double *other = a + i * n, factor = row[i];
+            if (factor == 0)
+                continue;
+            for (size_t j = i; j < n; j++)
+                other[j] -= factor * row[j];
+        }
+    }
+}
+
+/* solution = (R^T R)^-1 solution */
+static void sbi_mg_solve_dense(sbi_multigrid *m, const sbi_mg_level *level)
+{
+    size_t n = 3 * (size_t)level->row_count;
+    double *v = m->solution;
+    for (size_t k = 0; k < n; k++) {
+        const double *row = m->factor + k * n;
+        double value = v[k] *= m->pivot[k];
+        for (size_t j = k + 1; j < n; j++)
+            v[j] -= value * row[j];
+    }
+    for (size_t k = n; k-- > 0;) {
+        const double *row = m->factor + k * n;
+        double sums[4] = {0, 0, 0, 0}, value = v[k];
+        size_t j = k + 1;
+        for (; j + 4 <= n; j += 4)
+            for (size_t lane = 0; lane < 4; lane++)
+                sums[lane] += row[j + lane] * v[j + lane];
+        for (; j < n; j++)
+            sums[0] += row[j] * v[j];
+        value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        v[k] = value * m->pivot[k];
+    }
+}
+
+/* ---- sparse -------------------------------------------------------------------------------------------- */
+
+/* The level's matrix with its diagonal times 1 + shift; 1 where there is no stiffness. */
+static void sbi_mg_fill_coarsest(sbi_multigrid *m, const sbi_mg_level *level, double shift)
+{
+    sb_matrix *a = &m->coarsest;
+    for (size_t q = 0; q < (size_t)level->block_count; q++)
+        for (size_t k = 0; k < 9; k++)
+            a->blocks[q][k] = (sb_real)level->blocks[9 * q + k];
+    for (int i = 0; i < level->row_count; i++)
+        for (int k = 0; k < 9; k += 4) {
+            sb_real *entry = a->blocks[a->diagonal[i]] + k;
+            *entry = *entry == 0 ? (sb_real)1 : (sb_real)((double)*entry * (1 + shift));
+        }
+}
+
+/* The entries are of single precision, so that a direction without stiffness may look as if it had a negative one; the
+ * shift makes up for that. Single precision throughout sometimes needs more; matrices that are not positive definite do,
+ * or get no factor. */
+static int sbi_mg_factor_direct(sbi_multigrid *m, const sbi_mg_level *level)
+{
+    sb_result result = SB_ERROR_INDEFINITE;
+    double shift = 16 * (double)FLT_EPSILON;
+    for (int attempt = 0; attempt < 8 && result == SB_ERROR_INDEFINITE; attempt++, shift *= 8) {
+        sbi_mg_fill_coarsest(m, level, shift);
+        result = sb_direct_update(m->direct, &m->coarsest, NULL);
+    }
+    return result == SB_OK;
+}
+
+/* ---- either -------------------------------------------------------------------------------------------- */
+
+SBI_API int sbi_mg_factor_coarsest(sbi_multigrid *m)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    m->factored = m->factor != NULL;
+    if (m->factor)
+        sbi_mg_factor_dense(m, level);
+    if (m->direct)
+        m->factored = sbi_mg_factor_direct(m, level);
+    return m->factored;
+}
+
+SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    size_t n = 3 * (size_t)level->row_count;
+    if (m->direct) {
+        for (size_t k = 0; k < n; k++)
+            m->exact[k] = (sb_real)level->r[4 * (k / 3) + k % 3];
+        sb_direct_solve(m->direct, m->exact, m->exact, 1);
+        for (size_t k = 0; k < n; k++)
+            level->x[4 * (k / 3) + k % 3] = (float)m->exact[k];
+        return;
+    }
+    for (size_t k = 0; k < n; k++)
+        m->solution[k] = (double)level->r[4 * (k / 3) + k % 3];
+    sbi_mg_solve_dense(m, level);
+    for (size_t k = 0; k < n; k++)
+        level->x[4 * (k / 3) + k % 3] = (float)m->solution[k];
+}
+
 /* ==== src/softbody/multigrid.c ==== */
 /* multigrid: levels and the plans of their updates. */
 
@@ -23662,11 +23854,9 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 #include <math.h>
 #include <string.h>
 
-/* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
- * with 1.4 everywhere a stiff sheet takes half as many iterations again. */
+/* Edges of a level over those of the one above, and of thin stiff regions. */
 #define SBI_MG_RATIO 2.0
 #define SBI_MG_THIN_RATIO 1.4
-#define SBI_MG_THIN_RATIO_LATER 1.2
 
 enum {
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
@@ -23678,8 +23868,7 @@ enum {
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-static void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
+SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
 {
     size_t bytes = 128; /* alignment, and room to read past the end */
     void *raw;
@@ -23714,6 +23903,8 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
         return;
     allocator = multigrid->allocator;
     sbi_mg_regions_free(&allocator, &multigrid->regions);
+    sb_direct_free(multigrid->direct);
+    sb_matrix_free(&multigrid->coarsest);
     for (int k = 0; k < multigrid->array_count; k++)
         sbi_free(&allocator, multigrid->arrays[k]);
     sbi_free(&allocator, multigrid);
@@ -24096,14 +24287,13 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
     nodes.regions = &m->regions;
     nodes.labels = labels;
     if (labels) {
-        double thin = m->level_count == 1 ? SBI_MG_THIN_RATIO : SBI_MG_THIN_RATIO_LATER;
         made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
                                     labels) &&
-               sbi_mg_lattice(&nodes, SBI_MG_RATIO, thin, &m->allocator, rows);
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->allocator, rows);
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
         sbi_mg_rows_free(&m->allocator, rows);
-        if (count <= 2 * SBI_MG_DENSE)
+        if (count <= 2 * sbi_mg_small(m))
             return 1;
         nodes.labels = NULL;
     }
@@ -24129,7 +24319,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
         made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
     } else {
-        if (own > 0 && level->row_count <= SBI_MG_DENSE)
+        if (own > 0 && level->row_count <= sbi_mg_small(m))
             return SB_OK;
         made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
@@ -24175,19 +24365,6 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
-static int sbi_mg_take_dense(sbi_multigrid *m)
-{
-    int rows = m->levels[m->level_count - 1].row_count;
-    size_t size = 3 * (size_t)rows;
-    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
-        return 1;
-    m->dense = (int)size;
-    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
-    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
-    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
-    return m->factor && m->pivot && m->solution;
-}
-
 SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
                                        const sb_allocator *allocator, sbi_multigrid **out, sb_error *error)
 {
@@ -24210,7 +24387,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
         m->twice_to = SBI_MG_MAX_LEVELS;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
-    if (result == SB_OK && !sbi_mg_take_dense(m))
+    if (result == SB_OK && !sbi_mg_take_coarsest(m))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {
         sbi_multigrid_free(m);
@@ -24931,67 +25108,6 @@ static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
     reach->age = 0;
 }
 
-/* ---- the coarsest level -------------------------------------------------------------------------------- */
-
-/* Cholesky factor R^T R in the upper triangle; directions without stiffness are left out. */
-static void sbi_mg_factor_dense(sbi_multigrid *m)
-{
-    const sbi_mg_level *level = m->levels + m->level_count - 1;
-    size_t n = (size_t)m->dense;
-    double *a = m->factor;
-    memset(a, 0, n * n * sizeof(double));
-    for (int i = 0; i < level->row_count; i++)
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
-            for (size_t k = 0; k < 9; k++)
-                a[(3 * (size_t)i + k / 3) * n + 3 * (size_t)level->columns[q] + k % 3] =
-                    (double)level->blocks[9 * (size_t)q + k];
-    for (size_t k = 0; k < n; k++) /* single precision: what is smaller is rounding */
-        m->solution[k] = 16 * (double)FLT_EPSILON * a[k * n + k];
-    for (size_t k = 0; k < n; k++) {
-        double *row = a + k * n, pivot = row[k];
-        m->pivot[k] = pivot > 0 && pivot > m->solution[k] ? 1 / sqrt(pivot) : 0;
-        for (size_t j = k; j < n; j++)
-            row[j] *= m->pivot[k];
-        for (size_t i = k + 1; i < n; i++) {
-            double *other = a + i * n, factor = row[i];
-            if (factor == 0)
-                continue;
-            for (size_t j = i; j < n; j++)
-                other[j] -= factor * row[j];
-        }
-    }
-}
-
-/* x = A^-1 r of the coarsest level. */
-static void sbi_mg_solve_dense(sbi_multigrid *m)
-{
-    const sbi_mg_level *level = m->levels + m->level_count - 1;
-    size_t n = (size_t)m->dense;
-    double *v = m->solution;
-    for (size_t k = 0; k < n; k++)
-        v[k] = (double)level->r[4 * (k / 3) + k % 3];
-    for (size_t k = 0; k < n; k++) {
-        const double *row = m->factor + k * n;
-        double value = v[k] *= m->pivot[k];
-        for (size_t j = k + 1; j < n; j++)
-            v[j] -= value * row[j];
-    }
-    for (size_t k = n; k-- > 0;) {
-        const double *row = m->factor + k * n;
-        double sums[4] = {0, 0, 0, 0}, value = v[k];
-        size_t j = k + 1;
-        for (; j + 4 <= n; j += 4)
-            for (size_t lane = 0; lane < 4; lane++)
-                sums[lane] += row[j + lane] * v[j + lane];
-        for (; j < n; j++)
-            sums[0] += row[j] * v[j];
-        value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
-        v[k] = value * m->pivot[k];
-    }
-    for (size_t k = 0; k < n; k++)
-        level->x[4 * (k / 3) + k % 3] = (float)v[k];
-}
-
 SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
 {
     if (m->softened == 6)
@@ -25169,11 +25285,9 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
             sbi_mg_set_deviation(&work);
         if (work.level->mend)
             sbi_mg_run(&work, sbi_mg_mend_task);
-        if (!coarsest || !m->dense)
+        if (!coarsest || !sbi_mg_factor_coarsest(m))
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
-    if (m->dense)
-        sbi_mg_factor_dense(m);
     return -1;
 }
 
@@ -25321,8 +25435,8 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (l + 1 == m->level_count && m->dense) {
-        sbi_mg_solve_dense(m);
+    if (l + 1 == m->level_count && m->factored) {
+        sbi_mg_solve_coarsest(m);
         return;
     }
     sbi_mg_cycle(work, l);

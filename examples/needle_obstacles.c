@@ -299,7 +299,7 @@ static int run(course *c)
     printf("reached=%d distance_mm=%.3f clearance_mm=%.3f steps=%d median_ms=%.2f seconds=%.1f\n", reached,
            1e3 * c->steering.distance, 1e3 * c->clearance, c->steering.steps, scene_median(c->times, c->time_count),
            seconds_now() - begin);
-    return reached && c->clearance > 0 ? SCENE_OK : MISSED;
+    return reached && c->clearance > 0 ? (int)SCENE_OK : (int)MISSED;
 }
 
 int main(int argc, char **argv)

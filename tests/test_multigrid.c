@@ -447,8 +447,9 @@ static void test_hard(void)
     problem_free(&p);
 }
 
-/* Jumps of the modulus by 1,000 at most double the iterations, whichever side is stiff, moving or at rest. Many small
- * inclusions, some of which touch at an edge or a corner, cost more: as recorded. */
+/* Jumps of the modulus by 1,000 at most double the iterations, whichever side is stiff, moving or at rest, also with many
+ * small inclusions, some of which touch at an edge or a corner. Those at rest, and specks in single precision: as
+ * recorded. */
 static void test_jumps(void)
 {
     static const stiff_parts parts[5] = {BLOCK, TOUCHING, SLABS, SHEET, ROD};
@@ -463,8 +464,13 @@ static void test_jumps(void)
         CHECK(count_parts(&p, parts[k], 1000, dynamic_mass, tight) <= 2 * easy_tight);
         CHECK(SB_REAL_IS_FLOAT || count_parts(&p, parts[k], 1000, 0, 1e-2) <= 2 * firm);
     }
-    CHECK(count_parts(&p, INCLUSIONS, 1000, dynamic_mass, 1e-2) <= 11);
-    CHECK(count_parts(&p, SPECKS, 1000, dynamic_mass, 1e-2) <= 23);
+    for (int k = INCLUSIONS; k <= SPECKS; k++) {
+        stiff_parts many = (stiff_parts)k;
+        int most = SB_REAL_IS_FLOAT && many == SPECKS ? 16 : 2 * easy;
+        CHECK(count_parts(&p, many, 1000, dynamic_mass, 1e-2) <= most);
+        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, many, 1000, dynamic_mass, tight) <= 2 * easy_tight);
+        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, many, 1000, 0, 1e-2) <= 10);
+    }
     problem_free(&p);
 }
 
@@ -871,6 +877,36 @@ static void test_memory(void)
     problem_free(&p);
 }
 
+/* A matrix that is not positive definite, or not a matrix, among those with jumps: the coarsest level gets no factor of
+ * it, an update reports nothing that is not so, and the next good matrix is solved as if nothing had been. */
+static void test_jumps_broken(void)
+{
+    problem p = problem_beam(5, 0.1);
+    int n = 3 * p.mesh.node_count, before, q;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_preconditioner *multigrid;
+    sb_pcg_info info;
+    sb_result result;
+    options.tolerance = 1e-2;
+    options.max_iterations = 100;
+    assemble_parts(&p, 0.45, dynamic_mass, SLABS, 1000);
+    multigrid = multigrid_with_moduli(&p, NULL, &result);
+    before = iterations(&p, multigrid, 1e-2);
+    for (int k = 0; k < 3; k++) {
+        q = p.a.row_start[p.a.row_count / 2];
+        p.a.blocks[q][0] = k == 2 ? REAL(NAN) : (k ? 100 : -100) * p.a.blocks[p.a.diagonal[p.a.row_count / 2]][0];
+        p.a.blocks[p.a.transpose[q]][0] = p.a.blocks[q][0];
+        memset(p.x, 0, (size_t)n * sizeof *p.x);
+        if (sb_preconditioner_update(multigrid, &p.a, NULL, NULL) == SB_OK)
+            CHECK(sb_pcg_solve(&p.a, multigrid, p.rhs, p.x, &options, &p.workspace, &info) != SB_OK ||
+                  residual_of(&p) <= 1.1e-2);
+        assemble_parts(&p, 0.45, dynamic_mass, SLABS, 1000);
+        CHECK_INT(iterations(&p, multigrid, 1e-2), before);
+    }
+    sb_preconditioner_free(multigrid);
+    problem_free(&p);
+}
+
 /* ---- moduli ---- */
 
 static void test_moduli(void)
@@ -1138,7 +1174,8 @@ static void test_weighted_cells(void)
 
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
             {"large coarser levels", test_large_level}, {"residual", test_residual}, {"series", test_series},
-            {"hard", test_hard}, {"jumps", test_jumps}, {"jumps: the answer", test_jumps_answer}, {"free", test_free},
+            {"hard", test_hard}, {"jumps", test_jumps}, {"jumps: the answer", test_jumps_answer},
+            {"jumps: a broken matrix", test_jumps_broken}, {"free", test_free},
             {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits}, {"bodies", test_body},
             {"levels of one's own", test_own_levels}, {"choice", test_choice}, {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"moduli", test_moduli},

@@ -5,11 +5,9 @@
 #include <math.h>
 #include <string.h>
 
-/* Edges of a level over those of the one above; of thin stiff regions below the first level, and below further ones:
- * with 1.4 everywhere a stiff sheet takes half as many iterations again. */
+/* Edges of a level over those of the one above, and of thin stiff regions. */
 #define SBI_MG_RATIO 2.0
 #define SBI_MG_THIN_RATIO 1.4
-#define SBI_MG_THIN_RATIO_LATER 1.2
 
 enum {
     SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
@@ -21,8 +19,7 @@ enum {
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-static void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
+SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
 {
     size_t bytes = 128; /* alignment, and room to read past the end */
     void *raw;
@@ -57,6 +54,8 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
         return;
     allocator = multigrid->allocator;
     sbi_mg_regions_free(&allocator, &multigrid->regions);
+    sb_direct_free(multigrid->direct);
+    sb_matrix_free(&multigrid->coarsest);
     for (int k = 0; k < multigrid->array_count; k++)
         sbi_free(&allocator, multigrid->arrays[k]);
     sbi_free(&allocator, multigrid);
@@ -439,14 +438,13 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
     nodes.regions = &m->regions;
     nodes.labels = labels;
     if (labels) {
-        double thin = m->level_count == 1 ? SBI_MG_THIN_RATIO : SBI_MG_THIN_RATIO_LATER;
         made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
                                     labels) &&
-               sbi_mg_lattice(&nodes, SBI_MG_RATIO, thin, &m->allocator, rows);
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->allocator, rows);
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
         sbi_mg_rows_free(&m->allocator, rows);
-        if (count <= 2 * SBI_MG_DENSE)
+        if (count <= 2 * sbi_mg_small(m))
             return 1;
         nodes.labels = NULL;
     }
@@ -472,7 +470,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
         made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
     } else {
-        if (own > 0 && level->row_count <= SBI_MG_DENSE)
+        if (own > 0 && level->row_count <= sbi_mg_small(m))
             return SB_OK;
         made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
@@ -518,19 +516,6 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
-static int sbi_mg_take_dense(sbi_multigrid *m)
-{
-    int rows = m->levels[m->level_count - 1].row_count;
-    size_t size = 3 * (size_t)rows;
-    if (m->level_count == 1 || rows > 2 * SBI_MG_DENSE)
-        return 1;
-    m->dense = (int)size;
-    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
-    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
-    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
-    return m->factor && m->pivot && m->solution;
-}
-
 SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
                                        const sb_allocator *allocator, sbi_multigrid **out, sb_error *error)
 {
@@ -553,7 +538,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
         m->twice_to = SBI_MG_MAX_LEVELS;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
-    if (result == SB_OK && !sbi_mg_take_dense(m))
+    if (result == SB_OK && !sbi_mg_take_coarsest(m))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {
         sbi_multigrid_free(m);

@@ -709,67 +709,6 @@ static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
     reach->age = 0;
 }
 
-/* ---- the coarsest level -------------------------------------------------------------------------------- */
-
-/* Cholesky factor R^T R in the upper triangle; directions without stiffness are left out. */
-static void sbi_mg_factor_dense(sbi_multigrid *m)
-{
-    const sbi_mg_level *level = m->levels + m->level_count - 1;
-    size_t n = (size_t)m->dense;
-    double *a = m->factor;
-    memset(a, 0, n * n * sizeof(double));
-    for (int i = 0; i < level->row_count; i++)
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
-            for (size_t k = 0; k < 9; k++)
-                a[(3 * (size_t)i + k / 3) * n + 3 * (size_t)level->columns[q] + k % 3] =
-                    (double)level->blocks[9 * (size_t)q + k];
-    for (size_t k = 0; k < n; k++) /* single precision: what is smaller is rounding */
-        m->solution[k] = 16 * (double)FLT_EPSILON * a[k * n + k];
-    for (size_t k = 0; k < n; k++) {
-        double *row = a + k * n, pivot = row[k];
-        m->pivot[k] = pivot > 0 && pivot > m->solution[k] ? 1 / sqrt(pivot) : 0;
-        for (size_t j = k; j < n; j++)
-            row[j] *= m->pivot[k];
-        for (size_t i = k + 1; i < n; i++) {
-            double *other = a + i * n, factor = row[i];
-            if (factor == 0)
-                continue;
-            for (size_t j = i; j < n; j++)
-                other[j] -= factor * row[j];
-        }
-    }
-}
-
-/* x = A^-1 r of the coarsest level. */
-static void sbi_mg_solve_dense(sbi_multigrid *m)
-{
-    const sbi_mg_level *level = m->levels + m->level_count - 1;
-    size_t n = (size_t)m->dense;
-    double *v = m->solution;
-    for (size_t k = 0; k < n; k++)
-        v[k] = (double)level->r[4 * (k / 3) + k % 3];
-    for (size_t k = 0; k < n; k++) {
-        const double *row = m->factor + k * n;
-        double value = v[k] *= m->pivot[k];
-        for (size_t j = k + 1; j < n; j++)
-            v[j] -= value * row[j];
-    }
-    for (size_t k = n; k-- > 0;) {
-        const double *row = m->factor + k * n;
-        double sums[4] = {0, 0, 0, 0}, value = v[k];
-        size_t j = k + 1;
-        for (; j + 4 <= n; j += 4)
-            for (size_t lane = 0; lane < 4; lane++)
-                sums[lane] += row[j + lane] * v[j + lane];
-        for (; j < n; j++)
-            sums[0] += row[j] * v[j];
-        value -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
-        v[k] = value * m->pivot[k];
-    }
-    for (size_t k = 0; k < n; k++)
-        level->x[4 * (k / 3) + k % 3] = (float)v[k];
-}
-
 SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
 {
     if (m->softened == 6)
@@ -947,11 +886,9 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
             sbi_mg_set_deviation(&work);
         if (work.level->mend)
             sbi_mg_run(&work, sbi_mg_mend_task);
-        if (!coarsest || !m->dense)
+        if (!coarsest || !sbi_mg_factor_coarsest(m))
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
-    if (m->dense)
-        sbi_mg_factor_dense(m);
     return -1;
 }
 
@@ -1099,8 +1036,8 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
     work->finer = l ? work->level - 1 : NULL;
     sbi_mg_set_step(work, 0);
     sbi_mg_run(work, l ? sbi_mg_restrict_task : sbi_mg_begin_task);
-    if (l + 1 == m->level_count && m->dense) {
-        sbi_mg_solve_dense(m);
+    if (l + 1 == m->level_count && m->factored) {
+        sbi_mg_solve_coarsest(m);
         return;
     }
     sbi_mg_cycle(work, l);

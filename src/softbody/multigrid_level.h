@@ -2,6 +2,7 @@
 #ifndef SB_MULTIGRID_LEVEL_H
 #define SB_MULTIGRID_LEVEL_H
 
+#include "direct.h"
 #include "multigrid.h"
 
 #define SBI_MG_UNIT 32767.0f         /* largest number of 16 bits that is used */
@@ -14,7 +15,8 @@ enum {
     SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64,        /* nodes of the coarsest level, whose matrix is factored */
+    SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
+    SBI_MG_SPARSE = 500,      /* and where moduli jump: 20 balls in 106,329 unknowns take 9 iterations so, 12 with 300 */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
                                * second cache then; a smaller one is faster without the conversion */
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
@@ -85,9 +87,13 @@ struct sbi_multigrid {
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
-    int dense;                /* unknowns of the coarsest level when it is factored, or 0: it is smoothed only */
-    double *factor;           /* [dense][dense] */
-    double *pivot, *solution; /* [dense] */
+    /* the coarsest level of n unknowns: a dense factor, a sparse one, or none */
+    int factored;             /* 1: there is one of the last update; 0: the level is smoothed only */
+    double *factor;           /* [n][n] */
+    double *pivot, *solution; /* [n] */
+    sb_direct *direct;
+    sb_matrix coarsest;       /* what it factors */
+    sb_real *exact;           /* [n] */
     double *spread;           /* [rows of level 0][4] S x of the x to multiply by */
     double matrix_scale;      /* of the last update */
     double deviation;         /* see sbi_multigrid_deviation */
@@ -96,6 +102,22 @@ struct sbi_multigrid {
     int array_count;
     void *arrays[SBI_MG_MAX_ARRAYS];
 };
+
+/* An array of the object on a cache line boundary; NULL when there is no memory. */
+SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
+/* Nodes of a level that is small enough to be the coarsest. */
+SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE; }
+
+/* ---- multigrid_coarsest ---- */
+
+/* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
+SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
+/* Factors the coarsest level's matrix; 0: it has to do with its smoother. */
+SBI_API int sbi_mg_factor_coarsest(sbi_multigrid *m);
+/* x = A^-1 r of it */
+SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m);
+
+/* ---- multigrid_region ---- */
 
 /* Regions of the nodes of a pattern. 0: no memory. */
 SBI_API int sbi_mg_find_regions(const sb_matrix *pattern, const sb_real *moduli, const sb_vec3 *positions,
