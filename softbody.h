@@ -22732,7 +22732,8 @@ enum {
     SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
-    SBI_MG_SPARSE = 500,      /* and where moduli jump: 20 balls in 106,329 unknowns take 9 iterations so, 12 with 300 */
+    SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
+                               * 300 */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: it does not fit the
                                * second cache then; a smaller one is faster without the conversion */
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */

@@ -72,13 +72,16 @@ for RACE_THREADS in 1 2; do
         if [ "$racer" = race_hypre ]; then # it takes processes, not threads
             start="mpirun --allow-run-as-root --oversubscribe --bind-to none -n $RACE_THREADS"
             program="env OMP_NUM_THREADS=1 $start $program"
+        elif [ "$racer" != race_cholmod ]; then
+            # else both threads may be left on one core for a whole run; CHOLMOD's are not OpenMP's and would be
+            program="env OMP_PROC_BIND=true $program"
         fi
         # shellcheck disable=SC2086
         keep "$folder/times.txt" $program $files
     done
     if [ -z "${RACE_SYSTEMS:-}" ]; then
         echo "# threads $RACE_THREADS" >>"$folder/steps.txt"
-        keep "$folder/steps.txt" build/bench/bench_step
+        keep "$folder/steps.txt" env OMP_PROC_BIND=true build/bench/bench_step
     fi
 done
 
