@@ -22768,6 +22768,8 @@ typedef struct sbi_mg_level {
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
     double bound;             /* of the eigenvalues of D^-1 A */
+    int degree;               /* of the Chebyshev smoother */
+    int twice;                /* 1: goes through its cycle twice for each visit from above */
 
     /* the way to the next coarser level, when there is one */
     int *parent_start, *parents; /* row i moves with parents[parent_start[i] ..] */
@@ -22799,8 +22801,6 @@ struct sbi_multigrid {
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
-    int degree;               /* of the Chebyshev smoother */
-    int twice_to;             /* levels from 1 to this one go through their cycle twice */
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
@@ -23860,10 +23860,10 @@ SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m)
 #define SBI_MG_THIN_RATIO 1.4
 
 enum {
-    SBI_MG_DEGREE = 3,     /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_TWICE_TO = 2,   /* the last of the levels that are cycled twice where no moduli jump. With none, iterations grow
-                            * by 40 % from 5,000 to 300,000 unknowns; with one, those of static problems by 30 % */
-    SBI_MG_REGIONS = 16,   /* that a level can have, */
+    SBI_MG_DEGREE = 3,      /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
+    SBI_MG_DEGREE_ONCE = 4, /* and of level 1 where it is visited once: */
+    SBI_MG_ONCE = 1000,     /* from so many rows on. Smaller bodies at rest take 9 iterations for 7 by it */
+    SBI_MG_REGIONS = 16,    /* that a level can have, */
     SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
 
@@ -24366,6 +24366,19 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
+/* Coarser levels go through their cycle twice: visited once, all of them cost 40 % more iterations at 300,000 unknowns
+ * than at 5,000. Level 1 of a large body would take a third of all time by that, and one step more of its smoother does
+ * nearly as much (6 and 15 iterations for 6 and 14 to 1e-2 and 1e-6, a tenth less time), but not where moduli jump (11
+ * for 9). */
+static void sbi_mg_plan_cycle(sbi_multigrid *m)
+{
+    for (int l = 0; l < m->level_count; l++) {
+        int once = l == 1 && m->regions.count == 0 && m->levels[l].row_count >= SBI_MG_ONCE;
+        m->levels[l].twice = l > 0 && !once;
+        m->levels[l].degree = once ? SBI_MG_DEGREE_ONCE : SBI_MG_DEGREE;
+    }
+}
+
 SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
                                        const sb_allocator *allocator, sbi_multigrid **out, sb_error *error)
 {
@@ -24378,14 +24391,10 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->jobs = setup->jobs;
     m->bytes = sizeof *m;
     m->level_count = 1;
-    m->degree = SBI_MG_DEGREE;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
         result = sbi_mg_no_memory(m, error);
-    m->twice_to = SBI_MG_TWICE_TO;
-    if (m->regions.count > 0)
-        m->twice_to = SBI_MG_MAX_LEVELS;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_coarsest(m))
@@ -24394,6 +24403,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
         sbi_multigrid_free(m);
         return result;
     }
+    sbi_mg_plan_cycle(m);
     *out = m;
     return SB_OK;
 }
@@ -25441,7 +25451,7 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
         return;
     }
     sbi_mg_cycle(work, l);
-    if (l == 0 || l > m->twice_to)
+    if (!work->level->twice)
         return;
     sbi_mg_residual(work);
     sbi_mg_set_step(work, 0);
@@ -25453,14 +25463,14 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 static void sbi_mg_cycle(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    sbi_mg_steps(work, 1, m->degree);
+    sbi_mg_steps(work, 1, work->level->degree);
     if (l + 1 == m->level_count)
         return;
     sbi_mg_residual(work);
     sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
-    sbi_mg_steps(work, 0, m->degree);
+    sbi_mg_steps(work, 0, work->level->degree);
 }
 
 static void sbi_mg_write_task(void *user, int task)

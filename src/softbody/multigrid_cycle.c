@@ -1041,7 +1041,7 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
         return;
     }
     sbi_mg_cycle(work, l);
-    if (l == 0 || l > m->twice_to)
+    if (!work->level->twice)
         return;
     sbi_mg_residual(work);
     sbi_mg_set_step(work, 0);
@@ -1053,14 +1053,14 @@ static void sbi_mg_solve_level(sbi_mg_work *work, int l)
 static void sbi_mg_cycle(sbi_mg_work *work, int l)
 {
     sbi_multigrid *m = work->m;
-    sbi_mg_steps(work, 1, m->degree);
+    sbi_mg_steps(work, 1, work->level->degree);
     if (l + 1 == m->level_count)
         return;
     sbi_mg_residual(work);
     sbi_mg_solve_level(work, l + 1);
     work->level = m->levels + l;
     sbi_mg_run(work, sbi_mg_prolong_task);
-    sbi_mg_steps(work, 0, m->degree);
+    sbi_mg_steps(work, 0, work->level->degree);
 }
 
 static void sbi_mg_write_task(void *user, int task)

@@ -52,6 +52,8 @@ typedef struct sbi_mg_level {
     float *x, *r, *d, *e;     /* [row_count][4] solution, residual, direction, the next direction */
     double *partial;          /* [tasks] sums of each task's rows */
     double bound;             /* of the eigenvalues of D^-1 A */
+    int degree;               /* of the Chebyshev smoother */
+    int twice;                /* 1: goes through its cycle twice for each visit from above */
 
     /* the way to the next coarser level, when there is one */
     int *parent_start, *parents; /* row i moves with parents[parent_start[i] ..] */
@@ -83,8 +85,6 @@ struct sbi_multigrid {
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
-    int degree;               /* of the Chebyshev smoother */
-    int twice_to;             /* levels from 1 to this one go through their cycle twice */
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
