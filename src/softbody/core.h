@@ -155,7 +155,9 @@ typedef struct sb_jobs {
 } sb_jobs;
 
 #if defined(SB_USE_OPENMP)
-/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). */
+/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). Start the program with OMP_PROC_BIND=true in its
+ * environment where nothing else binds threads to cores: without it two of them may share a core for a whole run, which
+ * then takes twice as long. */
 SB_API sb_jobs sb_jobs_openmp(void);
 #endif
 
