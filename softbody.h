@@ -5667,7 +5667,7 @@ SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, con
 /* y_i = (A x)_i for the rows first <= i < last. */
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last);
-/* sb_matrix_diagonal_scale and sb_matrix_constrain on all threads. */
+/* sb_matrix_diagonal_scale, and sb_matrix_constrain with the mean that it needs, on all threads. */
 SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs);
 SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
                                   const sb_jobs *jobs);
@@ -23715,7 +23715,8 @@ static int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level)
     if (!m->exact || !sbi_mg_copy_level_pattern(level, &m->allocator, &m->coarsest) ||
         sb_direct_create(NULL, &m->coarsest, &m->allocator, &m->direct, NULL) != SB_OK)
         return 0;
-    m->bytes += blocks * (9 * sizeof(sb_real) + 2 * sizeof(int)) + sb_direct_get_info(m->direct).bytes;
+    m->bytes += blocks * (9 * sizeof(sb_real) + 2 * sizeof(int)) + sb_direct_get_info(m->direct).bytes +
+                (size_t)level->row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
     return 1;
 }
 
@@ -23805,12 +23806,12 @@ static void sbi_mg_fill_coarsest(sbi_multigrid *m, const sbi_mg_level *level, do
 }
 
 /* The entries are of single precision, so that a direction without stiffness may look as if it had a negative one; the
- * shift makes up for that. Single precision throughout sometimes needs more; matrices that are not positive definite do,
- * or get no factor. */
+ * shift makes up for that. As little as does, for it holds stiff parts where they are: 16 times as much takes half as
+ * many iterations again at jumps of 1e6. Matrices that are not positive definite need more, or get no factor. */
 static int sbi_mg_factor_direct(sbi_multigrid *m, const sbi_mg_level *level)
 {
     sb_result result = SB_ERROR_INDEFINITE;
-    double shift = 16 * (double)FLT_EPSILON;
+    double shift = (double)FLT_EPSILON;
     for (int attempt = 0; attempt < 8 && result == SB_ERROR_INDEFINITE; attempt++, shift *= 8) {
         sbi_mg_fill_coarsest(m, level, shift);
         result = sb_direct_update(m->direct, &m->coarsest, NULL);
@@ -23862,9 +23863,9 @@ SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m)
 #define SBI_MG_THIN_RATIO 1.4
 
 enum {
-    SBI_MG_DEGREE = 3,      /* of the smoother: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
-    SBI_MG_DEGREE_ONCE = 4, /* and of level 1 where it is visited once: */
-    SBI_MG_ONCE = 1000,     /* from so many rows on. Smaller bodies at rest take 9 iterations for 7 by it */
+    SBI_MG_DEGREE = 3,      /* of smoothers: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
+    SBI_MG_DEGREE_ONCE = 4, /* and of coarser levels that are visited once: */
+    SBI_MG_ONCE = 1000,     /* level 1 from so many rows on. Smaller bodies at rest take 9 iterations for 7 by it */
     SBI_MG_REGIONS = 16,    /* that a level can have, */
     SBI_MG_ROWS_OF_REGION = 16 /* and one more for so many of its rows: they take four coarse nodes each at least */
 };
@@ -24368,17 +24369,22 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
-/* Coarser levels go through their cycle twice: visited once, all of them cost 40 % more iterations at 300,000 unknowns
+/* Coarser levels go through their cycle twice, as long as all visits to a level take no more rows than the finest has,
+ * else levels that hardly shrink cost 2^levels: visited once, all of them take 40 % more iterations at 300,000 unknowns
  * than at 5,000. Level 1 of a large body would take a third of all time by that, and one step more of its smoother does
- * nearly as much (6 and 15 iterations for 6 and 14 to 1e-2 and 1e-6, a tenth less time), but not where moduli jump (11
- * for 9). */
+ * nearly as much (6 and 15 iterations for 6 and 14 to 1e-2 and 1e-6, a tenth less time; plates and rods 15 to 24 % more
+ * to 1e-6), but not where moduli jump (11 for 9) or no factor ends the levels. */
 static void sbi_mg_plan_cycle(sbi_multigrid *m)
 {
-    for (int l = 0; l < m->level_count; l++) {
-        int once = l == 1 && m->regions.count == 0 && m->levels[l].row_count >= SBI_MG_ONCE;
-        m->levels[l].twice = l > 0 && !once;
-        m->levels[l].degree = once ? SBI_MG_DEGREE_ONCE : SBI_MG_DEGREE;
+    double visits = 1;
+    for (int l = 1; l < m->level_count; l++) {
+        sbi_mg_level *level = m->levels + l;
+        int large = l == 1 && m->factor && level->row_count >= SBI_MG_ONCE;
+        level->twice = !large && 2 * visits * level->row_count <= m->levels[0].row_count;
+        level->degree = level->twice ? SBI_MG_DEGREE : SBI_MG_DEGREE_ONCE;
+        visits *= 1 + level->twice;
     }
+    m->levels[0].degree = SBI_MG_DEGREE;
 }
 
 SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
@@ -25614,7 +25620,7 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c
 }
 
 /* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
- * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
+ * lane: for rows of matrix blocks and right sides, whose fourth lane never reaches a result. */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)
 {
     return sbi_f4_make((float)(from[0] * scale), (float)(from[1] * scale), (float)(from[2] * scale));
@@ -26279,7 +26285,7 @@ SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size)
 {
     size_t bytes = 64;
     void *raw;
-    if (!sbi_size_add(&bytes, count, size))
+    if (p->array_count == SBI_PRECOND_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
         return NULL;
     raw = sbi_alloc(&p->allocator, bytes, 1);
     if (!raw)
@@ -27768,6 +27774,7 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 
 #undef SBI_F4
 #undef SBI_HAS_FLOAT4
+#undef SBI_HAS_SHUFFLE
 
 /* ==== src/softbody/precond_save.c ==== */
 /* precond_save: preconditioners as bytes. Floor 2.

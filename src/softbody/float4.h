@@ -105,7 +105,7 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c
 }
 
 /* Row of three reals, rounded after scaling. sbi_f4_round_row may read a fourth and leave anything in that
- * lane: for rows of matrix blocks, whose fourth lane never reaches a result. */
+ * lane: for rows of matrix blocks and right sides, whose fourth lane never reaches a result. */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_round(const sb_real *from, sb_real scale)
 {
     return sbi_f4_make((float)(from[0] * scale), (float)(from[1] * scale), (float)(from[2] * scale));

@@ -12,7 +12,7 @@ SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size)
 {
     size_t bytes = 64;
     void *raw;
-    if (!sbi_size_add(&bytes, count, size))
+    if (p->array_count == SBI_PRECOND_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
         return NULL;
     raw = sbi_alloc(&p->allocator, bytes, 1);
     if (!raw)

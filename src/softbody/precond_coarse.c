@@ -530,3 +530,4 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 
 #undef SBI_F4
 #undef SBI_HAS_FLOAT4
+#undef SBI_HAS_SHUFFLE

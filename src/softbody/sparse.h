@@ -99,7 +99,7 @@ SB_INLINE int sbi_row_chunks(int row_count)
 /* y_i = (A x)_i for the rows first <= i < last. */
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last);
-/* sb_matrix_diagonal_scale and sb_matrix_constrain on all threads. */
+/* sb_matrix_diagonal_scale, and sb_matrix_constrain with the mean that it needs, on all threads. */
 SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs);
 SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
                                   const sb_jobs *jobs);
