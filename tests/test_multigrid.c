@@ -743,7 +743,7 @@ static void test_levels_that_hardly_shrink(void)
         sb_preconditioner_apply(multigrid, p.rhs, z);
         sb_preconditioner_free(multigrid);
     }
-    CHECK(tasks[0] > 0 && tasks[1] <= LEVELS * tasks[0]);
+    CHECK(tasks[0] > 0 && tasks[1] <= (int)LEVELS * tasks[0]);
     free(ascending);
     free(ones);
     free(z);
