@@ -271,29 +271,62 @@ static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, c
     return sbi_mg_take_values(m, coarse);
 }
 
-/* Where each block of A P goes in P^T (A P). */
-static int sbi_mg_plan_targets(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
-                               const sbi_mg_level *coarse)
+/* Visits what is summed up in blocks on and above the diagonal of P^T (A P): counts it in next[block], or lists it
+ * there. */
+static void sbi_mg_walk_sums(const sbi_mg_planner *planner, const sbi_mg_level *fine, const sbi_mg_level *coarse,
+                             size_t *next, int lists)
 {
-    size_t total = 0;
-    for (int c = 0; c < fine->child_start[coarse->row_count]; c++)
-        total += (size_t)(fine->mixed_start[fine->children[c] + 1] - fine->mixed_start[fine->children[c]]);
-    fine->target_start = (size_t *)sbi_mg_take(m, (size_t)coarse->row_count + 1, sizeof(size_t));
-    fine->targets = sbi_mg_take_ints(m, total);
-    if (!fine->target_start || !fine->targets)
-        return 0;
-    total = 0;
+    int *place = planner->place;
     for (int a = 0; a < coarse->row_count; a++) {
         for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
-            planner->place[coarse->columns[q]] = q;
-        fine->target_start[a] = total;
+            place[coarse->columns[q]] = q < coarse->diagonal[a] ? -1 : q;
         for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
             int i = fine->children[c];
-            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++)
-                fine->targets[total++] = planner->place[planner->mixed_columns[s]];
+            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++) {
+                int q = place[planner->mixed_columns[s]];
+                if (q < 0)
+                    continue;
+                if (lists) {
+                    fine->sum_blocks[next[q]] = s;
+                    fine->sum_shares[next[q]] = fine->child_shares[c];
+                }
+                next[q]++;
+            }
         }
     }
-    fine->target_start[coarse->row_count] = total;
+}
+
+/* twins of the blocks below the diagonal: rows are visited in order, and so are the columns of each row's twins. */
+static void sbi_mg_find_twins(const sbi_mg_planner *planner, const sbi_mg_level *coarse, int *twins)
+{
+    int *next = planner->place;
+    memcpy(next, coarse->diagonal, (size_t)coarse->row_count * sizeof(int));
+    for (int a = 0; a < coarse->row_count; a++)
+        for (int q = coarse->row_start[a]; q < coarse->diagonal[a]; q++)
+            twins[q] = ++next[coarse->columns[q]];
+}
+
+/* How P^T (A P) is made of A P. */
+static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
+                            const sbi_mg_level *coarse)
+{
+    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_mg_take(m, blocks + 2, sizeof(size_t)), total;
+    fine->twins = sbi_mg_take_ints(m, blocks);
+    if (!start || !fine->twins)
+        return 0;
+    memset(start, 0, (blocks + 2) * sizeof *start);
+    sbi_mg_walk_sums(planner, fine, coarse, start + 2, 0);
+    for (size_t q = 2; q < blocks + 2; q++)
+        start[q] += start[q - 1];
+    total = start[blocks + 1];
+    fine->sum_start = start;
+    fine->sum_blocks = sbi_mg_take_ints(m, total + SBI_MG_BLOCKS_AHEAD);
+    fine->sum_shares = sbi_mg_take_floats(m, total, 1);
+    if (!fine->sum_blocks || !fine->sum_shares)
+        return 0;
+    memset(fine->sum_blocks + total, 0, SBI_MG_BLOCKS_AHEAD * sizeof(int));
+    sbi_mg_walk_sums(planner, fine, coarse, start + 1, 1); /* start[q + 1] ends as the end of block q */
+    sbi_mg_find_twins(planner, coarse, fine->twins);
     return 1;
 }
 
@@ -308,7 +341,7 @@ static int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows)
     planner.mixed_columns = NULL;
     planner.place = (int *)sbi_alloc(&m->allocator, (size_t)rows->coarse_count, sizeof(int));
     made = planner.place && sbi_mg_take_parents(m, rows, fine) && sbi_mg_plan_mixed(m, &planner, fine) &&
-           sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_targets(m, &planner, fine, coarse);
+           sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_sums(m, &planner, fine, coarse);
     sbi_free(&m->allocator, planner.place);
     sbi_free(&m->allocator, planner.mixed_columns);
     m->level_count += made;

@@ -1,204 +1,26 @@
 /* multigrid_cycle: values of the levels, and the V-cycle. */
-#include "multigrid_level.h"
+#include "multigrid_block.h"
 
-#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && defined(__AVX2__)
-#include <immintrin.h>
-#endif
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-/* ---- blocks of nine floats ----------------------------------------------------------------------------- */
-
-/* Eight floats as one vector where the processor has them. Plain code beside it gives the same bits. */
-#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && defined(__AVX2__)
-#define SBI_MG_WIDE 1
-typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias));
-typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias));
-#define SBI_MG_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
-#define SBI_MG_PUT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#define SBI_MG_TURN(v) \
-    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
-#else
-#define SBI_MG_WIDE 0
-#endif
-
-/* to += factor from, nine floats. */
-SBI_FORCE_INLINE void sbi_mg_add_block(float factor, const float *from, float *to)
-{
-#if SBI_MG_WIDE
-    SBI_MG_PUT(to, SBI_MG_AT(to) + factor * SBI_MG_AT(from));
-    to[8] += factor * from[8];
-#else
-    for (int k = 0; k < 9; k++)
-        to[k] += factor * from[k];
-#endif
-}
-
-/* Four floats of a node. Compilers do not find these vectors by themselves, and rows are short: what follows a row's
- * sums takes a fifth of its time otherwise. */
-#if SBI_MG_WIDE
-typedef sbi_mg_four sbi_mg_node;
-#define SBI_MG_LANE(v, k) ((v)[k])
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_load(const float *from) { return *(const sbi_mg_four *)(const void *)from; }
-SBI_FORCE_INLINE void sbi_mg_store(float *to, sbi_mg_node v) { *(sbi_mg_four *)(void *)to = v; }
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_plus(sbi_mg_node a, sbi_mg_node b) { return a + b; }
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_minus(sbi_mg_node a, sbi_mg_node b) { return a - b; }
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_times(float a, sbi_mg_node b) { return a * b; }
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_each(sbi_mg_node a, const float *b) { return a * sbi_mg_load(b); }
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_make(float a, float b, float c) { return (sbi_mg_node)_mm_setr_ps(a, b, c, 0); }
-#else
-typedef struct sbi_mg_node {
-    float lane[4];
-} sbi_mg_node;
-#define SBI_MG_LANE(v, k) ((v).lane[k])
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_load(const float *from)
-{
-    sbi_mg_node v;
-    memcpy(v.lane, from, sizeof v.lane);
-    return v;
-}
-SBI_FORCE_INLINE void sbi_mg_store(float *to, sbi_mg_node v) { memcpy(to, v.lane, sizeof v.lane); }
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_plus(sbi_mg_node a, sbi_mg_node b)
-{
-    for (int k = 0; k < 4; k++)
-        a.lane[k] += b.lane[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_minus(sbi_mg_node a, sbi_mg_node b)
-{
-    for (int k = 0; k < 4; k++)
-        a.lane[k] -= b.lane[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_times(float a, sbi_mg_node b)
-{
-    for (int k = 0; k < 4; k++)
-        b.lane[k] *= a;
-    return b;
-}
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_each(sbi_mg_node a, const float *b)
-{
-    for (int k = 0; k < 4; k++)
-        a.lane[k] *= b[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_make(float a, float b, float c)
-{
-    sbi_mg_node v;
-    v.lane[0] = a, v.lane[1] = b, v.lane[2] = c, v.lane[3] = 0;
-    return v;
-}
-#endif
-
-/* Sums of a row of blocks times v: one for each place of the blocks, so that none waits for another and all forms of
- * the code give the same bits. The ninth place is the last lane of a vector that begins one float before x, y, z. */
-#if SBI_MG_WIDE
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_finish(sbi_mg_eight sum, sbi_mg_four last)
-{
-    enum { LAST_TO_THIRD = 3 << 6 | 2 << 4, FOURTH = 8 };
-    __m256 v = (__m256)sum;
-    __m128 a = _mm256_castps256_ps128(_mm256_permutevar8x32_ps(v, _mm256_setr_epi32(0, 3, 6, 7, 7, 7, 7, 7)));
-    __m128 b = _mm256_castps256_ps128(_mm256_permutevar8x32_ps(v, _mm256_setr_epi32(1, 4, 7, 7, 7, 7, 7, 7)));
-    __m128 c = _mm256_castps256_ps128(_mm256_permutevar8x32_ps(v, _mm256_setr_epi32(2, 5, 7, 7, 7, 7, 7, 7)));
-    c = _mm_insert_ps(c, (__m128)last, LAST_TO_THIRD);
-    return (sbi_mg_node)_mm_blend_ps(_mm_add_ps(_mm_add_ps(a, b), c), _mm_setzero_ps(), FOURTH);
-}
-
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v)
-{
-    sbi_mg_eight sum = {0, 0, 0, 0, 0, 0, 0, 0};
-    sbi_mg_four last = {0, 0, 0, 0};
-    for (; column < end; column++, block += 9) {
-        const float *from = v + 4 * (size_t)*column;
-        sbi_mg_eight x = SBI_MG_AT(from);
-        sum += SBI_MG_AT(block) * SBI_MG_TURN(x);
-        last += *(const sbi_mg_four *)(const void *)(block + 5) * *(const sbi_mg_four *)(const void *)(from - 1);
-    }
-    return sbi_mg_finish(sum, last);
-}
-
-/* sum += block times v, eight places of it and the ninth. Compilers do not find the first conversion by themselves. */
-SBI_FORCE_INLINE void sbi_mg_add_packed(const int16_t *block, const float *from, sbi_mg_eight *sum, sbi_mg_four *last)
-{
-    __m256i eight = _mm256_cvtepi16_epi32(_mm_loadu_si128((const __m128i *)(const void *)block));
-    __m128i four = _mm_cvtepi16_epi32(_mm_loadl_epi64((const __m128i *)(const void *)(block + 5)));
-    sbi_mg_eight x = SBI_MG_AT(from);
-    *sum += (sbi_mg_eight)_mm256_cvtepi32_ps(eight) * SBI_MG_TURN(x);
-    *last += (sbi_mg_four)_mm_cvtepi32_ps(four) * *(const sbi_mg_four *)(const void *)(from - 1);
-}
-
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v)
-{
-    sbi_mg_eight even = {0, 0, 0, 0, 0, 0, 0, 0}, odd = even;
-    sbi_mg_four even_last = {0, 0, 0, 0}, odd_last = even_last;
-    for (; column + 1 < end; column += 2, block += 18) {
-        SBI_PREFETCH(block, SBI_MG_AHEAD);
-        SBI_PREFETCH(column, SBI_MG_AHEAD / 4);
-        sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
-        sbi_mg_add_packed(block + 9, v + 4 * (size_t)column[1], &odd, &odd_last);
-    }
-    if (column < end)
-        sbi_mg_add_packed(block, v + 4 * (size_t)column[0], &even, &even_last);
-    return sbi_mg_finish((even + odd) * (1 / SBI_MG_ONE), (even_last + odd_last) * (1 / SBI_MG_ONE));
-}
-#else
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_finish(const float s[9], float factor)
-{
-    sbi_mg_node out;
-    for (int k = 0; k < 3; k++)
-        out.lane[k] = s[3 * k] * factor + s[3 * k + 1] * factor + s[3 * k + 2] * factor;
-    out.lane[3] = 0;
-    return out;
-}
-
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_floats(const float *block, const int *column, const int *end, const float *v)
-{
-    float s[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (; column < end; column++, block += 9) {
-        const float *from = v + 4 * (size_t)*column;
-        for (int k = 0; k < 9; k++)
-            s[k] += block[k] * from[k % 3];
-    }
-    return sbi_mg_finish(s, 1);
-}
-
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_sum_packed(const int16_t *block, const int *column, const int *end, const float *v)
-{
-    float s[2][9] = {{0, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 0, 0, 0, 0, 0}}; /* even and odd blocks */
-    int odd = 0;
-    for (; column < end; column++, block += 9, odd ^= 1) {
-        const float *from = v + 4 * (size_t)*column;
-        for (int k = 0; k < 9; k++)
-            s[odd][k] += (float)block[k] * from[k % 3];
-    }
-    for (int k = 0; k < 9; k++)
-        s[0][k] += s[1][k];
-    return sbi_mg_finish(s[0], 1 / SBI_MG_ONE);
-}
-#endif
-
-/* D_i^-1 v */
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_relax(const float *inverse, sbi_mg_node v)
-{
-    return sbi_mg_plus(sbi_mg_plus(sbi_mg_times(SBI_MG_LANE(v, 0), sbi_mg_load(inverse)), /* symmetric */
-                                   sbi_mg_times(SBI_MG_LANE(v, 1), sbi_mg_load(inverse + 4))),
-                       sbi_mg_times(SBI_MG_LANE(v, 2), sbi_mg_load(inverse + 8)));
-}
+/* D_i^-1 v: the inverse is symmetric. */
+SBI_FORCE_INLINE sbi_float4 sbi_mg_relax(const float *inverse, sbi_float4 v) { return sbi_f4_rows(v, inverse); }
 
 /* Row i of A times v. */
-SBI_FORCE_INLINE sbi_mg_node sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v)
+SBI_FORCE_INLINE sbi_float4 sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v)
 {
     const int *column = level->columns + level->row_start[i], *end = level->columns + level->row_start[i + 1];
     size_t first = 9 * (size_t)level->row_start[i];
-    sbi_mg_node sum;
+    sbi_float4 sum;
     if (level->packed)
         sum = sbi_mg_sum_packed(level->packed + first, column, end, v);
     else
         sum = sbi_mg_sum_floats(level->blocks + first, column, end, v);
     if (!level->mend)
         return sum;
-    return sbi_mg_plus(sum, sbi_mg_relax(level->mend + 12 * (size_t)i, sbi_mg_load(v + 4 * (size_t)i)));
+    return sbi_f4_add(sum, sbi_mg_relax(level->mend + 12 * (size_t)i, sbi_f4_load(v + 4 * (size_t)i)));
 }
 
 /* ---- tasks --------------------------------------------------------------------------------------------- */
@@ -306,78 +128,6 @@ static void sbi_mg_diagonal_task(void *user, int task)
     work->level->partial[task] = bad;
 }
 
-/* An entry times factor, rounded to the nearest; what a matrix that is not positive definite has beyond the range is
- * cut off. */
-SBI_FORCE_INLINE int16_t sbi_mg_round(float entry, float factor)
-{
-    float x = entry * factor;
-    x = x < SBI_MG_UNIT ? x : SBI_MG_UNIT; /* also where it is not a number */
-    x = x > -SBI_MG_UNIT ? x : -SBI_MG_UNIT;
-    return (int16_t)((int)(x + (SBI_MG_UNIT + 1.5f)) - 32768);
-}
-
-SBI_FORCE_INLINE void sbi_mg_pack(const float *block, float factor, int16_t *packed)
-{
-#if SBI_MG_WIDE
-    __m256 x = _mm256_mul_ps(_mm256_loadu_ps(block), _mm256_set1_ps(factor));
-    __m256i rounded;
-    x = _mm256_max_ps(_mm256_min_ps(x, _mm256_set1_ps(SBI_MG_UNIT)), _mm256_set1_ps(-SBI_MG_UNIT));
-    rounded = _mm256_cvttps_epi32(_mm256_add_ps(x, _mm256_set1_ps(SBI_MG_UNIT + 1.5f)));
-    rounded = _mm256_sub_epi32(rounded, _mm256_set1_epi32(32768));
-    _mm_storeu_si128((__m128i *)(void *)packed,
-                     _mm_packs_epi32(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256(rounded, 1)));
-#else
-    for (int k = 0; k < 8; k++)
-        packed[k] = sbi_mg_round(block[k], factor);
-#endif
-    packed[8] = sbi_mg_round(block[8], factor);
-}
-
-#if !SB_REAL_IS_FLOAT
-/* An entry in units of 1 / SBI_MG_WORD, rounded to the nearest, even when it is between two; *bad when it is beyond
- * the range, where it is cut off, or not a number. */
-SBI_FORCE_INLINE int32_t sbi_mg_round_word(double x, int *bad)
-{
-    const double whole = 6755399441055744.0; /* 1.5 * 2^52: what is added to it is rounded to integers */
-    *bad |= !(x <= SBI_MG_MAX_WORD && x >= -SBI_MG_MAX_WORD);
-    x = x < SBI_MG_MAX_WORD ? x : SBI_MG_MAX_WORD;
-    x = x > -SBI_MG_MAX_WORD ? x : -SBI_MG_MAX_WORD;
-    return (int32_t)((x + whole) - whole);
-}
-
-SBI_FORCE_INLINE void sbi_mg_split(int32_t word, int16_t *packed, uint16_t *rest)
-{
-    int32_t up = word + 32768;
-    *rest = (uint16_t)(up & 65535);
-    *packed = (int16_t)((up - (up & 65535)) / 65536);
-}
-
-/* A block in 32 bits an entry, by halves. */
-SBI_FORCE_INLINE void sbi_mg_pack_words(const sb_real *block, double factor, int16_t *packed, uint16_t *rest, int *bad)
-{
-#if SBI_MG_WIDE
-    const __m256d most = _mm256_set1_pd(SBI_MG_MAX_WORD), least = _mm256_set1_pd(-SBI_MG_MAX_WORD);
-    const __m128i half = _mm_set1_epi32(32768), low = _mm_set1_epi32(65535);
-    __m256d a = _mm256_mul_pd(_mm256_loadu_pd(block), _mm256_set1_pd(factor));
-    __m256d b = _mm256_mul_pd(_mm256_loadu_pd(block + 4), _mm256_set1_pd(factor));
-    __m256d inside_a = _mm256_and_pd(_mm256_cmp_pd(a, most, _CMP_LE_OQ), _mm256_cmp_pd(a, least, _CMP_GE_OQ));
-    __m256d inside_b = _mm256_and_pd(_mm256_cmp_pd(b, most, _CMP_LE_OQ), _mm256_cmp_pd(b, least, _CMP_GE_OQ));
-    __m128i p, q;
-    *bad |= _mm256_movemask_pd(_mm256_and_pd(inside_a, inside_b)) != 15;
-    p = _mm256_cvtpd_epi32(_mm256_max_pd(_mm256_min_pd(a, most), least));
-    q = _mm256_cvtpd_epi32(_mm256_max_pd(_mm256_min_pd(b, most), least));
-    p = _mm_add_epi32(p, half);
-    q = _mm_add_epi32(q, half);
-    _mm_storeu_si128((__m128i *)(void *)rest, _mm_packus_epi32(_mm_and_si128(p, low), _mm_and_si128(q, low)));
-    _mm_storeu_si128((__m128i *)(void *)packed, _mm_packs_epi32(_mm_srai_epi32(p, 16), _mm_srai_epi32(q, 16)));
-#else
-    for (int k = 0; k < 8; k++)
-        sbi_mg_split(sbi_mg_round_word(block[k] * factor, bad), packed + k, rest + k);
-#endif
-    sbi_mg_split(sbi_mg_round_word(block[8] * factor, bad), packed + 8, rest + 8);
-}
-#endif
-
 SBI_FORCE_INLINE void sbi_mg_round_block(const sb_real *from, sb_real scale, float *block)
 {
     for (int k = 0; k < 8; k++)
@@ -461,19 +211,24 @@ static void sbi_mg_mix_row(const sbi_mg_level *level, int i)
         sbi_mg_mix(&mixer, columns[q], blocks + 9 * (size_t)q);
 }
 
-/* Row a of P^T (A P), from the finer level. */
+/* Row a of P^T (A P) from its diagonal on, from the finer level. */
 static void sbi_mg_gather_row(const sbi_mg_level *level, const sbi_mg_level *finer, int a)
 {
-    const int *target = finer->targets + finer->target_start[a];
-    int first = level->row_start[a], last = level->row_start[a + 1];
-    const float *mixed = finer->mixed;
-    float *blocks = level->blocks;
-    memset(blocks + 9 * (size_t)first, 0, 9 * (size_t)(last - first) * sizeof(float));
-    for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
-        int i = finer->children[c], end = finer->mixed_start[i + 1];
-        float share = finer->child_shares[c];
-        for (int s = finer->mixed_start[i]; s < end; s++)
-            sbi_mg_add_block(share, mixed + 9 * (size_t)s, blocks + 9 * (size_t)*target++);
+    for (int q = level->diagonal[a]; q < level->row_start[a + 1]; q++) {
+        size_t first = finer->sum_start[q], last = finer->sum_start[q + 1];
+        sbi_mg_sum_blocks(finer->sum_blocks + first, finer->sum_blocks + last, finer->sum_shares + first, finer->mixed,
+                          level->blocks + 9 * (size_t)q);
+    }
+}
+
+/* What is before the diagonal, when all rows have the rest. */
+static void sbi_mg_mirror_row(const sbi_mg_level *level, const sbi_mg_level *finer, int a)
+{
+    for (int q = level->row_start[a]; q < level->diagonal[a]; q++) {
+        const float *from = level->blocks + 9 * (size_t)finer->twins[q];
+        float *to = level->blocks + 9 * (size_t)q;
+        for (int k = 0; k < 9; k++)
+            to[k] = from[3 * (k % 3) + k / 3];
     }
 }
 
@@ -541,13 +296,20 @@ static void sbi_mg_mend_task(void *user, int task)
         sbi_mg_mend_row(work, i);
 }
 
-/* Rows of a coarser level with all that the next one needs of them. */
 static void sbi_mg_gather_task(void *user, int task)
+{
+    const sbi_mg_work *work = (const sbi_mg_work *)user;
+    for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(work->level, task); a++)
+        sbi_mg_gather_row(work->level, work->finer, a);
+}
+
+/* Whole rows of a coarser level with all that the next one needs of them. */
+static void sbi_mg_complete_task(void *user, int task)
 {
     const sbi_mg_work *work = (const sbi_mg_work *)user;
     const sbi_mg_level *level = work->level;
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
-        sbi_mg_gather_row(level, work->finer, a);
+        sbi_mg_mirror_row(level, work->finer, a);
         sbi_mg_invert(level->blocks + 9 * (size_t)level->diagonal[a], level->inverse + 12 * (size_t)a);
         if (level->packed)
             sbi_mg_scale_row(level, a);
@@ -574,7 +336,7 @@ static void sbi_mg_bound_begin_task(void *user, int task)
                 r[k] *= level->blocks[9 * (size_t)level->diagonal[i] + 4 * (size_t)k];
         }
         r[3] = d[3] = 0;
-        sbi_mg_store(d, sbi_mg_relax(level->inverse + 12 * (size_t)i, sbi_mg_load(r)));
+        sbi_f4_store(d, sbi_mg_relax(level->inverse + 12 * (size_t)i, sbi_f4_load(r)));
         sum += (double)r[0] * (double)d[0] + (double)r[1] * (double)d[1] + (double)r[2] * (double)d[2];
     }
     level->partial[task] = sum;
@@ -589,7 +351,7 @@ static void sbi_mg_bound_product_task(void *user, int task)
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         float *e = level->e + 4 * (size_t)i;
         const float *d = level->d + 4 * (size_t)i;
-        sbi_mg_store(e, sbi_mg_multiply_row(level, i, level->d));
+        sbi_f4_store(e, sbi_mg_multiply_row(level, i, level->d));
         sum += (double)d[0] * (double)e[0] + (double)d[1] * (double)e[1] + (double)d[2] * (double)e[2];
     }
     level->partial[task] = sum;
@@ -606,7 +368,7 @@ static void sbi_mg_bound_residual_task(void *user, int task)
         const float *e = level->e + 4 * (size_t)i;
         for (int k = 0; k < 3; k++)
             r[k] -= work->alpha * e[k];
-        sbi_mg_store(x, sbi_mg_relax(level->inverse + 12 * (size_t)i, sbi_mg_load(r)));
+        sbi_f4_store(x, sbi_mg_relax(level->inverse + 12 * (size_t)i, sbi_f4_load(r)));
         sum += (double)r[0] * (double)x[0] + (double)r[1] * (double)x[1] + (double)r[2] * (double)x[2];
     }
     level->partial[task] = sum;
@@ -755,94 +517,6 @@ SBI_API double sbi_multigrid_spread(sbi_multigrid *m, const sb_real *x, int firs
     return square;
 }
 
-/* out = a row of words times x: one sum for each place of the blocks, whatever the vectors. The 32768 that is in every
- * word is taken off at the end, from the sum of all x. */
-#if SBI_MG_WIDE
-#if defined(__AVX512F__)
-/* Sums of the first eight places. */
-typedef __m512d sbi_mg_words;
-SBI_FORCE_INLINE sbi_mg_words sbi_mg_no_words(void) { return _mm512_setzero_pd(); }
-SBI_FORCE_INLINE sbi_mg_words sbi_mg_add_words(sbi_mg_words sum, __m128i up, __m128i low, __m256d v)
-{
-    __m256i words = _mm256_or_si256(_mm256_slli_epi32(_mm256_cvtepi16_epi32(up), 16), _mm256_cvtepu16_epi32(low));
-    __m512d x = _mm512_permutexvar_pd(_mm512_setr_epi64(0, 1, 2, 0, 1, 2, 0, 1), _mm512_castpd256_pd512(v));
-    return _mm512_add_pd(sum, _mm512_mul_pd(_mm512_cvtepi32_pd(words), x));
-}
-SBI_FORCE_INLINE void sbi_mg_put_words(double *out, sbi_mg_words sum) { _mm512_storeu_pd(out, sum); }
-#else
-typedef struct sbi_mg_words {
-    __m256d first, second;
-} sbi_mg_words;
-SBI_FORCE_INLINE sbi_mg_words sbi_mg_no_words(void)
-{
-    sbi_mg_words sum;
-    sum.first = sum.second = _mm256_setzero_pd();
-    return sum;
-}
-SBI_FORCE_INLINE sbi_mg_words sbi_mg_add_words(sbi_mg_words sum, __m128i up, __m128i low, __m256d v)
-{
-    __m256d a = _mm256_cvtepi32_pd(_mm_unpacklo_epi16(low, up)), b = _mm256_cvtepi32_pd(_mm_unpackhi_epi16(low, up));
-    a = _mm256_mul_pd(a, _mm256_permute4x64_pd(v, 0 | 1 << 2 | 2 << 4 | 0 << 6));
-    b = _mm256_mul_pd(b, _mm256_permute4x64_pd(v, 1 | 2 << 2 | 0 << 4 | 1 << 6));
-    sum.first = _mm256_add_pd(sum.first, a);
-    sum.second = _mm256_add_pd(sum.second, b);
-    return sum;
-}
-SBI_FORCE_INLINE void sbi_mg_put_words(double *out, sbi_mg_words sum)
-{
-    _mm256_storeu_pd(out, sum.first);
-    _mm256_storeu_pd(out + 4, sum.second);
-}
-#endif
-
-/* Words 7 and 8 of a block. */
-SBI_FORCE_INLINE __m128d sbi_mg_last_words(const int16_t *packed, const uint16_t *rest)
-{
-    int32_t up, low;
-    memcpy(&up, packed + 7, sizeof up);
-    memcpy(&low, rest + 7, sizeof low);
-    return _mm_cvtepi32_pd(_mm_unpacklo_epi16(_mm_cvtsi32_si128(low), _mm_cvtsi32_si128(up)));
-}
-
-SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
-                                       const double *x, double s[9], double all[4])
-{
-    sbi_mg_words sum = sbi_mg_no_words();
-    __m256d total = _mm256_setzero_pd();
-    __m128d ninth = _mm_setzero_pd();
-    double pair[2];
-    for (; column < end; column++, packed += 9, rest += 9) {
-        const double *from = x + 4 * (size_t)*column;
-        __m256d v = _mm256_loadu_pd(from);
-        SBI_PREFETCH(packed, SBI_MG_AHEAD);
-        SBI_PREFETCH(rest, SBI_MG_AHEAD);
-        SBI_PREFETCH(column, SBI_MG_AHEAD / 4);
-        sum = sbi_mg_add_words(sum, _mm_loadu_si128((const __m128i *)(const void *)packed),
-                               _mm_loadu_si128((const __m128i *)(const void *)rest), v);
-        ninth = _mm_add_pd(ninth, _mm_mul_pd(sbi_mg_last_words(packed, rest), _mm_loadu_pd(from + 1)));
-        total = _mm256_add_pd(total, v);
-    }
-    sbi_mg_put_words(s, sum);
-    _mm_storeu_pd(pair, ninth);
-    s[8] = pair[1];
-    _mm256_storeu_pd(all, total);
-}
-#else
-SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *rest, const int *column, const int *end,
-                                       const double *x, double s[9], double all[4])
-{
-    memset(s, 0, 9 * sizeof(double));
-    memset(all, 0, 4 * sizeof(double));
-    for (; column < end; column++, packed += 9, rest += 9) {
-        const double *from = x + 4 * (size_t)*column;
-        for (int k = 0; k < 9; k++)
-            s[k] += (double)(packed[k] * 65536 + (int)rest[k]) * from[k % 3];
-        for (int k = 0; k < 3; k++)
-            all[k] += from[k];
-    }
-}
-#endif
-
 SBI_API void sbi_multigrid_multiply(const sbi_multigrid *m, sb_real *y, int first, int last)
 {
     const sbi_mg_level *level = m->levels;
@@ -877,6 +551,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
         work.level = m->levels + l;
         work.finer = l ? m->levels + l - 1 : NULL;
         sbi_mg_run(&work, l ? sbi_mg_gather_task : sbi_mg_diagonal_task);
+        if (l)
+            sbi_mg_run(&work, sbi_mg_complete_task);
         for (int t = 0; l == 0 && t < sbi_mg_tasks(work.level); t++)
             if (work.level->partial[t] >= 0)
                 return (int)work.level->partial[t];
@@ -902,13 +578,13 @@ static void sbi_mg_begin_task(void *user, int task)
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
         const sb_real *in = work->in + 3 * (size_t)i;
-        sbi_mg_node left = sbi_mg_make((float)(in[0] * work->factor), (float)(in[1] * work->factor),
+        sbi_float4 left = sbi_f4_make((float)(in[0] * work->factor), (float)(in[1] * work->factor),
                                        (float)(in[2] * work->factor)), step;
-        left = sbi_mg_times(level->scale[4 * (size_t)i + 3], left);
-        step = sbi_mg_times(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left));
-        sbi_mg_store(r, left);
-        sbi_mg_store(d, step);
-        sbi_mg_store(x, step);
+        left = sbi_f4_scale(level->scale[4 * (size_t)i + 3], left);
+        step = sbi_f4_scale(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left));
+        sbi_f4_store(r, left);
+        sbi_f4_store(d, step);
+        sbi_f4_store(x, step);
     }
 }
 
@@ -920,18 +596,18 @@ static void sbi_mg_restrict_task(void *user, int task)
     const sbi_mg_level *finer = work->finer;
     for (int a = task * SBI_MG_ROWS; a < sbi_mg_end(level, task); a++) {
         float *r = level->r + 4 * (size_t)a, *d = level->d + 4 * (size_t)a, *x = level->x + 4 * (size_t)a;
-        sbi_mg_node sum = sbi_mg_make(0, 0, 0), step;
+        sbi_float4 sum = sbi_f4_make(0, 0, 0), step;
         for (int c = finer->child_start[a]; c < finer->child_start[a + 1]; c++) {
             size_t i = 4 * (size_t)finer->children[c];
-            sbi_mg_node part = sbi_mg_times(finer->child_shares[c], sbi_mg_load(finer->r + i));
-            sum = sbi_mg_plus(sum, finer->scale ? sbi_mg_each(part, finer->scale + i) : part);
+            sbi_float4 part = sbi_f4_scale(finer->child_shares[c], sbi_f4_load(finer->r + i));
+            sum = sbi_f4_add(sum, finer->scale ? sbi_f4_mul(part, sbi_f4_load(finer->scale + i)) : part);
         }
         if (level->scale)
-            sum = sbi_mg_times(level->scale[4 * (size_t)a + 3], sum);
-        step = sbi_mg_times(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)a, sum));
-        sbi_mg_store(r, sum);
-        sbi_mg_store(d, step);
-        sbi_mg_store(x, step);
+            sum = sbi_f4_scale(level->scale[4 * (size_t)a + 3], sum);
+        step = sbi_f4_scale(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)a, sum));
+        sbi_f4_store(r, sum);
+        sbi_f4_store(d, step);
+        sbi_f4_store(x, step);
     }
 }
 
@@ -943,9 +619,9 @@ static void sbi_mg_again_task(void *user, int task)
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         float *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
         const float *inverse = level->inverse + 12 * (size_t)i;
-        sbi_mg_node step = sbi_mg_times(work->add, sbi_mg_relax(inverse, sbi_mg_load(level->r + 4 * (size_t)i)));
-        sbi_mg_store(d, step);
-        sbi_mg_store(x, sbi_mg_plus(sbi_mg_load(x), step));
+        sbi_float4 step = sbi_f4_scale(work->add, sbi_mg_relax(inverse, sbi_f4_load(level->r + 4 * (size_t)i)));
+        sbi_f4_store(d, step);
+        sbi_f4_store(x, sbi_f4_add(sbi_f4_load(x), step));
     }
 }
 
@@ -956,13 +632,13 @@ static void sbi_mg_prolong_task(void *user, int task)
     sbi_mg_level *level = work->level;
     const float *x = (level + 1)->x, *scales = (level + 1)->scale;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
-        sbi_mg_node sum = sbi_mg_make(0, 0, 0);
+        sbi_float4 sum = sbi_f4_make(0, 0, 0);
         for (int p = level->parent_start[i]; p < level->parent_start[i + 1]; p++) {
             size_t a = 4 * (size_t)level->parents[p];
             float share = scales ? level->shares[p] * scales[a + 3] : level->shares[p];
-            sum = sbi_mg_plus(sum, sbi_mg_times(share, sbi_mg_load(x + a)));
+            sum = sbi_f4_add(sum, sbi_f4_scale(share, sbi_f4_load(x + a)));
         }
-        sbi_mg_store(level->e + 4 * (size_t)i, level->scale ? sbi_mg_each(sum, level->scale + 4 * (size_t)i) : sum);
+        sbi_f4_store(level->e + 4 * (size_t)i, level->scale ? sbi_f4_mul(sum, sbi_f4_load(level->scale + 4 * (size_t)i)) : sum);
     }
 }
 
@@ -977,15 +653,15 @@ static void sbi_mg_step_task(void *user, int task)
     float *to = first_after ? level->d : level->e;
     for (int i = task * SBI_MG_ROWS; i < sbi_mg_end(level, task); i++) {
         float *r = level->r + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
-        sbi_mg_node own, next, left = sbi_mg_minus(sbi_mg_load(r), sbi_mg_multiply_row(level, i, from));
-        sbi_mg_store(r, left);
+        sbi_float4 own, next, left = sbi_f4_sub(sbi_f4_load(r), sbi_mg_multiply_row(level, i, from));
+        sbi_f4_store(r, left);
         if (work->last)
             continue;
-        own = sbi_mg_load(from + 4 * (size_t)i);
-        next = sbi_mg_plus(sbi_mg_times(keep, own),
-                           sbi_mg_times(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
-        sbi_mg_store(to + 4 * (size_t)i, next);
-        sbi_mg_store(x, sbi_mg_plus(sbi_mg_load(x), first_after ? sbi_mg_plus(own, next) : next));
+        own = sbi_f4_load(from + 4 * (size_t)i);
+        next = sbi_f4_add(sbi_f4_scale(keep, own),
+                           sbi_f4_scale(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
+        sbi_f4_store(to + 4 * (size_t)i, next);
+        sbi_f4_store(x, sbi_f4_add(sbi_f4_load(x), first_after ? sbi_f4_add(own, next) : next));
     }
 }
 
@@ -1087,10 +763,14 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     sbi_mg_run(&work, sbi_mg_write_task);
 }
 
-#if SBI_MG_WIDE
-#undef SBI_MG_AT
-#undef SBI_MG_PUT
+#if SBI_MG_WIDTH
+#undef SBI_MG_FOUR_AT
+#undef SBI_MG_PUT_FOUR
+#endif
+#if SBI_MG_WIDTH >= 256
+#undef SBI_MG_EIGHT_AT
+#undef SBI_MG_PUT_EIGHT
 #undef SBI_MG_TURN
 #endif
-#undef SBI_MG_WIDE
-#undef SBI_MG_LANE
+#undef SBI_MG_WIDTH
+#undef SBI_MG_SSE
