@@ -24651,7 +24651,7 @@ static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg
 typedef struct sbi_mg_planner {
     const sb_allocator *allocator;
     int coarse_count;
-    int *place;         /* [max(row_count, coarse_count)] of a coarse node in the row at work */
+    int *place;         /* [coarse_count] of a coarse node in the row at work */
     int *mixed_columns; /* [mixed_count] coarse node of each block of A P */
 } sbi_mg_planner;
 
