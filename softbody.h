@@ -22876,7 +22876,7 @@ enum {
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
  * vectors have room for reading past their end.
  *
- * It is memory that limits a cycle, and most of it is the finest matrix. So that one, and a coarser one that is large
+ * Most of what a cycle reads is the finest matrix, more than caches hold. So that one, and a coarser one that is large
  * where no moduli jump (rounding tells on parts a thousand times as stiff), is kept in 16 bits an entry, as
  * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
  * The vectors of such a level are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The
@@ -23008,9 +23008,9 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 /* multigrid_block: blocks of nine, packed and multiplied in the forms that processors have. Floor 2, internal to the
  * multigrid.
  *
- * Compilers find none of these vectors by themselves. All forms give the same bits: sums of rows have one sum for each
- * place of the blocks, so that none waits for another, and what a vector holds beside its block is multiplied by the
- * fourth float of a node, which is 0. */
+ * Compilers find none of these vectors by themselves. All forms give the same bits for finite matrices: sums of rows
+ * have one sum for each place of the blocks, so that none waits for another, and what a vector holds beside its block is
+ * multiplied by the fourth float of a node, which is 0. */
 #ifndef SB_MULTIGRID_BLOCK_H
 #define SB_MULTIGRID_BLOCK_H
 

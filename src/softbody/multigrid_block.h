@@ -1,9 +1,9 @@
 /* multigrid_block: blocks of nine, packed and multiplied in the forms that processors have. Floor 2, internal to the
  * multigrid.
  *
- * Compilers find none of these vectors by themselves. All forms give the same bits: sums of rows have one sum for each
- * place of the blocks, so that none waits for another, and what a vector holds beside its block is multiplied by the
- * fourth float of a node, which is 0. */
+ * Compilers find none of these vectors by themselves. All forms give the same bits for finite matrices: sums of rows
+ * have one sum for each place of the blocks, so that none waits for another, and what a vector holds beside its block is
+ * multiplied by the fourth float of a node, which is 0. */
 #ifndef SB_MULTIGRID_BLOCK_H
 #define SB_MULTIGRID_BLOCK_H
 

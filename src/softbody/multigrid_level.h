@@ -32,7 +32,7 @@ enum {
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
  * vectors have room for reading past their end.
  *
- * It is memory that limits a cycle, and most of it is the finest matrix. So that one, and a coarser one that is large
+ * Most of what a cycle reads is the finest matrix, more than caches hold. So that one, and a coarser one that is large
  * where no moduli jump (rounding tells on parts a thousand times as stiff), is kept in 16 bits an entry, as
  * S^-1 A S^-1 with S = sqrt(largest diagonal entry) of each node: no entry of a positive definite A is then beyond 1.
  * The vectors of such a level are those of this scaled system (S x, S^-1 r), and S enters where levels meet. The
