@@ -809,6 +809,12 @@ static void test_bad_arguments(void)
         CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     }
     def.power = 1;
+    for (int k = 0; k < 3; k++) {
+        const sb_real outside[3] = {REAL(-1.01), REAL(0.51), REAL(NAN)};
+        def.poisson = outside[k];
+        CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
+    }
+    def.poisson = 0;
     def.kind = SB_PRECOND_MULTIGRID; /* without positions */
     CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     CHECK(p == NULL);

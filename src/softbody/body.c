@@ -476,6 +476,16 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
+SBI_API sb_real sbi_body_poisson(const sb_body *body)
+{
+    sb_real largest = -1;
+    for (int k = 0; k < body->material_count; k++) {
+        sb_real poisson = sb_material_poisson(body->materials + k);
+        largest = poisson > largest ? poisson : largest;
+    }
+    return largest;
+}
+
 SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);

@@ -638,6 +638,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     if (!b->elimination && sb_solver_auto(m->matrix) == SB_PRECOND_MULTIGRID)
         result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
     settings.moduli = moduli;
+    settings.poisson = sbi_body_poisson(b);
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     sbi_free(&b->allocator, moduli);

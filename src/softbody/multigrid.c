@@ -8,6 +8,8 @@
 /* Edges of a level over those of the one above, and of thin stiff regions. */
 #define SBI_MG_RATIO 2.0
 #define SBI_MG_THIN_RATIO 1.4
+/* Poisson's ratio from which smoothers take a step more: below, the iterations it saves cost more than they are worth. */
+#define SBI_MG_WIDE 0.48
 
 enum {
     SBI_MG_DEGREE = 3,      /* of smoothers: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */
@@ -59,6 +61,11 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
     for (int k = 0; k < multigrid->array_count; k++)
         sbi_free(&allocator, multigrid->arrays[k]);
     sbi_free(&allocator, multigrid);
+}
+
+SBI_API void sbi_multigrid_set_poisson(sbi_multigrid *multigrid, double poisson)
+{
+    multigrid->wide = poisson >= SBI_MG_WIDE;
 }
 
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid) { return multigrid->level_count; }
@@ -579,6 +586,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->jobs = setup->jobs;
     m->bytes = sizeof *m;
     m->level_count = 1;
+    m->wide = setup->like && setup->like->wide;
     if (!sbi_mg_copy_pattern(m, pattern, m->levels))
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))

@@ -36,7 +36,8 @@ typedef struct sbi_multigrid_setup {
     const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like;        /* take the user's levels or the regions from here instead, or NULL */
+    const sbi_multigrid *like;        /* take the user's levels, the regions and Poisson's ratio from here
+                                       * instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
 
@@ -46,6 +47,8 @@ typedef struct sbi_multigrid_setup {
 SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const sb_matrix *pattern,
                                        const sb_allocator *allocator, sbi_multigrid **out, sb_error *error);
 SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid);
+/* Poisson's ratio of what the matrix is of, for all updates to come; 0 until then, or that of setup->like. */
+SBI_API void sbi_multigrid_set_poisson(sbi_multigrid *multigrid, double poisson);
 /* Takes over the values of a symmetric matrix of the pattern times `scale`, a power of two that brings its diagonal
  * near 1. Returns -1, or the node whose diagonal block is not positive definite. Allocates nothing. */
 SBI_API int sbi_multigrid_update(sbi_multigrid *multigrid, const sb_matrix *matrix, double scale);

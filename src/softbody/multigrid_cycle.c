@@ -438,17 +438,14 @@ static int sbi_mg_lanczos_step(sbi_mg_work *work, sbi_mg_lanczos *l)
     return next > 0;
 }
 
-static double sbi_mg_trace(const sb_real block[9]) { return (double)block[0] + (double)block[4] + (double)block[8]; }
-
 /* Eigenvalues of D^-1 A from above, but for bad luck: Lanczos steps and a margin. Five steps come within 12 % of the
  * largest eigenvalue of solids' matrices, within 20 % where there are slivers; on coarser levels of regions they miss
  * up to a third, twelve a few per cent.
  *
  * Matrices of one body are much alike. The first step tells mean and deviation of the eigenvalues, as the fixed start
  * weighs them, and where the largest lies counted in deviations from the mean hardly changes: D^-1 A = I + N, and when
- * dt or the stiffness changes everywhere N is multiplied. So `reach`, that distance, is kept for some updates. Returns
- * the deviation. */
-static double sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
+ * dt or the stiffness changes everywhere N is multiplied. So `reach`, that distance, is kept for some updates. */
+static void sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
 {
     sbi_mg_lanczos l;
     double bound = 1, deviations;
@@ -460,7 +457,7 @@ static double sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
     if (more && reach && reach->deviations > 0 && reach->age < SBI_MG_REACH_AGE) {
         reach->age++;
         work->level->bound = l.diagonal[0] + reach->deviations * l.side[0];
-        return l.side[0];
+        return;
     }
     while (more && l.steps < most)
         more = sbi_mg_lanczos_step(work, &l);
@@ -468,34 +465,10 @@ static double sbi_mg_estimate_bound(sbi_mg_work *work, sbi_mg_reach *reach)
         bound = (most == SBI_MG_LANCZOS ? 1.25 : 1.2) * sbi_mg_largest_eigenvalue(l.diagonal, l.side, l.steps);
     work->level->bound = bound;
     if (!reach)
-        return l.side[0];
+        return;
     deviations = l.steps > 1 ? (bound - l.diagonal[0]) / l.side[0] : 0;
     reach->deviations = deviations > 0 && deviations < SBI_MG_MAX_REACH ? deviations : 0;
     reach->age = 0;
-    return l.side[0];
-}
-
-/* 1 near nu 0.5: the eigenvalues of D^-1 A lie further about their mean than those of the matrix of the blocks' traces.
- * The square of that ratio, from a sample of rows, is 2.7 to 3.3 at nu 0.45, 3.4 to 4 at 0.47 and 3.5 to 5.1 at 0.49,
- * whatever elements and mesh (2.3 at most where there are slivers). Masses bring all eigenvalues near the mean, and then
- * nothing is hard. */
-static int sbi_mg_is_wide(const sbi_mg_work *work, double deviation)
-{
-    const sbi_mg_level *level = work->level;
-    const sb_real (*blocks)[9] = (const sb_real(*)[9])work->matrix->blocks;
-    double square = 0;
-    int rows = 0;
-    if (!(deviation > 0.7))
-        return 0;
-    for (int i = 0; i < level->row_count; i += level->row_count / SBI_MG_SAMPLES + 1, rows++) {
-        double own = sbi_mg_trace(blocks[level->diagonal[i]]);
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-            double trace = sbi_mg_trace(blocks[q]);
-            if (q != level->diagonal[i])
-                square += trace * trace / (own * sbi_mg_trace(blocks[level->diagonal[level->columns[q]]]));
-        }
-    }
-    return deviation * deviation * rows > 3.4 * square;
 }
 
 SBI_API int sbi_multigrid_soften(sbi_multigrid *m)
@@ -573,10 +546,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.scale = scale;
     m->softened = 0;
     m->deviation = 0;
-    m->wide = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
-        double deviation = 0;
         work.level = m->levels + l;
         work.finer = l ? m->levels + l - 1 : NULL;
         sbi_mg_run(&work, l ? sbi_mg_gather_task : sbi_mg_diagonal_task);
@@ -592,9 +563,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
         if (work.level->mend)
             sbi_mg_run(&work, sbi_mg_mend_task);
         if (!coarsest || !sbi_mg_factor_coarsest(m))
-            deviation = sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
-        if (l == 0)
-            m->wide = sbi_mg_is_wide(&work, deviation);
+            sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
     return -1;
 }

@@ -23,7 +23,6 @@ enum {
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
     SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
     SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
-    SBI_MG_SAMPLES = 256,     /* rows that tell whether a body is `wide` */
     SBI_MG_AHEAD = 4096,      /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
                                * caches do not mind */
     SBI_MG_ROWS_AHEAD = 16,   /* diagonal blocks asked for before they are read, */
@@ -91,8 +90,8 @@ struct sbi_multigrid {
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
+    int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
     int softened;             /* how often the bounds were doubled since the last update */
-    int wide;                 /* 1: nearly incompressible, eigenvalues that smoothers have to damp lie far apart */
     sbi_mg_reach reach;       /* of level 0 */
     /* the coarsest level of n unknowns: a dense factor, a sparse one, or none */
     int factored;             /* 1: there is one of the last update; 0: the level is smoothed only */

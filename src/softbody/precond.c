@@ -606,6 +606,8 @@ static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_ma
     if (def->piece_count < SB_PRECOND_PIECES_AUTO || def->piece_count > pattern->row_count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "piece_count %d is outside 0 to %d", def->piece_count,
                         pattern->row_count);
+    if (!(def->poisson >= -1 && def->poisson <= (sb_real)0.5))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "poisson %g is outside -1 to 0.5", (double)def->poisson);
     if (def->kind == SB_PRECOND_MULTIGRID && !def->positions)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "multigrid needs the positions of the nodes");
     for (int q = 0; def->moduli && q < pattern->block_count; q++)
@@ -691,9 +693,12 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     setup.like = like ? like->multigrid : NULL;
     setup.jobs = def->jobs;
     result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
-    if (result == SB_OK)
-        p->bytes += sbi_multigrid_bytes(p->multigrid);
-    return result;
+    if (result != SB_OK)
+        return result;
+    p->bytes += sbi_multigrid_bytes(p->multigrid);
+    if (!like)
+        sbi_multigrid_set_poisson(p->multigrid, (double)def->poisson);
+    return SB_OK;
 }
 
 static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, const sb_matrix *pattern)
@@ -919,6 +924,12 @@ SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *precondition
 {
     sbi_multigrid *multigrid = preconditioner->ready ? preconditioner->multigrid : NULL;
     return multigrid && sbi_multigrid_deviation(multigrid) > 0 ? multigrid : NULL;
+}
+
+SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson)
+{
+    if (preconditioner->multigrid)
+        sbi_multigrid_set_poisson(preconditioner->multigrid, (double)poisson);
 }
 
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }

@@ -33,6 +33,8 @@ typedef struct sb_preconditioner_def {
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
                       * made while one thread makes the factor */
+    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. Near 0.5 its smoothers take a
+                      * step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
@@ -159,6 +161,8 @@ SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *precondition
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+/* Another Poisson's ratio than that of the def, for all updates to come. */
+SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 

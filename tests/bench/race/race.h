@@ -2,7 +2,7 @@
  *
  * A system is the matrix and right-hand side of one implicit step, written by race_write. The file, in the machine's
  * own order of bytes:
- *     "SBRACE01", int nodes, blocks, cells, corners, int row_start[nodes + 1], int columns[blocks],
+ *     "SBRACE02", int nodes, blocks, cells, corners, double poisson, int row_start[nodes + 1], int columns[blocks],
  *     double values[blocks][9] (3x3 blocks by rows), double positions[nodes][3], double rhs[nodes][3],
  *     int cells[cells][corners], unsigned char fixed[nodes]
  * A result is one line:
@@ -20,6 +20,7 @@
 typedef struct race_system {
     char name[64];
     int nodes, blocks, cell_count, corners;
+    double poisson; /* Poisson's ratio of the material */
     int *row_start, *columns;
     double *values, *positions, *rhs;
     int *cells;
@@ -92,14 +93,15 @@ static inline void race_read(const char *path, race_system *s)
     const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path;
     char magic[8];
     int sizes[4];
-    if (!file || fread(magic, 1, 8, file) != 8 || memcmp(magic, "SBRACE01", 8) != 0 ||
-        fread(sizes, sizeof(int), 4, file) != 4) {
+    double poisson;
+    if (!file || fread(magic, 1, 8, file) != 8 || memcmp(magic, "SBRACE02", 8) != 0 ||
+        fread(sizes, sizeof(int), 4, file) != 4 || fread(&poisson, sizeof poisson, 1, file) != 1) {
         fprintf(stderr, "race: %s is not a system\n", path);
         exit(1);
     }
     memset(s, 0, sizeof *s);
     snprintf(s->name, sizeof s->name, "%.*s", (int)strcspn(base, "."), base);
-    s->nodes = sizes[0], s->blocks = sizes[1], s->cell_count = sizes[2], s->corners = sizes[3];
+    s->nodes = sizes[0], s->blocks = sizes[1], s->cell_count = sizes[2], s->corners = sizes[3], s->poisson = poisson;
     s->row_start = (int *)race_read_array(file, (size_t)s->nodes + 1, sizeof(int));
     s->columns = (int *)race_read_array(file, (size_t)s->blocks, sizeof(int));
     s->values = (double *)race_read_array(file, 9 * (size_t)s->blocks, sizeof(double));

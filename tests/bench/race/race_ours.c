@@ -49,6 +49,7 @@ static void run(const race_system *s, int solver, const sb_jobs *jobs)
     make_matrix(s, &a);
     def.kind = solvers[solver].kind;
     def.positions = positions;
+    def.poisson = (sb_real)s->poisson;
     def.jobs = *jobs;
     options.jobs = jobs;
     options.max_iterations = 5000;

@@ -16,7 +16,8 @@ static void put(FILE *file, const void *data, size_t count, size_t size)
     }
 }
 
-static void save(const char *folder, const char *name, const sb_mesh *mesh, const sb_matrix *a, const sb_real *rhs)
+static void save(const char *folder, const char *name, double poisson, const sb_mesh *mesh, const sb_matrix *a,
+                 const sb_real *rhs)
 {
     int corners = mesh->element_type == SB_TET10 ? 10 : 4;
     int sizes[4] = {a->row_count, a->block_count, mesh->element_count, corners};
@@ -28,8 +29,9 @@ static void save(const char *folder, const char *name, const sb_mesh *mesh, cons
         fprintf(stderr, "race_write: %s cannot be opened\n", path);
         exit(1);
     }
-    put(file, "SBRACE01", 8, 1);
+    put(file, "SBRACE02", 8, 1);
     put(file, sizes, 4, sizeof(int));
+    put(file, &poisson, 1, sizeof poisson);
     put(file, a->row_start, (size_t)a->row_count + 1, sizeof(int));
     put(file, a->columns, (size_t)a->block_count, sizeof(int));
     put(file, a->blocks, 9 * (size_t)a->block_count, sizeof(double));
@@ -60,7 +62,7 @@ static void write_beam(const char *folder, const char *name, sb_element_type typ
         mask[i] = mesh.nodes[i].x < 1e-6 ? SB_XYZ : 0;
     elastic_assemble(mesh.nodes, mesh.elements, mesh.element_count, corners, 50e3, poisson, &a, rhs);
     sb_matrix_constrain(&a, mask, NULL, rhs);
-    save(folder, name, &mesh, &a, rhs);
+    save(folder, name, poisson, &mesh, &a, rhs);
     printf("# %s: %d unknowns, %d blocks\n", name, 3 * mesh.node_count, a.block_count);
     free(mask);
     free(rhs);
