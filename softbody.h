@@ -4365,8 +4365,8 @@ typedef struct sb_preconditioner_def {
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
                       * made while one thread makes the factor */
-    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. Near 0.5 its smoothers take a
-                      * step more, which saves about a fifth of the iterations. Default 0 */
+    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
+                      * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
@@ -24519,7 +24519,7 @@ SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m)
 /* Edges of a level over those of the one above, and of thin stiff regions. */
 #define SBI_MG_RATIO 2.0
 #define SBI_MG_THIN_RATIO 1.4
-/* Poisson's ratio from which smoothers take a step more: below, the iterations it saves cost more than they are worth. */
+/* Poisson's ratio from which smoothers take a step more: below, that costs more than the iterations it saves. */
 #define SBI_MG_WIDE 0.48
 
 enum {
@@ -33381,11 +33381,11 @@ SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *mat
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
-/* The largest Poisson's ratio of its materials. */
-SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* and what follows from the materials. */
 SBI_API void sbi_body_materials_changed(sb_body *body);
 
+/* The largest Poisson's ratio of its materials. */
+SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */

@@ -248,11 +248,11 @@ SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *mat
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
-/* The largest Poisson's ratio of its materials. */
-SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* and what follows from the materials. */
 SBI_API void sbi_body_materials_changed(sb_body *body);
 
+/* The largest Poisson's ratio of its materials. */
+SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */

@@ -8,7 +8,7 @@
 /* Edges of a level over those of the one above, and of thin stiff regions. */
 #define SBI_MG_RATIO 2.0
 #define SBI_MG_THIN_RATIO 1.4
-/* Poisson's ratio from which smoothers take a step more: below, the iterations it saves cost more than they are worth. */
+/* Poisson's ratio from which smoothers take a step more: below, that costs more than the iterations it saves. */
 #define SBI_MG_WIDE 0.48
 
 enum {

@@ -33,8 +33,8 @@ typedef struct sb_preconditioner_def {
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
                       * made while one thread makes the factor */
-    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. Near 0.5 its smoothers take a
-                      * step more, which saves about a fifth of the iterations. Default 0 */
+    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
+                      * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
                                        * made below the last. Default NULL: all are made from positions */
     int level_count;
