@@ -6717,7 +6717,7 @@ static sb_result regi_match_solve(reg_match *match)
     sb_result result;
     memset(&pcg, 0, sizeof pcg);
     sbi_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sb_preconditioner_update(b->precond, &b->matrix, b->position, &match->info.error);
+    result = sbi_body_update_precond(b, b->precond, &b->matrix, &match->info.error);
     if (result != SB_OK)
         return result;
     options.tolerance = 1e-2; /* the next step sees what is left */

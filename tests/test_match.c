@@ -443,6 +443,44 @@ static void test_threads(void)
     CHECK(hash[0] == hash[1] && hash[0] == hash[2]);
 }
 
+/* What the body's preconditioner did before plays no part: a body that a state is loaded into is matched to the same bits
+ * as the one that it is of, which has stepped. */
+static void test_loaded(void)
+{
+    block made;
+    sb_body *bodies[2]; /* stepped, loaded */
+    unsigned long long hashes[2] = {0, 1};
+    void *state;
+    if (!make_block(&made, SB_TET4, soft(), 1, no_jobs()))
+        return;
+    for (int k = 0; k < 2; k++) {
+        sb_body_def def = sb_default_body_def();
+        def.mesh = &made.mesh;
+        def.material = sb_material_corotated(5000, REAL(0.49), 1000);
+        def.preconditioner = SB_PRECOND_MULTIGRID;
+        bodies[k] = scene_body(&def);
+    }
+    CHECK_OK(sb_body_step(bodies[0], REAL(0.01), NULL));
+    state = malloc(sb_body_state_size(bodies[0]));
+    CHECK_OK(sb_body_state_save(bodies[0], state, sb_body_state_size(bodies[0])));
+    CHECK_OK(sb_body_state_load(bodies[1], state, sb_body_state_size(bodies[0]), NULL));
+    for (int k = 0; k < 2; k++) {
+        reg_match_def def = def_of(&made);
+        reg_match *match;
+        def.body = bodies[k];
+        match = make_match(&def);
+        for (int step = 0; step < 3; step++)
+            CHECK_OK(reg_match_step(match, NULL));
+        hashes[k] = scene_hash(sb_body_displacements(bodies[k]), (size_t)made.mesh.node_count * sizeof(sb_vec3));
+        reg_match_destroy(match);
+    }
+    CHECK(hashes[0] == hashes[1]);
+    for (int k = 0; k < 2; k++)
+        sb_body_destroy(bodies[k]);
+    free(state);
+    free_block(&made);
+}
+
 static void test_samples(void)
 {
     block made;
@@ -722,7 +760,7 @@ CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials},
             {"Laplace's potential", test_laplace}, {"a free body", test_free},
             {"a partial target and a landmark", test_partial}, {"a landmark that moves", test_moving_landmark},
             {"supports that move", test_supports}, {"caps", test_caps}, {"no overlap", test_no_overlap},
-            {"threads", test_threads}, {"samples", test_samples},
+            {"threads", test_threads}, {"samples", test_samples}, {"loaded bodies", test_loaded},
             {"targets that are hardly any", test_odd_targets}, {"a collapse", test_collapse},
             {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},

@@ -486,6 +486,13 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body)
     return largest;
 }
 
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error)
+{
+    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
+    return sb_preconditioner_update(precond, matrix, body->position, error);
+}
+
 SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);

@@ -253,6 +253,9 @@ SBI_API void sbi_body_materials_changed(sb_body *body);
 
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);
+/* Updates a preconditioner of the body's, with what its materials are by now. */
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */

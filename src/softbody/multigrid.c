@@ -9,7 +9,7 @@
 #define SBI_MG_RATIO 2.0
 #define SBI_MG_THIN_RATIO 1.4
 /* Poisson's ratio from which smoothers take a step more: below, that costs more than the iterations it saves. */
-#define SBI_MG_WIDE 0.48
+#define SBI_MG_WIDE 0.4799 /* 0.48, however it was rounded */
 
 enum {
     SBI_MG_DEGREE = 3,      /* of smoothers: 2 takes half as many iterations again, 1 over twice as many at nu 0.49 */

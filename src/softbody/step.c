@@ -383,8 +383,7 @@ static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
     else
         sbi_newton_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    sbi_precond_set_poisson(precond, sbi_body_poisson(b)); /* materials may have changed */
-    result = sb_preconditioner_update(precond, matrix, b->position, &info->error);
+    result = sbi_body_update_precond(b, precond, matrix, &info->error);
     middle = sbi_step_now(b);
     info->seconds_precond += middle - begin;
     if (result != SB_OK)
