@@ -4382,8 +4382,8 @@ typedef struct sb_preconditioner_info {
     sb_precond_kind kind; /* never SB_PRECOND_AUTO */
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive; FSAI: the
-                           * largest that a row needed */
+    double shift;         /* IC0: the diagonal was multiplied by 1 + shift, 1/32 or more with pieces, otherwise only
+                           * where pivots need it; FSAI: the largest that a row needed */
     int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
@@ -4400,10 +4400,11 @@ typedef struct sb_preconditioner_info {
 typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
- * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli
- * tell) about double its iterations. The choice does not depend on the number of threads, so results do not. Without
- * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
+ * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
+ * jumps of the modulus by 1,000 (that the def's moduli tell) about double multigrid's iterations, and cost the other
+ * more. The choice does not depend on the number of threads, so results do not. Without positions it is SB_PRECOND_IC0.
+ * NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -4435,7 +4436,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
  * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
  * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
- * following updates, and after a run of successful ones tries half of it. */
+ * following updates, and after a run of successful ones tries a smaller one. */
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error);
 
@@ -26428,7 +26429,7 @@ enum {
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
-    SBI_PRECOND_MULTIGRID_ROWS = 5000,
+    SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of tet4, tet10 and hex8 */
     SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
@@ -26760,18 +26761,33 @@ static int sbi_precond_factor(sb_preconditioner *p, const sb_matrix *a, double s
     return -1;
 }
 
-/* Shifts: 0, 0.001, 0.002 ... */
-static double sbi_precond_lower_shift(double shift) { return shift > 1.5e-3 ? shift / 2 : 0; }
+/* Shifts go 0, 0.001, 0.002 ..., and with pieces 1/32, 1/8, 1/4 ...: close to breakdown a factor has huge entries and
+ * takes twice the iterations, and what a shift costs in smooth motions the pieces make up for. */
+static double sbi_precond_least_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 32 : 0; }
+static double sbi_precond_second_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 8 : 1e-3; }
+
+static double sbi_precond_lower_shift(const sb_preconditioner *p)
+{
+    return p->shift > 1.5 * sbi_precond_second_shift(p) ? p->shift / 2 : sbi_precond_least_shift(p);
+}
+
+static double sbi_precond_raise_shift(const sb_preconditioner *p, double shift)
+{
+    double second = sbi_precond_second_shift(p);
+    return shift < second ? second : 2 * shift;
+}
 
 static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
 {
-    int relaxing = p->shift > 0 && p->successes >= p->wait, bad = 0;
-    double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
+    double least = sbi_precond_least_shift(p), shift = p->shift < least ? least : p->shift;
+    int relaxing = shift > least && p->successes >= p->wait, bad = 0;
+    if (relaxing)
+        shift = sbi_precond_lower_shift(p);
     for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
         bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0 || shift > (double)SBI_PRECOND_MAX_SHIFT)
+        if (bad < 0 || shift >= (double)SBI_PRECOND_MAX_SHIFT)
             break;
-        shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
+        shift = sbi_precond_raise_shift(p, shift);
     }
     if (bad >= 0) {
         p->shift = 0; /* the next matrix may be a tamer one */
@@ -27059,7 +27075,7 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && pattern->row_count >= SBI_PRECOND_MULTIGRID_ROWS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && pattern->block_count >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)

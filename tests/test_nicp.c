@@ -458,6 +458,7 @@ static void test_outliers(void)
         def.target_points = points;
         def.target_count = 8000;
         def.reach = REAL(0.06);
+        def.newton_tolerance = REAL(0.001); /* at 0.07 the way of the solver moves the errors by a tenth */
         clean = run_error(&made, &def, &info);
         for (int i = 0; i < 8000; i += 10)
             points[i].z = REAL(check_random_in(&seed, 0.14, 0.16));

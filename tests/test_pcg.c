@@ -439,6 +439,29 @@ static void test_shift(void)
     free(exact);
 }
 
+/* With pieces a shift stays that keeps a factor away from breakdown, and steps are wider. */
+static void test_shift_with_pieces(void)
+{
+    static const sb_vec3 corners[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    sb_matrix a = scalar_matrix(4, 3, 4, kershaw_pairs, kershaw_values);
+    sb_matrix easy = scalar_matrix(4, 3, 4, kershaw_pairs, kind_values);
+    sb_preconditioner *p = precond_make(&a, SB_PRECOND_IC0, corners, 1);
+    int updates = 0;
+    CHECK_NEAR(sb_preconditioner_get_info(p).shift, 0.25, 1e-12); /* after 1/32 and 1/8 */
+    CHECK_INT(sb_preconditioner_get_info(p).attempts, 3);
+    for (; sb_preconditioner_get_info(p).shift > 0.2 && updates < 200; updates++)
+        CHECK_OK(sb_preconditioner_update(p, &easy, NULL, NULL));
+    CHECK_INT(updates, 17);
+    CHECK_NEAR(sb_preconditioner_get_info(p).shift, 0.125, 1e-12);
+    for (updates = 0; updates < 200; updates++)
+        CHECK_OK(sb_preconditioner_update(p, &easy, NULL, NULL));
+    CHECK_NEAR(sb_preconditioner_get_info(p).shift, 1.0 / 32, 1e-12);
+    CHECK_INT(sb_preconditioner_get_info(p).attempts, 1);
+    sb_preconditioner_free(p);
+    sb_matrix_free(&a);
+    sb_matrix_free(&easy);
+}
+
 static void test_indefinite_factor(void)
 {
     sb_matrix a = scalar_matrix(4, 3, 4, kershaw_pairs, kershaw_values);
@@ -559,7 +582,8 @@ static void test_coarse_space(void)
         sb_pcg_info info;
         CHECK_INT(sb_preconditioner_get_info(p).piece_count, k == 0 ? 0 : 4 << k);
         memset(b.x, 0, sizeof(sb_real) * (size_t)b.n);
-        CHECK_OK(solve(&b.a, p, b.rhs, b.x, 1e-3, 1000, NULL, &info));
+        /* 1e-3 is what rounding leaves of this load in single precision */
+        CHECK_OK(solve(&b.a, p, b.rhs, b.x, SB_REAL_IS_FLOAT ? 2e-3 : 1e-3, 1000, NULL, &info));
         counts[k] = info.iterations;
         CHECK(k == 0 || 2 * counts[k] < counts[0]);
         sb_preconditioner_free(p);
@@ -785,7 +809,7 @@ static void test_golden_solve(void)
             hash = (hash ^ ((const unsigned char *)b.x)[k]) * 1099511628211ULL; /* FNV-1a */
         sb_preconditioner_free(p);
     }
-    if (!CHECK(hash == (SB_REAL_IS_FLOAT ? 0xaeac97f9a261a850ULL : 0xd19547619bda66a4ULL)))
+    if (!CHECK(hash == (SB_REAL_IS_FLOAT ? 0x52f056739d78bf25ULL : 0x3f1bd61847474fa3ULL)))
         printf("hash %llx\n", hash);
     beam_free(&b);
 }
@@ -1018,6 +1042,7 @@ CHECK_SUITE(pcg, {"defaults and no preconditioner", test_none_and_defaults},
             {"block Jacobi and SSOR equal dense", test_jacobi_and_ssor},
             {"IC0 is complete without fill", test_ic0_complete},
             {"smoothers are symmetric", test_smoothers_are_symmetric}, {"IC0 shift", test_shift},
+            {"IC0 shift with pieces", test_shift_with_pieces},
             {"indefinite factor", test_indefinite_factor}, {"solves equal dense", test_solves_equal_dense},
             {"prescribed values", test_prescribed_values}, {"iteration counts", test_iteration_counts},
             {"coarse space", test_coarse_space}, {"coarse residual", test_coarse_residual},

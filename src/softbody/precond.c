@@ -228,18 +228,33 @@ static int sbi_precond_factor(sb_preconditioner *p, const sb_matrix *a, double s
     return -1;
 }
 
-/* Shifts: 0, 0.001, 0.002 ... */
-static double sbi_precond_lower_shift(double shift) { return shift > 1.5e-3 ? shift / 2 : 0; }
+/* Shifts go 0, 0.001, 0.002 ..., and with pieces 1/32, 1/8, 1/4 ...: close to breakdown a factor has huge entries and
+ * takes twice the iterations, and what a shift costs in smooth motions the pieces make up for. */
+static double sbi_precond_least_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 32 : 0; }
+static double sbi_precond_second_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 8 : 1e-3; }
+
+static double sbi_precond_lower_shift(const sb_preconditioner *p)
+{
+    return p->shift > 1.5 * sbi_precond_second_shift(p) ? p->shift / 2 : sbi_precond_least_shift(p);
+}
+
+static double sbi_precond_raise_shift(const sb_preconditioner *p, double shift)
+{
+    double second = sbi_precond_second_shift(p);
+    return shift < second ? second : 2 * shift;
+}
 
 static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
 {
-    int relaxing = p->shift > 0 && p->successes >= p->wait, bad = 0;
-    double shift = relaxing ? sbi_precond_lower_shift(p->shift) : p->shift;
+    double least = sbi_precond_least_shift(p), shift = p->shift < least ? least : p->shift;
+    int relaxing = shift > least && p->successes >= p->wait, bad = 0;
+    if (relaxing)
+        shift = sbi_precond_lower_shift(p);
     for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
         bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0 || shift > (double)SBI_PRECOND_MAX_SHIFT)
+        if (bad < 0 || shift >= (double)SBI_PRECOND_MAX_SHIFT)
             break;
-        shift = shift * 2 > 1e-3 ? shift * 2 : 1e-3;
+        shift = sbi_precond_raise_shift(p, shift);
     }
     if (bad >= 0) {
         p->shift = 0; /* the next matrix may be a tamer one */
@@ -527,7 +542,7 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && pattern->row_count >= SBI_PRECOND_MULTIGRID_ROWS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && pattern->block_count >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)

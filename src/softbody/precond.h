@@ -50,8 +50,8 @@ typedef struct sb_preconditioner_info {
     sb_precond_kind kind; /* never SB_PRECOND_AUTO */
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* IC0: the diagonal was multiplied by 1 + shift to keep the pivots positive; FSAI: the
-                           * largest that a row needed */
+    double shift;         /* IC0: the diagonal was multiplied by 1 + shift, 1/32 or more with pieces, otherwise only
+                           * where pivots need it; FSAI: the largest that a row needed */
     int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
@@ -68,10 +68,11 @@ typedef struct sb_preconditioner_info {
 typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
- * space up to some thousand nodes, SB_PRECOND_MULTIGRID above, where it takes less time on one core already
- * (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli
- * tell) about double its iterations. The choice does not depend on the number of threads, so results do not. Without
- * positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
+ * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
+ * jumps of the modulus by 1,000 (that the def's moduli tell) about double multigrid's iterations, and cost the other
+ * more. The choice does not depend on the number of threads, so results do not. Without positions it is SB_PRECOND_IC0.
+ * NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -103,7 +104,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
  * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
  * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
- * following updates, and after a run of successful ones tries half of it. */
+ * following updates, and after a run of successful ones tries a smaller one. */
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *preconditioner, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error);
 
