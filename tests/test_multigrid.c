@@ -1146,6 +1146,34 @@ static sb_body *body_of_slabs(sb_mesh *mesh, sb_precond_kind kind, sb_jobs jobs)
     return body;
 }
 
+/* Bodies choose by the size of their matrix, and their modes as they do. */
+static void test_bodies_choose(void)
+{
+    sb_mesh small = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
+    sb_mesh large = scene_box(SB_TET4, 48, 15, 15, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
+    sb_jobs alone;
+    sb_body *bodies[3];
+    sb_modes_options options = sb_default_modes_options();
+    sb_modes_info info[3];
+    sb_real frequencies[3];
+    options.tolerance = SB_REAL_IS_FLOAT ? REAL(1e-2) : REAL(1e-4);
+    memset(&alone, 0, sizeof alone);
+    small.regions = (int *)calloc((size_t)small.element_count, sizeof(int));
+    large.regions = (int *)calloc((size_t)large.element_count, sizeof(int));
+    for (int k = 0; k < 3; k++) {
+        sb_step_info step;
+        bodies[k] = body_of_slabs(k ? &large : &small, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
+        CHECK(sb_body_solver(bodies[k]).kind == (k == 1 ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0));
+        CHECK_OK(sb_body_step(bodies[k], REAL(0.01), &step));
+        CHECK_OK(sb_body_modes(bodies[k], 1, &options, frequencies + k, NULL, info + k, NULL));
+        sb_body_destroy(bodies[k]);
+    }
+    CHECK_NEAR(frequencies[1], frequencies[2], (SB_REAL_IS_FLOAT ? 1e-2 : 1e-5) * (double)frequencies[2]);
+    CHECK(2 * info[1].pcg_iterations < info[2].pcg_iterations);
+    sb_mesh_free(&small);
+    sb_mesh_free(&large);
+}
+
 /* A body tells multigrid of its materials, also when a constraint widens its matrix; any number of threads and a loaded
  * state give the same bits. */
 static void test_body_jumps(void)
@@ -1359,5 +1387,5 @@ CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", te
             {"levels that hardly shrink", test_levels_that_hardly_shrink}, {"choice", test_choice},
             {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"moduli", test_moduli},
-            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps},
+            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps}, {"bodies choose", test_bodies_choose},
             {"bodies that become tight", test_body_poisson}, {"weighted cells", test_weighted_cells});

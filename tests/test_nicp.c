@@ -463,6 +463,9 @@ static void test_outliers(void)
         for (int i = 0; i < 8000; i += 10)
             points[i].z = REAL(check_random_in(&seed, 0.14, 0.16));
         spoilt = run_error(&made, &def, &info);
+        def.newton_tolerance = reg_default_nicp_def().newton_tolerance;
+        CHECK(run_error(&made, &def, &info) < clean + 0.05);
+        def.newton_tolerance = REAL(0.001);
         def.outliers = REG_OUTLIERS_NONE;
         careless = run_error(&made, &def, &info);
         CHECK(clean < 0.12 && spoilt < clean + 0.03 && careless > 2 * spoilt); /* 0.03: 0.3 mm of 10 */

@@ -646,6 +646,12 @@ static void test_saved(void)
             CHECK_INT(image[size], 99);
             CHECK_OK(sb_preconditioner_load(other, image, size, NULL));
             CHECK(sb_preconditioner_get_info(other).shift == sb_preconditioner_get_info(p).shift);
+            for (int k = 0; kind == SB_PRECOND_IC0 && k < 20; k++) { /* until both try a smaller one */
+                CHECK_OK(sb_preconditioner_update(p, &b.a, NULL, NULL));
+                CHECK_OK(sb_preconditioner_update(other, &b.a, NULL, NULL));
+                CHECK(sb_preconditioner_get_info(other).shift == sb_preconditioner_get_info(p).shift);
+                CHECK_INT(sb_preconditioner_get_info(other).attempts, sb_preconditioner_get_info(p).attempts);
+            }
             for (int turned = 0; turned < 2; turned++) {
                 CHECK_OK(sb_preconditioner_warp(p, &b.a, turned ? rotations : NULL, NULL, NULL));
                 CHECK_OK(sb_preconditioner_warp(other, &b.a, turned ? rotations : NULL, NULL, NULL));

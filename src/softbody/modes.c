@@ -635,7 +635,9 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_matrix_constrain(m->matrix, b->elimination ? b->elimination->held : b->fixed, NULL, NULL);
     settings.positions = m->options->at_present ? b->position : b->reference;
     settings.jobs = b->jobs;
-    if (!b->elimination && sb_solver_auto(m->matrix) == SB_PRECOND_MULTIGRID)
+    /* as the body itself, whatever constraints and loads have added to the matrix since it was made */
+    settings.kind = sb_body_solver(b).kind == SB_PRECOND_MULTIGRID ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    if (!b->elimination && settings.kind == SB_PRECOND_MULTIGRID)
         result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
     settings.moduli = moduli;
     settings.poisson = sbi_body_poisson(b);

@@ -16,8 +16,8 @@ typedef enum sb_precond_kind {
     SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
     SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
-                                  * application use all threads. 1.3 to 1.8 times the iterations of IC0, some three
-                                  * times its set-up */
+                                  * application use all threads. 1.5 to 1.9 times the iterations of IC0, some
+                                  * three times its set-up */
     SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
                                   * as warping makes them */
     SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
@@ -50,8 +50,8 @@ typedef struct sb_preconditioner_info {
     sb_precond_kind kind; /* never SB_PRECOND_AUTO */
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* IC0: the diagonal was multiplied by 1 + shift, 1/32 or more with pieces, otherwise only
-                           * where pivots need it; FSAI: the largest that a row needed */
+    double shift;         /* after an update of IC0: its diagonal was multiplied by 1 + shift, 1/32 or more with
+                           * pieces, otherwise only where pivots need it; FSAI: the largest that a row needed */
     int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */
 } sb_preconditioner_info;
@@ -70,9 +70,9 @@ typedef struct sb_preconditioner sb_preconditioner;
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
  * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 (that the def's moduli tell) about double multigrid's iterations, and cost the other
- * more. The choice does not depend on the number of threads, so results do not. Without positions it is SB_PRECOND_IC0.
- * NULL: SB_PRECOND_IC0. */
+ * jumps of the modulus by 1,000 (that the def's moduli tell) about double its iterations; many small stiff inclusions
+ * cost IC0 six times its own, so name multigrid for such bodies. The choice does not depend on the number of threads, so
+ * results do not. Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -101,7 +101,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
  * positions  [row_count] where the nodes are now, for the rigid motions of the pieces, taken over even when the factor
  *            fails; NULL: as before
  * Returns SB_ERROR_ARGUMENT (another pattern), SB_ERROR_NOT_FINITE, or SB_ERROR_INDEFINITE when a diagonal
- * block is not positive definite or no diagonal shift up to 65.536 makes the incomplete factor exist. After an
+ * block is not positive definite or no diagonal shift up to some 65 makes the incomplete factor exist. After an
  * error the preconditioner must be updated again before use.
  * An IC0 that breaks down starts again with a larger diagonal (at most 17 times), keeps that shift for the
  * following updates, and after a run of successful ones tries a smaller one. */

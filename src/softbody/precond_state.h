@@ -14,7 +14,7 @@ enum {
     SBI_PRECOND_MAX_ATTEMPTS = 18,
     SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
                                  * factor of any positive definite one exists */
-    SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is halved on trial */
+    SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is lowered on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
