@@ -4345,7 +4345,8 @@ typedef enum sb_precond_kind {
     SB_PRECOND_NONE = 0,         /* z = r */
     SB_PRECOND_BLOCK_JACOBI = 1, /* inverse 3x3 diagonal blocks; cheapest set-up, most iterations */
     SB_PRECOND_SSOR = 2,         /* symmetric over-relaxation; nearly no set-up, cannot break down */
-    SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations */
+    SB_PRECOND_IC0 = 3,          /* block incomplete Cholesky on the matrix's pattern; fewest iterations of
+                                  * the smoothers */
     SB_PRECOND_AUTO = 4,         /* the library's choice: sb_solver_auto */
     SB_PRECOND_FSAI = 5,         /* factorised sparse approximate inverse on the pattern of |A|^power: set-up and
                                   * application use all threads. 1.5 to 1.9 times the iterations of IC0, some
@@ -26429,7 +26430,7 @@ enum {
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
-    SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of tet4, tet10 and hex8 */
+    SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of most elements */
     SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
@@ -28660,7 +28661,8 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
             return SB_OK;
         if (result == SB_ERROR_NOT_CONVERGED)
             return result;
-        if (*square > 0.25 * before && !s->compact) /* not even halved: the last digit of x is reached */
+        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
+        if (*square > (before > 4 * target ? 0.25 : 0.99) * before && !s->compact)
             return SB_ERROR_NOT_CONVERGED;
         s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
         if (s->compact && *square > before && round == 0 && !s->current) { /* it is none of this matrix */

@@ -1387,5 +1387,5 @@ CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", te
             {"levels that hardly shrink", test_levels_that_hardly_shrink}, {"choice", test_choice},
             {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"moduli", test_moduli},
-            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps}, {"bodies choose", test_bodies_choose},
-            {"bodies that become tight", test_body_poisson}, {"weighted cells", test_weighted_cells});
+            {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps},
+            {"bodies choose", test_bodies_choose}, {"bodies that become tight", test_body_poisson}, {"weighted cells", test_weighted_cells});

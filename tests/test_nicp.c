@@ -464,7 +464,7 @@ static void test_outliers(void)
             points[i].z = REAL(check_random_in(&seed, 0.14, 0.16));
         spoilt = run_error(&made, &def, &info);
         def.newton_tolerance = reg_default_nicp_def().newton_tolerance;
-        CHECK(run_error(&made, &def, &info) < clean + 0.05);
+        CHECK(run_error(&made, &def, &info) < clean + 0.03);
         def.newton_tolerance = REAL(0.001);
         def.outliers = REG_OUTLIERS_NONE;
         careless = run_error(&made, &def, &info);

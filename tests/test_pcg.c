@@ -591,8 +591,7 @@ static void test_coarse_space(void)
         sb_pcg_info info;
         CHECK_INT(sb_preconditioner_get_info(p).piece_count, k == 0 ? 0 : 4 << k);
         memset(b.x, 0, sizeof(sb_real) * (size_t)b.n);
-        /* rounding leaves 1e-3 of this load in single precision, or a little less */
-        CHECK_OK(solve(&b.a, p, b.rhs, b.x, SB_REAL_IS_FLOAT && k ? 2e-3 : 1e-3, 1000, NULL, &info));
+        CHECK_OK(solve(&b.a, p, b.rhs, b.x, 1e-3, 1000, NULL, &info));
         counts[k] = info.iterations;
         CHECK(k == 0 || 2 * counts[k] < counts[0]);
         sb_preconditioner_free(p);

@@ -337,7 +337,8 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
             return SB_OK;
         if (result == SB_ERROR_NOT_CONVERGED)
             return result;
-        if (*square > 0.25 * before && !s->compact) /* not even halved: the last digit of x is reached */
+        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
+        if (*square > (before > 4 * target ? 0.25 : 0.99) * before && !s->compact)
             return SB_ERROR_NOT_CONVERGED;
         s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
         if (s->compact && *square > before && round == 0 && !s->current) { /* it is none of this matrix */

@@ -18,7 +18,7 @@ enum {
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
-    SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of tet4, tet10 and hex8 */
+    SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of most elements */
     SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
