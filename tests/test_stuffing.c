@@ -777,6 +777,46 @@ static void test_sign_only(void)
     sb_mesh_free(&mesh);
 }
 
+/* Three sides of a tetrahedron, listed many times over: far beyond the open fourth side the winding number still holds
+ * for inside. The mesh ends at the surface's box, give or take a cell. */
+static void test_open_surface(void)
+{
+    enum { COPIES = 9 };
+    static const int sides[9] = {0, 1, 3, 1, 2, 3, 2, 0, 3};
+    sb_vec3 corners[4] = {{0, 0, 0}, {1, 0, 0}, {(sb_real)0.5, (sb_real)0.9, 0}, {(sb_real)0.5, (sb_real)0.3, (sb_real)0.8}};
+    int faces[COPIES][9];
+    sb_mesh soup;
+    sb_surface *surface;
+    scene at;
+    memset(&soup, 0, sizeof soup);
+    for (int k = 0; k < COPIES; k++)
+        memcpy(faces[k], sides, sizeof sides);
+    soup.node_count = 4;
+    soup.nodes = corners;
+    soup.element_type = SB_TRI3;
+    soup.element_count = 3 * COPIES;
+    soup.elements = faces[0];
+    if (!CHECK_OK(sb_surface_create(&soup, NULL, &surface, NULL)))
+        return;
+    CHECK(sb_surface_inside(surface, sb_v3((sb_real)0.5, (sb_real)0.3, (sb_real)-0.7)));
+    for (int cells = 2; cells < 5; cells++) {
+        sb_mesh mesh;
+        shape unused = make_shape(BALL, 0, 0, 0, 1, 0, 0);
+        set_scene(&at, &unused, 1, (double)1 / cells, 0);
+        memset(&at.described[0], 0, sizeof at.described[0]);
+        at.described[0].surface = surface;
+        at.def.levels = cells % 3;
+        if (!CHECK_OK(sb_mesh_stuff(&at.def, &mesh, NULL, NULL)))
+            continue;
+        CHECK_OK(sb_mesh_validate(&mesh, NULL));
+        check_closed(&mesh, 1);
+        for (int i = 0; i < mesh.node_count; i++)
+            CHECK(mesh.nodes[i].z > -at.def.cell && mesh.nodes[i].z < (sb_real)0.8 + at.def.cell);
+        sb_mesh_free(&mesh);
+    }
+    sb_surface_destroy(surface);
+}
+
 CHECK_SUITE(stuffing, {"dihedral range", test_dihedral_range}, {"ball", test_ball}, {"graded count", test_graded_count},
             {"ridges", test_ridges}, {"aligned", test_aligned}, {"torus", test_torus},
             {"random shapes", test_random_shapes}, {"plates", test_plates}, {"clipped by box", test_clipped_by_box},
@@ -785,4 +825,4 @@ CHECK_SUITE(stuffing, {"dihedral range", test_dihedral_range}, {"ball", test_bal
             {"body", test_body}, {"threads", test_threads}, {"progress", test_progress},
             {"allocation failures", test_allocation_failures}, {"arguments", test_arguments},
             {"element limit", test_element_limit},
-            {"sign only", test_sign_only});
+            {"sign only", test_sign_only}, {"open surface", test_open_surface});

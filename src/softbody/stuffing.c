@@ -104,8 +104,15 @@ SB_API sb_stuff_def sb_default_stuff_def(void)
 
 /* ---- shapes ---- */
 
-/* Signed distance of a shape; the first one is cut off at its box. The sign of a surface's is that of the nearest
- * triangle's side: right but where the surface crosses itself. */
+/* How far a point lies beyond the first shape's box; negative inside. */
+static sb_real sbi_stuffing_beyond_box(const sbi_stuffing *s, sb_vec3 p)
+{
+    sb_real x = sb_max(s->low.x - p.x, p.x - s->high.x), y = sb_max(s->low.y - p.y, p.y - s->high.y);
+    return sb_max(sb_max(x, y), sb_max(s->low.z - p.z, p.z - s->high.z));
+}
+
+/* Signed distance of a shape; a function of the first one is cut off at its box. The sign of a surface's is that of the
+ * nearest triangle's side: right but where the surface crosses itself. */
 static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
     const sb_shape *g = s->def->shapes + shape;
@@ -113,12 +120,7 @@ static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
     if (g->surface)
         return sb_surface_signed_distance(g->surface, p, NULL);
     value = g->distance(g->user, p);
-    if (shape == 0 && sb_is_finite(value)) {
-        value = sb_max(value, sb_max(s->low.x - p.x, p.x - s->high.x));
-        value = sb_max(value, sb_max(s->low.y - p.y, p.y - s->high.y));
-        value = sb_max(value, sb_max(s->low.z - p.z, p.z - s->high.z));
-    }
-    return value;
+    return shape == 0 && sb_is_finite(value) ? sb_max(value, sbi_stuffing_beyond_box(s, p)) : value;
 }
 
 /* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
@@ -128,10 +130,20 @@ static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3
     return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
 }
 
+/* Whether a surface contains all points within `reach` of one, where it is farther away than that (0: the point alone);
+ * -1: some of them. The winding number of an open surface can hold for inside what lies beyond its box; of the first
+ * shape that is outside. */
+static int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
+{
+    sb_real beyond = shape == 0 ? sbi_stuffing_beyond_box(s, p) : -SB_REAL_MAX;
+    if (!sb_surface_inside(s->def->shapes[shape].surface, p) || beyond >= reach)
+        return 0;
+    return beyond < -reach ? 1 : -1;
+}
+
 static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
-    const sb_shape *g = s->def->shapes + shape;
-    return g->surface ? sb_surface_inside(g->surface, p) : sbi_stuffing_value(s, shape, p) < 0;
+    return s->def->shapes[shape].surface ? sbi_stuffing_encloses(s, shape, p, 0) : sbi_stuffing_value(s, shape, p) < 0;
 }
 
 /* Largest slope of a shape's function, 0: unknown. */
@@ -398,8 +410,10 @@ static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb
 {
     const sb_shape *g = s->def->shapes + shape;
     sb_real slope = sbi_stuffing_slope(s, shape), value;
+    if (g->surface && reach > 0 && sb_surface_closest(g->surface, p, reach, NULL))
+        return -1;
     if (g->surface)
-        return reach > 0 && sb_surface_closest(g->surface, p, reach, NULL) ? -1 : sb_surface_inside(g->surface, p);
+        return sbi_stuffing_encloses(s, shape, p, reach);
     if (reach > 0 && slope == 0)
         return -1;
     value = sbi_stuffing_value(s, shape, p);
@@ -431,43 +445,40 @@ static void sbi_stuffing_ask(const sbi_stuffing *s, sb_vec3 p, sb_real reach, sb
     }
 }
 
-static void sbi_stuffing_fill(sbi_stuffing *s, const sbi_stuffing_cube *cube, const int high[3])
+static void sbi_stuffing_fill(sbi_stuffing *s, unsigned char label, const int low[3], const int high[3])
 {
-    unsigned char label = sbi_stuffing_label(cube->inside);
     int half[3];
-    for (half[2] = cube->low[2]; half[2] < high[2]; half[2] += 2)
-        for (half[1] = cube->low[1]; half[1] < high[1]; half[1] += 2) {
-            half[0] = cube->low[0];
+    for (half[2] = low[2]; half[2] < high[2]; half[2] += 2)
+        for (half[1] = low[1]; half[1] < high[1]; half[1] += 2) {
+            half[0] = low[0];
             memset(s->labels + sbi_stuffing_index(s, half), label, (size_t)(high[0] - half[0]));
         }
 }
 
-/* One cell: its lower corner and its centre. The rim of the lattice stays outside whatever the distance says. */
+/* One cell: its lower corner and its centre. */
 static void sbi_stuffing_label_cell(sbi_stuffing *s, const sbi_stuffing_cube *cube, sbi_stuffing_failure *failure)
 {
     for (int odd = 0; odd < 2; odd++) {
         sbi_stuffing_cube point = *cube;
-        int inner = 1;
-        for (int axis = 0; axis < 3; axis++) {
+        for (int axis = 0; axis < 3; axis++)
             point.low[axis] += odd;
-            inner = inner && point.low[axis] > 1 && point.low[axis] < 2 * s->n[axis] - 1;
-        }
-        if (!inner)
-            continue;
         sbi_stuffing_ask(s, sbi_stuffing_position(s, point.low), 0, &point, failure);
         s->labels[sbi_stuffing_index(s, point.low)] = sbi_stuffing_label(point.inside);
     }
 }
 
+/* Two cells at each end of the lattice stay outside, whatever rounding makes of shapes far from the origin: all edges
+ * between labels then belong to points off the rim. */
 static void sbi_stuffing_label_cube(sbi_stuffing *s, sbi_stuffing_cube cube, sbi_stuffing_failure *failure)
 {
     uint64_t all = ~(uint64_t)0 >> (64 - s->def->shape_count);
-    int high[3];
+    int low[3], high[3];
     if (failure->shape >= 0)
         return;
     for (int axis = 0; axis < 3; axis++) {
-        high[axis] = sbi_min_int(cube.low[axis] + cube.size, 2 * s->n[axis] + 2);
-        if (cube.low[axis] >= high[axis])
+        low[axis] = sbi_max_int(cube.low[axis], 4);
+        high[axis] = sbi_min_int(cube.low[axis] + cube.size, 2 * s->n[axis] - 2);
+        if (low[axis] >= high[axis])
             return;
     }
     if (cube.size == 2) {
@@ -483,7 +494,7 @@ static void sbi_stuffing_label_cube(sbi_stuffing *s, sbi_stuffing_cube cube, sbi
                          failure);
     }
     if ((cube.known & all) == all) {
-        sbi_stuffing_fill(s, &cube, high);
+        sbi_stuffing_fill(s, sbi_stuffing_label(cube.inside), low, high);
         return;
     }
     for (int child = 0; child < 8; child++) {
