@@ -783,7 +783,8 @@ static void test_open_surface(void)
 {
     enum { COPIES = 9 };
     static const int sides[9] = {0, 1, 3, 1, 2, 3, 2, 0, 3};
-    sb_vec3 corners[4] = {{0, 0, 0}, {1, 0, 0}, {(sb_real)0.5, (sb_real)0.9, 0}, {(sb_real)0.5, (sb_real)0.3, (sb_real)0.8}};
+    sb_vec3 corners[4] = {
+        {0, 0, 0}, {1, 0, 0}, {(sb_real)0.5, (sb_real)0.9, 0}, {(sb_real)0.5, (sb_real)0.3, (sb_real)0.8}};
     int faces[COPIES][9];
     sb_mesh soup;
     sb_surface *surface;
