@@ -40,7 +40,7 @@ enum { TIME, TIP_X, TIP_Y, TIP_Z, FORCE_X, FORCE_Y, FORCE_Z, MIN_ANGLE, MAX_ANGL
 
 typedef struct work {
     const settings *set;
-    phantom phantom;
+    phantom body;
     int steps, done, cycles, frames;
     double *curves[CURVES]; /* [steps] */
     double deepest;         /* m fed at the end of the insertions */
@@ -93,10 +93,10 @@ static void name_file(const work *w, const char *ending, char path[PATH_SIZE])
 static int make_mesh(work *w)
 {
     sb_error error;
-    sb_result result = w->set->mesh ? sb_mesh_load(&w->phantom.mesh, w->set->mesh, NULL, &error)
-                                    : phantom_make_mesh(&w->phantom.mesh, &error);
+    sb_result result = w->set->mesh ? sb_mesh_load(&w->body.mesh, w->set->mesh, NULL, &error)
+                                    : phantom_make_mesh(&w->body.mesh, &error);
     if (result == SB_OK)
-        result = phantom_survey(&w->phantom, &error);
+        result = phantom_survey(&w->body, &error);
     if (result == SB_OK)
         return 0;
     if (w->set->mesh && !error.file[0])
@@ -112,21 +112,21 @@ static int make_scene(work *w)
 #if defined(SB_USE_OPENMP)
     def.jobs = sb_jobs_openmp();
 #endif
-    if (phantom_make_tissue(&w->phantom, &def, &error) != SB_OK ||
-        phantom_make_needle(&w->phantom, REAL(strcmp(w->set->tip, "bevel") == 0 ? BEVEL : 0), sb_v3(0, 0, 0), &error) !=
+    if (phantom_make_tissue(&w->body, &def, &error) != SB_OK ||
+        phantom_make_needle(&w->body, REAL(strcmp(w->set->tip, "bevel") == 0 ? BEVEL : 0), sb_v3(0, 0, 0), &error) !=
             SB_OK)
         return complain(&error);
-    printf("tissue         %d nodes, %d tets, %.0f x %.0f x %.0f mm%s\n", w->phantom.mesh.node_count,
-           w->phantom.mesh.element_count, 1e3 * (double)(w->phantom.high.x - w->phantom.low.x),
-           1e3 * (double)(w->phantom.high.y - w->phantom.low.y), 1e3 * (double)(w->phantom.high.z - w->phantom.low.z),
-           w->phantom.prostate >= 0 ? ", with a prostate" : "");
+    printf("tissue         %d nodes, %d tets, %.0f x %.0f x %.0f mm%s\n", w->body.mesh.node_count,
+           w->body.mesh.element_count, 1e3 * (double)(w->body.high.x - w->body.low.x),
+           1e3 * (double)(w->body.high.y - w->body.low.y), 1e3 * (double)(w->body.high.z - w->body.low.z),
+           w->body.prostate >= 0 ? ", with a prostate" : "");
     return 0;
 }
 
 /* The needle goes in and out as often as needed to fill the time without going further than three quarters through. */
 static int plan_run(work *w)
 {
-    double through = 0.75 * (double)(w->phantom.high.x - w->phantom.low.x) + (double)w->phantom.free_length;
+    double through = 0.75 * (double)(w->body.high.x - w->body.low.x) + (double)w->body.free_length;
     double most = through / (0.5 * SPEED);
     w->cycles = (int)ceil(w->set->seconds / most);
     w->steps = (int)(w->set->seconds / STEP + 0.5);
@@ -151,7 +151,7 @@ static int plan_run(work *w)
 static ndl_command command_at(work *w, double time)
 {
     const double pi = 3.14159265358979, span = w->set->seconds / w->cycles;
-    const double at = time / span - floor(time / span), fed = (double)ndl_needle_fed(w->phantom.needle);
+    const double at = time / span - floor(time / span), fed = (double)ndl_needle_fed(w->body.needle);
     ndl_command command;
     memset(&command, 0, sizeof command);
     if (at < 0.3 || (at >= 0.35 && at < 0.55)) {
@@ -170,7 +170,7 @@ static ndl_command command_at(work *w, double time)
 /* Room for the tissue as it is now, without the slots that are not in use. */
 static int reserve_copy(work *w)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->phantom.tissue);
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->body.tissue);
     size_t nodes = (size_t)mesh->node_capacity, tets = (size_t)mesh->tet_capacity;
     if (w->room >= mesh->tet_capacity)
         return 1;
@@ -188,7 +188,7 @@ static int reserve_copy(work *w)
 /* Copies what is in use; of the tets only those without a node before the plane y = `before`. 0: no memory. */
 static int copy_tissue(work *w, sb_real before, sb_mesh *copy)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->phantom.tissue);
+    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->body.tissue);
     int nodes = 0, tets = 0;
     if (!reserve_copy(w))
         return 0;
@@ -238,7 +238,7 @@ static int write_tissue(work *w, int frame)
 /* The needle as a line, with what the tissue does to its nodes: 0 free, 1 sticks, 2 slips inwards, 3 outwards. */
 static int write_needle(work *w, int frame)
 {
-    const ndl_needle *needle = w->phantom.needle;
+    const ndl_needle *needle = w->body.needle;
     const ndl_rod *rod = ndl_needle_rod(needle);
     int n = ndl_rod_node_count(rod), good;
     char path[PATH_SIZE], ending[32];
@@ -327,7 +327,7 @@ static int write_chart(const work *w)
 
 static void draw_needle(const work *w, picture *p)
 {
-    const ndl_rod *rod = ndl_needle_rod(w->phantom.needle);
+    const ndl_rod *rod = ndl_needle_rod(w->body.needle);
     const sb_vec3 *x = ndl_rod_positions(rod);
     for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
         picture_add_capsule(p, x[i], x[i + 1], 0.0008, picture_web(0x2f6f9f)); /* twice as thick as it is */
@@ -345,7 +345,7 @@ static int draw_part(const work *w, picture *p, const sb_mesh *copy, int prostat
     part.elements = kept;
     part.element_count = 0;
     for (int e = 0; kept && e < copy->element_count; e++)
-        if ((copy->regions[e] == w->phantom.prostate) == prostate)
+        if ((copy->regions[e] == w->body.prostate) == prostate)
             memcpy(kept + 4 * (size_t)part.element_count++, copy->elements + 4 * (size_t)e, 4 * sizeof *kept);
     if (kept && part.element_count == 0) {
         free(kept);
@@ -376,7 +376,7 @@ static int draw_picture(work *w)
     char path[PATH_SIZE], details[160];
     sb_mesh copy;
     picture p;
-    sb_real most = 0, front = w->phantom.target.y - REAL(0.02) * (w->phantom.high.y - w->phantom.low.y);
+    sb_real most = 0, front = w->body.target.y - REAL(0.02) * (w->body.high.y - w->body.low.y);
     double limit;
     int good;
     if (!copy_tissue(w, front, &copy))
@@ -392,7 +392,7 @@ static int draw_picture(work *w)
     picture_length_bar(&p);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), "A needle in a prostate phantom");
     snprintf(details, sizeof details, "%s tip, %.0f mm deep, cut open at the needle", w->set->tip,
-             1e3 * (double)ndl_needle_depth(w->phantom.needle));
+             1e3 * (double)ndl_needle_depth(w->body.needle));
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
     name_file(w, ".png", path);
     good = good ? picture_save_png(&p, path) : PICTURE_NO_MEMORY;
@@ -404,16 +404,16 @@ static int draw_picture(work *w)
 
 static void note_step(work *w, const ndl_step_info *info)
 {
-    const ndl_needle *needle = w->phantom.needle;
+    const ndl_needle *needle = w->body.needle;
     sb_vec3 force, torque, tip = ndl_needle_tip(needle).position;
     sb_real quality, smallest, largest;
     double values[CURVES];
     ndl_needle_base_wrench(needle, &force, &torque);
-    ndl_tissue_mesh_quality(ndl_tissue_get_mesh(w->phantom.tissue), &quality, &smallest, &largest);
+    ndl_tissue_mesh_quality(ndl_tissue_get_mesh(w->body.tissue), &quality, &smallest, &largest);
     values[TIME] = (w->done + 1) * STEP;
     values[TIP_X] = 1e3 * (double)tip.x;
-    values[TIP_Y] = 1e3 * (double)(tip.y - w->phantom.target.y);
-    values[TIP_Z] = 1e3 * (double)(tip.z - w->phantom.target.z);
+    values[TIP_Y] = 1e3 * (double)(tip.y - w->body.target.y);
+    values[TIP_Z] = 1e3 * (double)(tip.z - w->body.target.z);
     values[FORCE_X] = (double)force.x, values[FORCE_Y] = (double)force.y, values[FORCE_Z] = (double)force.z;
     values[MIN_ANGLE] = (double)smallest, values[MAX_ANGLE] = (double)largest;
     values[MILLISECONDS] = 1e3 * info->seconds_total;
@@ -435,7 +435,7 @@ static int make_step(work *w)
     ndl_step_info info;
     sb_error error;
     char words[64];
-    if (ndl_step(w->phantom.tissue, &w->phantom.needle, 1, REAL(STEP), &command, &info, &error) != SB_OK) {
+    if (ndl_step(w->body.tissue, &w->body.needle, 1, REAL(STEP), &command, &info, &error) != SB_OK) {
         progress_end();
         fprintf(stderr, "needle_prostate: step %d: %s\n", w->done + 1, error.message);
         return EXIT_SOLVE;
@@ -443,7 +443,7 @@ static int make_step(work *w)
     note_step(w, &info);
     w->done++;
     snprintf(words, sizeof words, "step %d of %d, %.0f mm deep, %.1f ms", w->done, w->steps,
-             1e3 * (double)ndl_needle_depth(w->phantom.needle), 1e3 * info.seconds_total);
+             1e3 * (double)ndl_needle_depth(w->body.needle), 1e3 * info.seconds_total);
     progress_show((double)w->done / w->steps, words);
     return 0;
 }
@@ -499,14 +499,14 @@ static int print_summary(work *w)
                 w->blocked);
     printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done,
            ms[w->done / 2], ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
-           ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(w->phantom.tissue)) ? "restored" : "changed");
+           ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(w->body.tissue)) ? "restored" : "changed");
     return 0;
 }
 
 static void release(work *w)
 {
     close_csv(w);
-    phantom_free(&w->phantom);
+    phantom_free(&w->body);
     for (int c = 0; c < CURVES; c++)
         free(w->curves[c]);
     free(w->number), free(w->points), free(w->displacement), free(w->tets), free(w->regions), free(w->quality);

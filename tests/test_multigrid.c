@@ -320,6 +320,46 @@ static void test_symmetry(void)
     free(my);
 }
 
+/* Small stiff parts are solved, not smoothed: whatever is left of a load, it is next to nothing at their nodes. And
+ * still what multigrid makes of loads is symmetric and positive. */
+static void test_islands(void)
+{
+    problem p = problem_beam(7, 0.15);
+    int nodes = p.mesh.node_count, n = 3 * nodes, stiff = 0;
+    unsigned char *of_part = (unsigned char *)calloc((size_t)nodes, 1);
+    sb_real *x = random_vector(n, 1), *y = random_vector(n, 2), *mx = random_vector(n, 3), *my = random_vector(n, 4);
+    double left = 0, rest = 0;
+    sb_preconditioner *multigrid;
+    sb_result result;
+    assemble_parts(&p, 0.45, dynamic_mass, INCLUSIONS, 1000);
+    multigrid = multigrid_with_moduli(&p, NULL, &result);
+    CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
+    for (int t = 0; t < p.mesh.element_count; t++)
+        for (int k = 0; k < 4; k++)
+            of_part[p.mesh.elements[4 * t + k]] |= (double)p.young[t] > 1e6;
+    sb_preconditioner_apply(multigrid, x, mx);
+    sb_preconditioner_apply(multigrid, y, my);
+    CHECK(dot(x, mx, n) > 0 && dot(y, my, n) > 0);
+    CHECK_NEAR(dot(x, my, n) - dot(y, mx, n), 0, 2e-6 * sqrt(dot(x, mx, n) * dot(y, my, n)));
+    sb_matrix_multiply(&p.a, mx, y, NULL);
+    for (int k = 0; k < n; k++) {
+        double difference = fabs((double)(x[k] - y[k]));
+        left = of_part[k / 3] ? fmax(left, difference) : left;
+        rest = of_part[k / 3] ? rest : fmax(rest, difference);
+    }
+    for (int i = 0; i < nodes; i++)
+        stiff += of_part[i];
+    CHECK(stiff > 100);
+    CHECK(left < 0.1 && rest > 0.3); /* 0.04; 2.5 where they are smoothed only */
+    sb_preconditioner_free(multigrid);
+    problem_free(&p);
+    free(of_part);
+    free(x);
+    free(y);
+    free(mx);
+    free(my);
+}
+
 /* A level like the mesh itself. */
 typedef struct double_level {
     int *start;
@@ -498,29 +538,23 @@ static void test_hard(void)
     problem_free(&p);
 }
 
-/* Jumps of the modulus by 1,000 at most double the iterations, whichever side is stiff, moving or at rest, also with many
- * small inclusions, some of which touch at an edge or a corner. Those at rest, and specks in single precision: as
- * recorded. */
+/* Jumps of the modulus by 1,000 take at most half as many iterations again (asked for was double), whichever side is
+ * stiff, moving or at rest, also with many small inclusions, some of which touch at an edge or a corner. Specks in
+ * single precision: 9 as recorded. */
 static void test_jumps(void)
 {
-    static const stiff_parts parts[5] = {BLOCK, TOUCHING, SLABS, SHEET, ROD};
     problem p = problem_beam(7, 0.15);
     double tight = SB_REAL_IS_FLOAT ? 1e-2 : 1e-6; /* float's rounding of the stiff parts allows no less */
     int easy = count_for(&p, 0.45, dynamic_mass, 1e-2), firm = count_for(&p, 0.45, 0, 1e-2);
     int easy_tight = count_for(&p, 0.45, dynamic_mass, tight);
-    for (int k = 0; k < 5; k++) {
-        CHECK(count_parts(&p, parts[k], 1000, dynamic_mass, 1e-2) <= 2 * easy);
-        CHECK(count_parts(&p, parts[k], 1e-3, dynamic_mass, 1e-2) <= 2 * easy);
-        CHECK(count_parts(&p, parts[k], 30, dynamic_mass, 1e-2) <= 2 * easy);
-        CHECK(count_parts(&p, parts[k], 1000, dynamic_mass, tight) <= 2 * easy_tight);
-        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, parts[k], 1000, 0, 1e-2) <= 2 * firm);
-    }
-    for (int k = INCLUSIONS; k <= SPECKS; k++) {
-        stiff_parts many = (stiff_parts)k;
-        int most = SB_REAL_IS_FLOAT && many == SPECKS ? 16 : 2 * easy;
-        CHECK(count_parts(&p, many, 1000, dynamic_mass, 1e-2) <= most);
-        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, many, 1000, dynamic_mass, tight) <= 2 * easy_tight);
-        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, many, 1000, 0, 1e-2) <= 10);
+    for (int k = BLOCK; k <= SPECKS; k++) {
+        stiff_parts parts = (stiff_parts)k;
+        int coarse = SB_REAL_IS_FLOAT && parts == SPECKS;
+        CHECK(count_parts(&p, parts, 1000, dynamic_mass, 1e-2) <= (coarse ? 10 : easy * 3 / 2));
+        CHECK(count_parts(&p, parts, 1e-3, dynamic_mass, 1e-2) <= easy * 3 / 2);
+        CHECK(count_parts(&p, parts, 30, dynamic_mass, 1e-2) <= easy * 3 / 2);
+        CHECK(coarse || count_parts(&p, parts, 1000, dynamic_mass, tight) <= easy_tight * 3 / 2);
+        CHECK(SB_REAL_IS_FLOAT || count_parts(&p, parts, 1000, 0, 1e-2) <= firm * 3 / 2);
     }
     problem_free(&p);
 }
@@ -1017,24 +1051,28 @@ static void test_jumps_broken(void)
 }
 
 /* A matrix with a little less on its diagonal, so that stiff parts have negative stiffness against rigid motions: the
- * coarsest level is factored all the same, with a shift, and serves the good matrix. As recorded: 9 iterations; 14 with a
- * shift 16 times as large, 170 without a factor. */
+ * coarsest level is factored all the same, with a shift, and serves the good matrix. As recorded, for a sheet: 7
+ * iterations; 9 with a shift 16 times as large, 64 without a factor. For inclusions, which are islands: 12; 32. */
 static void test_jumps_indefinite(void)
 {
+    static const stiff_parts parts[2] = {SHEET, INCLUSIONS};
+    static const int most[2] = {8, 13};
     problem p = problem_beam(7, 0.15);
-    sb_preconditioner *multigrid;
-    sb_pcg_info info;
-    sb_result result;
-    assemble_parts(&p, 0.45, dynamic_mass, INCLUSIONS, 1000);
-    multigrid = multigrid_with_moduli(&p, NULL, &result);
-    for (int i = 0; i < p.a.row_count; i++)
-        for (int k = 0; k < 9; k += 4)
-            p.a.blocks[p.a.diagonal[i]][k] *= REAL(1 - 1e-4);
-    CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
-    assemble_parts(&p, 0.45, dynamic_mass, INCLUSIONS, 1000);
-    CHECK_OK(solve_to(&p, multigrid, 1e-2, 500, &info));
-    CHECK(info.iterations <= 11);
-    sb_preconditioner_free(multigrid);
+    for (int t = 0; t < 2; t++) {
+        sb_preconditioner *multigrid;
+        sb_pcg_info info;
+        sb_result result;
+        assemble_parts(&p, 0.45, dynamic_mass, parts[t], 1000);
+        multigrid = multigrid_with_moduli(&p, NULL, &result);
+        for (int i = 0; i < p.a.row_count; i++)
+            for (int k = 0; k < 9; k += 4)
+                p.a.blocks[p.a.diagonal[i]][k] *= REAL(1 - 1e-4);
+        CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
+        assemble_parts(&p, 0.45, dynamic_mass, parts[t], 1000);
+        CHECK_OK(solve_to(&p, multigrid, 1e-2, 500, &info));
+        CHECK(info.iterations <= most[t]);
+        sb_preconditioner_free(multigrid);
+    }
     problem_free(&p);
 }
 
@@ -1122,14 +1160,22 @@ static void test_moduli_at_random(void)
 
 /* ---- bodies of several materials ---- */
 
-/* Six slabs of two materials, 3,168 nodes. */
-static sb_body *body_of_slabs(sb_mesh *mesh, sb_precond_kind kind, sb_jobs jobs)
+/* Region 1 in a beam of 0.18 x 0.06 x 0.06. */
+static void name_parts(sb_mesh *mesh, stiff_parts parts)
+{
+    for (int t = 0; t < mesh->element_count; t++) {
+        const int *tet = mesh->elements + 4 * (size_t)t;
+        mesh->regions[t] = parts == SLABS ? (int)(6 * (double)mesh->nodes[tet[0]].x / 0.18) % 2
+                                          : modulus_of(mesh, tet, 0.06, parts, 1000) > 1e6;
+    }
+}
+
+/* Region 1 is a thousand times as stiff. */
+static sb_body *body_of_parts(const sb_mesh *mesh, sb_precond_kind kind, sb_jobs jobs)
 {
     sb_region_material stiff;
     sb_body_def def = sb_default_body_def();
     sb_body *body;
-    for (int t = 0; t < mesh->element_count; t++)
-        mesh->regions[t] = (int)(6 * (double)mesh->nodes[mesh->elements[4 * (size_t)t]].x / 0.18) % 2;
     stiff.region = 1;
     stiff.material = sb_material_corotated(REAL(20e6), REAL(0.45), 1000);
     def.mesh = mesh;
@@ -1160,9 +1206,11 @@ static void test_bodies_choose(void)
     memset(&alone, 0, sizeof alone);
     small.regions = (int *)calloc((size_t)small.element_count, sizeof(int));
     large.regions = (int *)calloc((size_t)large.element_count, sizeof(int));
+    name_parts(&small, SLABS);
+    name_parts(&large, SLABS);
     for (int k = 0; k < 3; k++) {
         sb_step_info step;
-        bodies[k] = body_of_slabs(k ? &large : &small, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
+        bodies[k] = body_of_parts(k ? &large : &small, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
         CHECK(sb_body_solver(bodies[k]).kind == (k == 1 ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0));
         CHECK_OK(sb_body_step(bodies[k], REAL(0.01), &step));
         CHECK_OK(sb_body_modes(bodies[k], 1, &options, frequencies + k, NULL, info + k, NULL));
@@ -1174,22 +1222,18 @@ static void test_bodies_choose(void)
     sb_mesh_free(&large);
 }
 
-/* A body tells multigrid of its materials, also when a constraint widens its matrix; any number of threads and a loaded
- * state give the same bits. */
-static void test_body_jumps(void)
+static void check_body_of_parts(const sb_mesh *mesh)
 {
-    sb_mesh mesh = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
     unsigned long long expected = 0;
     sb_constraint_term terms[2] = {{0, 2, 1}, {0, 2, -1}};
-    terms[0].node = mesh.node_count - 1;
-    terms[1].node = mesh.node_count / 2;
-    mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
+    terms[0].node = mesh->node_count - 1;
+    terms[1].node = mesh->node_count / 2;
     for (int workers = 0; workers < 3; workers += 2) {
         sb_jobs jobs = {NULL, NULL};
-        sb_body *body = body_of_slabs(&mesh, SB_PRECOND_MULTIGRID, workers ? scene_jobs(&workers) : jobs), *loaded;
+        sb_body *body = body_of_parts(mesh, SB_PRECOND_MULTIGRID, workers ? scene_jobs(&workers) : jobs), *loaded;
         sb_step_info info;
         unsigned long long hash;
-        size_t bytes = (size_t)mesh.node_count * sizeof(sb_vec3), size;
+        size_t bytes = (size_t)mesh->node_count * sizeof(sb_vec3), size;
         void *state;
         int id;
         for (int s = 0; s < 2; s++) {
@@ -1197,7 +1241,7 @@ static void test_body_jumps(void)
             CHECK(info.pcg_iterations <= 8);
         }
         CHECK_OK(sb_body_add_constraint(body, terms, 2, 0, &id, NULL));
-        loaded = body_of_slabs(&mesh, SB_PRECOND_MULTIGRID, jobs);
+        loaded = body_of_parts(mesh, SB_PRECOND_MULTIGRID, jobs);
         size = sb_body_state_size(body);
         state = malloc(size);
         CHECK_OK(sb_body_state_save(body, state, size));
@@ -1212,6 +1256,18 @@ static void test_body_jumps(void)
         free(state);
         sb_body_destroy(loaded);
         sb_body_destroy(body);
+    }
+}
+
+/* A body tells multigrid of its materials, also when a constraint widens its matrix; any number of threads and a loaded
+ * state give the same bits. */
+static void test_body_jumps(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
+    mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
+    for (int k = 0; k < 2; k++) {
+        name_parts(&mesh, k ? INCLUSIONS : SLABS);
+        check_body_of_parts(&mesh);
     }
     sb_mesh_free(&mesh);
 }
@@ -1331,8 +1387,8 @@ static sb_body *body_of_grid(const sb_grid *grid, sb_precond_kind kind, const sb
     return body;
 }
 
-/* Most iterations of three steps. */
-static int steps_of_grid(const sb_grid *grid, const sb_multigrid_level *level, double tolerance)
+/* Most iterations of three steps, which end where those of a complete factor do, but for `error` of the way. */
+static int steps_of_grid(const sb_grid *grid, const sb_multigrid_level *level, double tolerance, double error)
 {
     sb_body *body = body_of_grid(grid, SB_PRECOND_MULTIGRID, level, tolerance);
     sb_body *exact = body_of_grid(grid, SB_PRECOND_CHOLESKY, NULL, tolerance);
@@ -1347,14 +1403,15 @@ static int steps_of_grid(const sb_grid *grid, const sb_multigrid_level *level, d
     for (int i = 0; i < grid->mesh.node_count; i++)
         moved = fmax(moved, (double)sb_v3_norm(sb_body_displacements(exact)[i]));
     CHECK(scene_distance(sb_body_displacements(body), sb_body_displacements(exact), grid->mesh.node_count) <
-          10 * tolerance * moved);
+          error * moved);
     sb_body_destroy(body);
     sb_body_destroy(exact);
     return most;
 }
 
 /* Cells that a surface cuts, some of which hold next to nothing: as few iterations as whole ones, and the motion of a
- * complete factor; with levels from the nodes' places and with the nested grid of half as many cells; with a tumour. */
+ * complete factor; with levels from the nodes' places and with the nested grid of half as many cells; with a tumour.
+ * Rows of an island leave no residual, so that for the same error it has to be smaller. */
 static void test_weighted_cells(void)
 {
     double tight = SB_REAL_IS_FLOAT ? 1e-4 : 1e-6;
@@ -1368,9 +1425,9 @@ static void test_weighted_cells(void)
         level.mapping = rows.rows;
         level.node_count = coarse.mesh.node_count;
         level.positions = coarse.mesh.nodes;
-        CHECK(steps_of_grid(&grid, NULL, 1e-2) <= (tumour ? 7 : 4));
-        CHECK(steps_of_grid(&grid, NULL, tight) <= (tumour ? 13 : 11));
-        CHECK(steps_of_grid(&grid, &level, 1e-2) <= (tumour ? 9 : 4)); /* levels of one's own know no regions */
+        CHECK(steps_of_grid(&grid, NULL, 1e-2, 0.1) <= 4);
+        CHECK(steps_of_grid(&grid, NULL, tumour ? 0.1 * tight : tight, 10 * tight) <= 11);
+        CHECK(steps_of_grid(&grid, &level, 1e-2, 0.1) <= (tumour ? 9 : 4)); /* levels of one's own know no regions */
         sb_grid_rows_free(&rows);
         sb_grid_free(&grid);
     }
@@ -1378,14 +1435,16 @@ static void test_weighted_cells(void)
 }
 
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
+            {"islands", test_islands},
             {"large coarser levels", test_large_level}, {"golden levels", test_golden},
-            {"residual", test_residual}, {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps}, {"jumps: the answer", test_jumps_answer},
-            {"jumps: a broken matrix", test_jumps_broken}, {"jumps: an indefinite matrix", test_jumps_indefinite},
-            {"free", test_free},
+            {"residual", test_residual}, {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps},
+            {"jumps: the answer", test_jumps_answer}, {"jumps: a broken matrix", test_jumps_broken},
+            {"jumps: an indefinite matrix", test_jumps_indefinite}, {"free", test_free},
             {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits}, {"bodies", test_body},
             {"levels of one's own", test_own_levels},
             {"levels that hardly shrink", test_levels_that_hardly_shrink}, {"choice", test_choice},
             {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"moduli", test_moduli},
             {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps},
-            {"bodies choose", test_bodies_choose}, {"bodies that become tight", test_body_poisson}, {"weighted cells", test_weighted_cells});
+            {"bodies choose", test_bodies_choose}, {"bodies that become tight", test_body_poisson},
+            {"weighted cells", test_weighted_cells});

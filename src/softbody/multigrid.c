@@ -38,7 +38,7 @@ SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
 static int *sbi_mg_take_ints(sbi_multigrid *m, size_t count) { return (int *)sbi_mg_take(m, count, sizeof(int)); }
 
 /* Zeroed, so that what is read past either end is a number. */
-static float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
+SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
 {
     float *floats = NULL;
     if (count <= ((size_t)-1 / sizeof(float) - 32) / width)
@@ -56,6 +56,7 @@ SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
         return;
     allocator = multigrid->allocator;
     sbi_mg_regions_free(&allocator, &multigrid->regions);
+    sbi_mg_free_islands(&multigrid->islands);
     sb_direct_free(multigrid->direct);
     sb_matrix_free(&multigrid->coarsest);
     for (int k = 0; k < multigrid->array_count; k++)
@@ -73,6 +74,24 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 
 /* ---- one level ----------------------------------------------------------------------------------------- */
 
+/* What only the finest level has beside its values. */
+static int sbi_mg_take_finest(sbi_multigrid *m, sbi_mg_level *level)
+{
+    size_t rows = (size_t)level->row_count, blocks = (size_t)level->block_count;
+    if (m->regions.count > 0) {
+        level->mend = sbi_mg_take_floats(m, rows, 12);
+        return level->mend != NULL;
+    }
+#if SB_REAL_IS_FLOAT
+    (void)blocks;
+    return 1;
+#else
+    level->rest = (uint16_t *)sbi_mg_take(m, blocks, 9 * sizeof(uint16_t));
+    m->spread = (double *)sbi_mg_take(m, rows, 4 * sizeof(double));
+    return level->rest && m->spread;
+#endif
+}
+
 /* Values and vectors of a level whose counts are set. */
 static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
@@ -84,19 +103,14 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
     }
     if (!finest)
         level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
-    if (finest && !SB_REAL_IS_FLOAT) {
-        level->rest = (uint16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(uint16_t));
-        m->spread = (double *)sbi_mg_take(m, rows, 4 * sizeof(double));
-        if (!level->rest || !m->spread)
-            return 0;
-    }
     level->inverse = sbi_mg_take_floats(m, rows, 12);
     level->x = sbi_mg_take_floats(m, rows, 4);
     level->r = sbi_mg_take_floats(m, rows, 4);
     level->d = sbi_mg_take_floats(m, rows, 4);
     level->e = sbi_mg_take_floats(m, rows, 4);
     level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
-    if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks))
+    if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks) ||
+        (finest && !sbi_mg_take_finest(m, level)))
         return 0;
     return level->inverse && level->x && level->r && level->d && level->e && level->partial;
 }
@@ -461,9 +475,7 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
     m->bytes += (size_t)m->regions.row_count * sizeof(int) +
                 (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
-    if (m->regions.count > 0)
-        m->levels[0].mend = sbi_mg_take_floats(m, (size_t)pattern->row_count, 12);
-    return made && (m->regions.count == 0 || m->levels[0].mend);
+    return made;
 }
 
 /* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where
@@ -586,10 +598,10 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->jobs = setup->jobs;
     m->bytes = sizeof *m;
     m->level_count = 1;
+    m->levels[0].row_count = pattern->row_count;
     m->wide = setup->like && setup->like->wide;
-    if (!sbi_mg_copy_pattern(m, pattern, m->levels))
-        result = sbi_mg_no_memory(m, error);
-    if (result == SB_OK && !sbi_mg_make_regions(m, setup, pattern))
+    if (!sbi_mg_make_regions(m, setup, pattern) || !sbi_mg_copy_pattern(m, pattern, m->levels) ||
+        !sbi_mg_take_islands(m))
         result = sbi_mg_no_memory(m, error);
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);

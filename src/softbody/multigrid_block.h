@@ -517,4 +517,24 @@ SBI_FORCE_INLINE void sbi_mg_sum_words(const int16_t *packed, const uint16_t *re
 }
 #endif
 
+/* ---- rows of a level ---- */
+
+/* D_i^-1 v: the inverse is symmetric. */
+SBI_FORCE_INLINE sbi_float4 sbi_mg_relax(const float *inverse, sbi_float4 v) { return sbi_f4_rows(v, inverse); }
+
+/* Row i of A times v. */
+SBI_FORCE_INLINE sbi_float4 sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v)
+{
+    const int *column = level->columns + level->row_start[i], *end = level->columns + level->row_start[i + 1];
+    size_t first = 9 * (size_t)level->row_start[i];
+    sbi_float4 sum;
+    if (level->packed)
+        sum = sbi_mg_sum_packed(level->packed + first, column, end, v);
+    else
+        sum = sbi_mg_sum_floats(level->blocks + first, column, end, v);
+    if (!level->mend)
+        return sum;
+    return sbi_f4_add(sum, sbi_mg_relax(level->mend + 12 * (size_t)i, sbi_f4_load(v + 4 * (size_t)i)));
+}
+
 #endif /* SB_MULTIGRID_BLOCK_H */

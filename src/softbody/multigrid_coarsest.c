@@ -11,32 +11,51 @@
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-/* The level's pattern as a matrix, with the same order of blocks; 0: no memory. */
-static int sbi_mg_copy_level_pattern(const sbi_mg_level *level, const sb_allocator *allocator, sb_matrix *matrix)
+/* The pattern that rows of a level have among themselves as a matrix; 0: no memory. */
+static int sbi_mg_copy_level_pattern(const sbi_mg_level *level, const int *rows, int row_count, const int *place,
+                                     const sb_allocator *allocator, sb_matrix *matrix)
 {
-    int *pairs = (int *)sbi_alloc(allocator, (size_t)level->block_count, 2 * sizeof(int));
+    size_t most = 0, count = 0;
+    int *pairs;
     sb_result result = SB_ERROR_MEMORY;
-    for (int i = 0; pairs && i < level->row_count; i++)
+    for (int k = 0; k < row_count; k++) {
+        int i = rows ? rows[k] : k;
+        most += (size_t)(level->row_start[i + 1] - level->row_start[i]);
+    }
+    pairs = (int *)sbi_alloc(allocator, most, 2 * sizeof(int));
+    for (int k = 0; pairs && k < row_count; k++) {
+        int i = rows ? rows[k] : k;
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-            pairs[2 * (size_t)q] = i;
-            pairs[2 * (size_t)q + 1] = level->columns[q];
+            int other = place ? place[level->columns[q]] : level->columns[q];
+            if (other < 0)
+                continue;
+            pairs[2 * count] = k;
+            pairs[2 * count + 1] = other;
+            count++;
         }
+    }
     if (pairs)
-        result = sb_matrix_create(level->row_count, level->block_count, 2, NULL, pairs, allocator, matrix, NULL);
+        result = sb_matrix_create(row_count, (int)count, 2, NULL, pairs, allocator, matrix, NULL);
     sbi_free(allocator, pairs);
     return result == SB_OK;
 }
 
-static int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level)
+SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
+                               const int *place, sb_matrix *matrix, sb_direct **direct)
 {
-    size_t blocks = (size_t)level->block_count;
-    m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
-    if (!m->exact || !sbi_mg_copy_level_pattern(level, &m->allocator, &m->coarsest) ||
-        sb_direct_create(NULL, &m->coarsest, &m->allocator, &m->direct, NULL) != SB_OK)
+    if (!sbi_mg_copy_level_pattern(level, rows, row_count, place, &m->allocator, matrix) ||
+        sb_direct_create(NULL, matrix, &m->allocator, direct, NULL) != SB_OK)
         return 0;
-    m->bytes += blocks * (9 * sizeof(sb_real) + 2 * sizeof(int)) + sb_direct_get_info(m->direct).bytes +
-                (size_t)level->row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
+    m->bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
+                sb_direct_get_info(*direct).bytes +
+                (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
     return 1;
+}
+
+static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
+{
+    m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
+    return m->exact && sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
 }
 
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
@@ -46,7 +65,7 @@ SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
     if (m->level_count == 1 || level->row_count > 2 * sbi_mg_small(m))
         return 1;
     if (m->regions.count)
-        return sbi_mg_take_direct(m, level);
+        return sbi_mg_take_sparse(m, level);
     m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
     m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
     m->solution = (double *)sbi_mg_take(m, size, sizeof(double));

@@ -5,24 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-/* D_i^-1 v: the inverse is symmetric. */
-SBI_FORCE_INLINE sbi_float4 sbi_mg_relax(const float *inverse, sbi_float4 v) { return sbi_f4_rows(v, inverse); }
-
-/* Row i of A times v. */
-SBI_FORCE_INLINE sbi_float4 sbi_mg_multiply_row(const sbi_mg_level *level, int i, const float *v)
-{
-    const int *column = level->columns + level->row_start[i], *end = level->columns + level->row_start[i + 1];
-    size_t first = 9 * (size_t)level->row_start[i];
-    sbi_float4 sum;
-    if (level->packed)
-        sum = sbi_mg_sum_packed(level->packed + first, column, end, v);
-    else
-        sum = sbi_mg_sum_floats(level->blocks + first, column, end, v);
-    if (!level->mend)
-        return sum;
-    return sbi_f4_add(sum, sbi_mg_relax(level->mend + 12 * (size_t)i, sbi_f4_load(v + 4 * (size_t)i)));
-}
-
 /* ---- tasks --------------------------------------------------------------------------------------------- */
 
 /* What the tasks of one level see. */
@@ -164,6 +146,23 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
+/* Block q of level 0, which is `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
+ * in 16 without. */
+SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const float *block, float own, float other,
+                                         int *bad)
+{
+    const sbi_mg_level *level = work->level;
+#if !SB_REAL_IS_FLOAT
+    if (level->rest) {
+        sbi_mg_pack_words(work->matrix->blocks[q], (double)own * (double)other * (work->scale * SBI_MG_WORD),
+                          level->packed + 9 * q, level->rest + 9 * q, bad);
+        return;
+    }
+#endif
+    (void)bad;
+    sbi_mg_pack(block, (own * other) * SBI_MG_ONE, level->packed + 9 * q);
+}
+
 /* Row i of level 0 from the matrix, and of its A P, in one pass over the matrix. The diagonal of prescribed components
  * does not reach the coarser level. Returns 1 when an entry is beyond the range. */
 static int sbi_mg_load_row(const sbi_mg_work *work, int i)
@@ -187,12 +186,7 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
         if (mixes)
             SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
         sbi_mg_round_block(from[q], scale, block);
-#if SB_REAL_IS_FLOAT
-        sbi_mg_pack(block, (own * scales[4 * (size_t)j + 3]) * SBI_MG_ONE, packed + 9 * (size_t)q);
-#else
-        sbi_mg_pack_words(from[q], (double)own * (double)scales[4 * (size_t)j + 3] * (work->scale * SBI_MG_WORD),
-                          packed + 9 * (size_t)q, level->rest + 9 * (size_t)q, &bad);
-#endif
+        sbi_mg_pack_finest(work, (size_t)q, block, own, scales[4 * (size_t)j + 3], &bad);
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
@@ -546,6 +540,7 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
     work.scale = scale;
     m->softened = 0;
     m->deviation = 0;
+    m->islands.ready = 0;
     for (int l = 0; l < m->level_count; l++) {
         int coarsest = l + 1 == m->level_count;
         work.level = m->levels + l;
@@ -562,6 +557,8 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
             sbi_mg_set_deviation(&work);
         if (work.level->mend)
             sbi_mg_run(&work, sbi_mg_mend_task);
+        if (l == 0)
+            sbi_mg_factor_islands(m, matrix, scale);
         if (!coarsest || !sbi_mg_factor_coarsest(m))
             sbi_mg_estimate_bound(&work, l ? NULL : &m->reach);
     }
@@ -569,6 +566,17 @@ SBI_API int sbi_multigrid_update(sbi_multigrid *m, const sb_matrix *matrix, doub
 }
 
 /* ---- the cycle ----------------------------------------------------------------------------------------- */
+
+/* Row i of what is left to the cycle: r_L - A_LI u_I, and 0 on islands. */
+static sbi_float4 sbi_mg_left_by_islands(const sbi_mg_work *work, int i, sbi_float4 r)
+{
+    const sbi_mg_islands *islands = &work->m->islands;
+    if (islands->side[i] == SBI_MG_ISLAND)
+        return sbi_f4_make(0, 0, 0);
+    if (islands->side[i] == SBI_MG_SHORE)
+        return sbi_f4_sub(r, sbi_mg_multiply_row(work->level, i, islands->motion));
+    return r;
+}
 
 /* r = in, and the first step of the smoother from 0: x = d = add D^-1 r. */
 static void sbi_mg_begin_task(void *user, int task)
@@ -581,6 +589,8 @@ static void sbi_mg_begin_task(void *user, int task)
         sbi_float4 left = sbi_f4_make((float)(in[0] * work->factor), (float)(in[1] * work->factor),
                                        (float)(in[2] * work->factor)), step;
         left = sbi_f4_scale(level->scale[4 * (size_t)i + 3], left);
+        if (work->m->islands.ready)
+            left = sbi_mg_left_by_islands(work, i, left);
         step = sbi_f4_scale(work->add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left));
         sbi_f4_store(r, left);
         sbi_f4_store(d, step);
@@ -763,7 +773,11 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
     work.in = r;
     work.out = z;
     work.factor = scale;
+    if (m->islands.ready)
+        sbi_mg_leave_islands(m, r, scale);
     sbi_mg_solve_level(&work, 0);
+    if (m->islands.ready)
+        sbi_mg_reach_islands(m, r, scale);
     work.level = m->levels;
     work.factor = back;
     sbi_mg_run(&work, sbi_mg_write_task);

@@ -20,6 +20,7 @@ enum {
                                * 300 */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
                                * be 3 % faster so, but cut cells and plates at rest want their digits */
+    SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */
     SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
     SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
     SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
@@ -44,7 +45,9 @@ typedef struct sbi_mg_level {
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
     int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_ONE, or NULL */
-    uint16_t *rest;           /* [block_count][9] of level 0; NULL in float builds */
+    uint16_t *rest;           /* [block_count][9] of level 0, for the product in 32 bits an entry; NULL in float builds,
+                               * and where there are regions: the rounding of stiff parts turns a slow motion of theirs
+                               * into another (six slabs at rest take 18 to 21 iterations to 1e-2 by it, 12 without) */
     float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
                                * 1 / S */
     float *mend;              /* [row_count][12] of level 0 where there are regions: what rounding took from the
@@ -84,12 +87,34 @@ typedef struct sbi_mg_regions {
     int *sizes;      /* [count] how many of the finest nodes */
 } sbi_mg_regions;
 
+/* Islands that are solved together: small stiff parts of the finest level, see multigrid_island.c. */
+typedef struct sbi_mg_island_group {
+    int count, ready;
+    int *rows;         /* [count] ascending */
+    sb_real *exact;    /* [count][3] */
+    sb_matrix matrix;  /* what the rows have among themselves */
+    sb_direct *direct; /* factors it */
+} sbi_mg_island_group;
+
+enum { SBI_MG_SEA = 0, SBI_MG_SHORE = 1, SBI_MG_ISLAND = 2 }; /* a node of no island; next to one; of one */
+
+typedef struct sbi_mg_islands {
+    int count;           /* of groups; 0: there are no islands, and no arrays */
+    int ready;           /* 1: all have a factor of the last update; 0: the cycle does without */
+    sbi_mg_island_group groups[SBI_MG_ISLANDS];
+    int *rows;           /* of all groups, one after the other, */
+    sb_real *exact;      /* and their solutions */
+    unsigned char *side; /* [rows of level 0] */
+    float *motion;       /* [rows of level 0][4] S x of islands, 0 elsewhere */
+} sbi_mg_islands;
+
 struct sbi_multigrid {
     sb_allocator allocator;
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
+    sbi_mg_islands islands;
     int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
@@ -100,7 +125,7 @@ struct sbi_multigrid {
     sb_direct *direct;
     sb_matrix coarsest;       /* what it factors */
     sb_real *exact;           /* [n] */
-    double *spread;           /* [rows of level 0][4] S x of the x to multiply by */
+    double *spread;           /* [rows of level 0][4] S x of the x to multiply by; NULL where there is no rest */
     double matrix_scale;      /* of the last update */
     double deviation;         /* see sbi_multigrid_deviation */
     int longest_row;          /* of level 0 */
@@ -111,10 +136,17 @@ struct sbi_multigrid {
 
 /* An array of the object on a cache line boundary; NULL when there is no memory. */
 SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
+/* The same for count * width floats, zeroed, with room to read before the first, too. */
+SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width);
 /* Nodes of a level that is small enough to be the coarsest. */
 SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE; }
 
 /* ---- multigrid_coarsest ---- */
+
+/* A matrix with the pattern that rows of a level have among themselves, its blocks in the level's order, and what
+ * factors it. place[row] is a row's number there or -1; rows and place NULL: all rows. 0: no memory. */
+SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
+                               const int *place, sb_matrix *matrix, sb_direct **direct);
 
 /* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
@@ -122,6 +154,18 @@ SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
 SBI_API int sbi_mg_factor_coarsest(sbi_multigrid *m);
 /* x = A^-1 r of it */
 SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m);
+
+/* ---- multigrid_island ---- */
+
+/* Finds the islands, where there are regions. 0: no memory. */
+SBI_API int sbi_mg_take_islands(sbi_multigrid *m);
+SBI_API void sbi_mg_free_islands(sbi_mg_islands *islands);
+/* Factors their blocks of the matrix times scale. */
+SBI_API void sbi_mg_factor_islands(sbi_multigrid *m, const sb_matrix *matrix, double scale);
+/* Before a cycle for the residual in[row_count][3] times factor: sets their motion with the rest held. After it: their
+ * x with the rest where the cycle has put it. */
+SBI_API void sbi_mg_leave_islands(sbi_multigrid *m, const sb_real *in, sb_real factor);
+SBI_API void sbi_mg_reach_islands(sbi_multigrid *m, const sb_real *in, sb_real factor);
 
 /* ---- multigrid_region ---- */
 

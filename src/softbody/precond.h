@@ -41,9 +41,10 @@ typedef struct sb_preconditioner_def {
     int level_count;
     const sb_real *moduli;    /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
                                * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
-                               * Parts whose moduli differ by more than five then get coarse nodes of their own: jumps
-                               * of 1:1000 cost up to twice the iterations, many small inclusions up to three times,
-                               * in place of ten times as many. Not with levels. Default NULL: one modulus */
+                               * Parts whose moduli differ by more than five then get coarse nodes of their own, and
+                               * small ones that are fifty times as stiff as the softest are solved by elimination:
+                               * jumps of 1:1000 cost up to half as many iterations again in place of ten times as
+                               * many. Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
