@@ -501,7 +501,7 @@ static void test_residual(void)
 
 /* ---- iteration counts ---- */
 
-/* Iterations hardly grow from 5,000 to 300,000 unknowns. */
+/* Iterations hardly grow from 5,000 to 300,000 unknowns; many stiff inclusions at most double them. */
 static void test_series(void)
 {
     static const int sizes[5] = {8, 12, 16, 22, 31}; /* 5,832, ... 284,832 unknowns */
@@ -511,10 +511,12 @@ static void test_series(void)
         problem p = problem_beam(sizes[k], 0.15);
         int count = count_for(&p, 0.45, dynamic_mass, tolerance);
         int firm = slow ? count_for(&p, 0.45, 0, tolerance) : 0;
+        int many = slow && !SB_REAL_IS_FLOAT ? count_parts(&p, INCLUSIONS, 1000, dynamic_mass, tolerance) : 0;
         if (slow)
-            printf("    %d unknowns: %d iterations, static %d\n", 3 * p.mesh.node_count, count, firm);
+            printf("    %d unknowns: %d iterations, static %d, with inclusions %d\n", 3 * p.mesh.node_count, count, firm,
+                   many);
         least = k == 0 || count < least ? count : least;
-        CHECK(count <= 11);
+        CHECK(count <= 11 && many <= 2 * count);
         CHECK(10 * count <= 13 * least);
         problem_free(&p);
     }
@@ -1170,14 +1172,14 @@ static void name_parts(sb_mesh *mesh, stiff_parts parts)
     }
 }
 
-/* Region 1 is a thousand times as stiff. */
-static sb_body *body_of_parts(const sb_mesh *mesh, sb_precond_kind kind, sb_jobs jobs)
+/* Region 1 is `jump` times as stiff. */
+static sb_body *body_of_parts(const sb_mesh *mesh, double jump, sb_precond_kind kind, sb_jobs jobs)
 {
     sb_region_material stiff;
     sb_body_def def = sb_default_body_def();
     sb_body *body;
     stiff.region = 1;
-    stiff.material = sb_material_corotated(REAL(20e6), REAL(0.45), 1000);
+    stiff.material = sb_material_corotated(REAL(20e3 * jump), REAL(0.45), 1000);
     def.mesh = mesh;
     def.material = sb_material_corotated(REAL(20e3), REAL(0.45), 1000);
     def.region_materials = &stiff;
@@ -1192,7 +1194,8 @@ static sb_body *body_of_parts(const sb_mesh *mesh, sb_precond_kind kind, sb_jobs
     return body;
 }
 
-/* Bodies choose by the size of their matrix, and their modes as they do. */
+/* Bodies choose by the size of their matrix, and their modes as they do. Frequencies of parts a thousand times as stiff
+ * are out of reach of single precision, whatever solves: 1.91 to 1.98 Hz for 1.81. */
 static void test_bodies_choose(void)
 {
     sb_mesh small = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
@@ -1202,6 +1205,7 @@ static void test_bodies_choose(void)
     sb_modes_options options = sb_default_modes_options();
     sb_modes_info info[3];
     sb_real frequencies[3];
+    double jump = SB_REAL_IS_FLOAT ? 30 : 1000;
     options.tolerance = SB_REAL_IS_FLOAT ? REAL(1e-2) : REAL(1e-4);
     memset(&alone, 0, sizeof alone);
     small.regions = (int *)calloc((size_t)small.element_count, sizeof(int));
@@ -1210,13 +1214,13 @@ static void test_bodies_choose(void)
     name_parts(&large, SLABS);
     for (int k = 0; k < 3; k++) {
         sb_step_info step;
-        bodies[k] = body_of_parts(k ? &large : &small, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
+        bodies[k] = body_of_parts(k ? &large : &small, jump, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
         CHECK(sb_body_solver(bodies[k]).kind == (k == 1 ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0));
         CHECK_OK(sb_body_step(bodies[k], REAL(0.01), &step));
         CHECK_OK(sb_body_modes(bodies[k], 1, &options, frequencies + k, NULL, info + k, NULL));
         sb_body_destroy(bodies[k]);
     }
-    CHECK_NEAR(frequencies[1], frequencies[2], (SB_REAL_IS_FLOAT ? 1e-2 : 1e-5) * (double)frequencies[2]);
+    CHECK_NEAR(frequencies[1], frequencies[2], (SB_REAL_IS_FLOAT ? 1e-3 : 1e-5) * (double)frequencies[2]);
     CHECK(2 * info[1].pcg_iterations < info[2].pcg_iterations);
     sb_mesh_free(&small);
     sb_mesh_free(&large);
@@ -1230,7 +1234,7 @@ static void check_body_of_parts(const sb_mesh *mesh)
     terms[1].node = mesh->node_count / 2;
     for (int workers = 0; workers < 3; workers += 2) {
         sb_jobs jobs = {NULL, NULL};
-        sb_body *body = body_of_parts(mesh, SB_PRECOND_MULTIGRID, workers ? scene_jobs(&workers) : jobs), *loaded;
+        sb_body *body = body_of_parts(mesh, 1000, SB_PRECOND_MULTIGRID, workers ? scene_jobs(&workers) : jobs), *loaded;
         sb_step_info info;
         unsigned long long hash;
         size_t bytes = (size_t)mesh->node_count * sizeof(sb_vec3), size;
@@ -1241,7 +1245,7 @@ static void check_body_of_parts(const sb_mesh *mesh)
             CHECK(info.pcg_iterations <= 8);
         }
         CHECK_OK(sb_body_add_constraint(body, terms, 2, 0, &id, NULL));
-        loaded = body_of_parts(mesh, SB_PRECOND_MULTIGRID, jobs);
+        loaded = body_of_parts(mesh, 1000, SB_PRECOND_MULTIGRID, jobs);
         size = sb_body_state_size(body);
         state = malloc(size);
         CHECK_OK(sb_body_state_save(body, state, size));
