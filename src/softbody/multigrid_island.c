@@ -14,7 +14,7 @@
 #include "multigrid_block.h"
 
 /* How much stiffer than the body's softest region an island's is. For less, islands do not save what they cost: twenty
- * balls take 7 iterations with them and 8 without at 1:20, 7 and 11 at 1:100, 8 and 30 at 1:10,000. */
+ * balls take 7 iterations with them and 8 without at 1:20, 7 and 11 at 1:100, 7 and 30 at 1:10,000. */
 #define SBI_ISLAND_STIFF 50.0
 /* The factor of an island of n nodes takes about 35 n^2 (tet4) to 70 n^2 (tet10) multiply-adds. That is worth it while
  * the sum of all n^2 is no more than this many times the level's rows: at 63, one block of 941 nodes in 14,161, update
