@@ -4375,8 +4375,9 @@ typedef struct sb_preconditioner_def {
                                * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
                                * Parts whose moduli differ by more than five then get coarse nodes of their own, and
                                * small ones that are fifty times as stiff as the softest are solved by elimination:
-                               * jumps of 1:1000 cost up to half as many iterations again in place of ten times as
-                               * many. Not with levels. Default NULL: one modulus */
+                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many. Rows of
+                               * such small parts are left with next to no residual, so that all of a tolerance goes to
+                               * the rest. Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -4404,7 +4405,7 @@ typedef struct sb_preconditioner sb_preconditioner;
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
  * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 (that the def's moduli tell) cost it half to twice its iterations again. Such jumps cost
+ * jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations. Such jumps cost
  * IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then takes half the time from some
  * 90,000 blocks on, so name it for such bodies. The choice does not depend on the number of threads, so results do not.
  * Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
@@ -4543,9 +4544,10 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
  * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
  * threads.
- * Multigrid has the matrix of its update in 32 bits an entry, which has half the bytes: directions are multiplied by that
- * one, the true residual is computed with the matrix itself, and where the two part the iteration goes on from the true
- * one, at last without the other. So the residual holds for the matrix given whatever the preconditioner was made of. */
+ * Multigrid has the matrix of its update in 32 bits an entry, which has half the bytes, but where moduli jump (and in
+ * float builds): directions are multiplied by that one, the true residual is computed with the matrix itself, and where
+ * the two part the iteration goes on from the true one, at last without the other. So the residual holds for the matrix
+ * given whatever the preconditioner was made of. */
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                               sb_pcg_info *info);
@@ -5344,7 +5346,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
  * numbers they had, those added since go, those removed since return. It does not hold the mesh: a state is loaded into
  * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
  * preconditioner and single_rotation, in the same precision; with multigrid also from materials whose stiffness jumps
- * at the same places, else what follows differs within the tolerance of the solves.
+ * at the same places by the same factors, else what follows differs within the tolerance of the solves.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
@@ -5746,10 +5748,10 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_
  * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
 SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
 /* The matrix of the last update in 32 bits an entry, to multiply by. Its product differs from the matrix's own by at
- * most sbi_multigrid_deviation() |S x|, S x being what sbi_multigrid_spread makes of x; 0: there is none (float
- * builds; where moduli jump; matrices that are not positive definite or not finite). The first of these writes rows
- * first <= i < last of S x and returns the sum of their squares, the second one rows of y = A x
- * when all of S x is there. */
+ * most sbi_multigrid_deviation() |S x|, S x being what sbi_multigrid_spread makes of x; 0: there is none (float builds;
+ * where moduli jump; matrices that are not positive definite or not finite). The first of these writes rows
+ * first <= i < last of S x and returns the sum of their squares, the second writes rows of y = A x when all of S x is
+ * there. */
 SBI_API double sbi_multigrid_deviation(const sbi_multigrid *multigrid);
 SBI_API double sbi_multigrid_spread(sbi_multigrid *multigrid, const sb_real *x, int first, int last);
 SBI_API void sbi_multigrid_multiply(const sbi_multigrid *multigrid, sb_real *y, int first, int last);
@@ -22914,7 +22916,7 @@ typedef struct sbi_mg_level {
     int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_ONE, or NULL */
     uint16_t *rest;           /* [block_count][9] of level 0, for the product in 32 bits an entry; NULL in float builds,
                                * and where there are regions: the rounding of stiff parts turns a slow motion of theirs
-                               * into another (six slabs at rest take 18 to 21 iterations to 1e-2 by it, 12 without) */
+                               * into another (six slabs at rest take 19 iterations to 1e-2 by it, 12 without) */
     float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
                                * 1 / S */
     float *mend;              /* [row_count][12] of level 0 where there are regions: what rounding took from the
@@ -22956,7 +22958,8 @@ typedef struct sbi_mg_regions {
 
 /* Islands that are solved together: small stiff parts of the finest level, see multigrid_island.c. */
 typedef struct sbi_mg_island_group {
-    int count, ready;
+    int count;
+    int ready;         /* 1: the last update found a factor */
     int *rows;         /* [count] ascending */
     sb_real *exact;    /* [count][3] */
     sb_matrix matrix;  /* what the rows have among themselves */
@@ -24571,9 +24574,10 @@ static int sbi_mg_factor_direct(sbi_multigrid *m, const sbi_mg_level *level)
 {
     sb_result result = SB_ERROR_INDEFINITE;
     double shift = 4 * (double)FLT_EPSILON;
-    for (int attempt = 0; attempt < 16 && result == SB_ERROR_INDEFINITE; attempt++, shift *= 2) {
+    for (int attempt = 0; attempt < 10 && result == SB_ERROR_INDEFINITE; attempt++) {
         sbi_mg_fill_coarsest(m, level, shift);
         result = sb_direct_update(m->direct, &m->coarsest, NULL);
+        shift *= attempt < 4 ? 2 : 8;
     }
     return result == SB_OK;
 }
@@ -24614,10 +24618,10 @@ SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m)
 /* multigrid_island: small stiff parts of a soft body, solved by elimination on the finest level. Floor 2.
  *
  * Parts a thousand times as stiff as the softest, and only some nodes wide, bend at necks and edges in ways that no
- * lattice of theirs follows: those motions are the slowest of all (in a beam with twenty balls the least eigenvalue of
- * M^-1 A is 0.040, in an even one 0.23), and more coarse nodes cost more than they save. But the parts are small, so
- * their own block A_II of the matrix is factored, and M is the elimination of the islands from the matrix, with the
- * cycle in place of what is left:
+ * lattice of theirs follows: with lattices alone those motions are the slowest of all (in a beam with twenty balls the
+ * least eigenvalue of M^-1 A is then 0.040, in an even one 0.23), and more coarse nodes cost more than they save. But
+ * the parts are small, so their own block A_II of the matrix is factored, and M is the elimination of the islands from
+ * the matrix, with the cycle in place of what is left:
  *     u_I = A_II^-1 r_I,   z_L = [cycle (0, r_L - A_LI u_I)]_L,   z_I = A_II^-1 (r_I - A_IL z_L)
  * with the islands' rows I and the rows L of the sea around them. It is symmetric and positive definite as the cycle
  * is, however A_II and A_LI are rounded. */
@@ -24643,9 +24647,9 @@ typedef struct sbi_island_run {
 
 typedef struct sbi_island_maker {
     int *list;            /* [rows] nodes, run after run */
-    int *place;           /* [rows] while runs are looked for: -1 never, 0 to be listed, 1 listed; then the place in its
-                           * group, or -1 */
+    unsigned char *mark;  /* [rows] 1: to be listed; 0: no island, or listed */
     int *group;           /* [rows] or -1 */
+    int *place;           /* [rows] in the group, or -1 */
     sbi_island_run *runs; /* [rows] */
     int run_count;
 } sbi_island_maker;
@@ -24661,14 +24665,14 @@ static int sbi_island_compare(const void *a, const void *b)
 static double sbi_island_cost(int node_count) { return (double)node_count * (double)node_count; }
 
 /* Marks the nodes of stiff regions that are small enough. */
-static void sbi_island_mark(const sbi_mg_regions *regions, double most, int *place)
+static void sbi_island_mark(const sbi_mg_regions *regions, double most, unsigned char *mark)
 {
     sb_real softest = regions->moduli[0];
     for (int r = 1; r < regions->count; r++)
         softest = sb_min(softest, regions->moduli[r]);
     for (int i = 0; i < regions->row_count; i++) {
         int r = regions->of[i], stiff = (double)regions->moduli[r] > SBI_ISLAND_STIFF * (double)softest;
-        place[i] = stiff && sbi_island_cost(regions->sizes[r]) <= most ? 0 : -1;
+        mark[i] = stiff && sbi_island_cost(regions->sizes[r]) <= most;
     }
 }
 
@@ -24676,15 +24680,15 @@ static void sbi_island_mark(const sbi_mg_regions *regions, double most, int *pla
 static void sbi_island_walk(const sbi_mg_level *level, sbi_island_maker *maker, int i, sbi_island_run *run)
 {
     maker->list[run->first] = i;
-    maker->place[i] = 1;
+    maker->mark[i] = 0;
     run->count = 1;
     for (int head = run->first; head < run->first + run->count; head++) {
         int row = maker->list[head];
         for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
             int j = level->columns[q];
-            if (maker->place[j] != 0)
+            if (!maker->mark[j])
                 continue;
-            maker->place[j] = 1;
+            maker->mark[j] = 0;
             maker->list[run->first + run->count++] = j;
         }
     }
@@ -24699,7 +24703,7 @@ static void sbi_island_find(const sbi_mg_level *level, double most, sbi_island_m
     maker->run_count = 0;
     for (int i = 0; i < level->row_count; i++) {
         sbi_island_run *run = maker->runs + maker->run_count;
-        if (maker->place[i] != 0)
+        if (!maker->mark[i])
             continue;
         run->first = listed;
         sbi_island_walk(level, maker, i, run);
@@ -24796,15 +24800,17 @@ SBI_API int sbi_mg_take_islands(sbi_multigrid *m)
         return 1;
     maker.list = (int *)sbi_alloc(&m->allocator, rows, 3 * sizeof(int));
     maker.runs = (sbi_island_run *)sbi_alloc(&m->allocator, rows, sizeof *maker.runs);
-    if (maker.list && maker.runs) {
+    maker.mark = (unsigned char *)sbi_alloc(&m->allocator, rows, 1);
+    if (maker.list && maker.runs && maker.mark) {
         maker.place = maker.list + rows;
         maker.group = maker.place + rows;
-        sbi_island_mark(&m->regions, most, maker.place);
+        sbi_island_mark(&m->regions, most, maker.mark);
         sbi_island_find(m->levels, most, &maker);
         made = maker.run_count == 0 || sbi_island_take(m, &maker);
     }
     sbi_free(&m->allocator, maker.list);
     sbi_free(&m->allocator, maker.runs);
+    sbi_free(&m->allocator, maker.mark);
     return made;
 }
 
@@ -24839,22 +24845,23 @@ static void sbi_island_mend_row(const sbi_island_work *work, int i, sb_real *dia
     for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
-        for (int e = 0; e < 9 && work->islands->side[level->columns[q]] != SBI_MG_ISLAND; e++)
+        if (work->islands->side[level->columns[q]] == SBI_MG_ISLAND)
+            continue;
+        for (int e = 0; e < 9; e++)
             lost[e] += (double)work->matrix->blocks[q][e] * work->scale - packed[e] * unit;
     }
     for (int e = 0; e < 9; e++)
         diagonal[e] += (sb_real)((lost[e] + lost[3 * (e % 3) + e / 3]) / 2);
 }
 
-/* The group's block of the matrix, its diagonal times 1 + shift. */
-static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *group, double shift)
+/* The group's block of the matrix. */
+static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *group)
 {
     const sbi_mg_level *level = work->level;
     const sb_real scale = (sb_real)work->scale;
     int own = 0;
     for (int k = 0; k < group->count; k++) {
         int i = group->rows[k];
-        sb_real *diagonal = group->matrix.blocks[group->matrix.diagonal[k]];
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
             if (work->islands->side[level->columns[q]] != SBI_MG_ISLAND)
                 continue;
@@ -24862,25 +24869,30 @@ static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *gr
                 group->matrix.blocks[own][e] = work->matrix->blocks[q][e] * scale;
             own++;
         }
-        sbi_island_mend_row(work, i, diagonal);
-        for (int e = 0; e < 9; e += 4)
-            diagonal[e] *= (sb_real)(1 + shift);
+        sbi_island_mend_row(work, i, group->matrix.blocks[group->matrix.diagonal[k]]);
     }
     SB_ASSERT(own == group->matrix.block_count);
 }
 
-/* Single precision may take a stiff part that hangs on next to nothing for one with a negative stiffness; the shift
- * makes up for that. */
+static void sbi_island_stiffen(sbi_mg_island_group *group, double shift)
+{
+    for (int k = 0; k < group->count; k++)
+        for (int e = 0; e < 9; e += 4)
+            group->matrix.blocks[group->matrix.diagonal[k]][e] *= (sb_real)(1 + shift);
+}
+
+/* Single precision may take a stiff part that hangs on next to nothing for one with a negative stiffness; shifts beyond
+ * what pivots are refused for (32 units in the last place) make up for that. */
 static void sbi_island_factor_task(void *user, int task)
 {
+    static const double units[3] = {0, 64, 512};
     const sbi_island_work *work = (const sbi_island_work *)user;
     sbi_mg_island_group *group = work->islands->groups + task;
     sb_result result = SB_ERROR_INDEFINITE;
-    double shift = 0;
-    for (int attempt = 0; attempt < 4 && result == SB_ERROR_INDEFINITE; attempt++) {
-        sbi_island_fill(work, group, shift);
+    sbi_island_fill(work, group);
+    for (int attempt = 0; attempt < 3 && result == SB_ERROR_INDEFINITE; attempt++) {
+        sbi_island_stiffen(group, units[attempt] * (double)SB_EPSILON);
         result = sb_direct_update(group->direct, &group->matrix, NULL);
-        shift = shift > 0 ? 8 * shift : 8 * (double)SB_EPSILON;
     }
     group->ready = result == SB_OK;
 }

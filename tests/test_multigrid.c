@@ -320,8 +320,8 @@ static void test_symmetry(void)
     free(my);
 }
 
-/* Small stiff parts are solved, not smoothed: whatever is left of a load, it is next to nothing at their nodes. And
- * still what multigrid makes of loads is symmetric and positive. */
+/* Small stiff parts are solved, not smoothed: of a load next to nothing is left at their nodes, a few hundredths of what
+ * is left elsewhere, from rounding. And still what multigrid makes of loads is symmetric and positive. */
 static void test_islands(void)
 {
     problem p = problem_beam(7, 0.15);
@@ -1054,7 +1054,8 @@ static void test_jumps_broken(void)
 
 /* A matrix with a little less on its diagonal, so that stiff parts have negative stiffness against rigid motions: the
  * coarsest level is factored all the same, with a shift, and serves the good matrix. As recorded, for a sheet: 7
- * iterations; 9 with a shift 16 times as large, 64 without a factor. For inclusions, which are islands: 12; 32. */
+ * iterations; 9 with a shift 16 times as large, 64 without a factor. For inclusions, whose islands are
+ * then those of the bad matrix: 12; 32. */
 static void test_jumps_indefinite(void)
 {
     static const stiff_parts parts[2] = {SHEET, INCLUSIONS};
@@ -1194,34 +1195,42 @@ static sb_body *body_of_parts(const sb_mesh *mesh, double jump, sb_precond_kind 
     return body;
 }
 
-/* Bodies choose by the size of their matrix, and their modes as they do. Frequencies of parts a thousand times as stiff
- * are out of reach of single precision, whatever solves: 1.91 to 1.98 Hz for 1.81. */
-static void test_bodies_choose(void)
+/* With frequencies: those of multigrid are those of IC(0). */
+static void check_choice(const sb_mesh *small, const sb_mesh *large, double jump, int with_frequencies)
 {
-    sb_mesh small = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
-    sb_mesh large = scene_box(SB_TET4, 48, 15, 15, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
     sb_jobs alone;
     sb_body *bodies[3];
     sb_modes_options options = sb_default_modes_options();
     sb_modes_info info[3];
     sb_real frequencies[3];
-    double jump = SB_REAL_IS_FLOAT ? 30 : 1000;
     options.tolerance = SB_REAL_IS_FLOAT ? REAL(1e-2) : REAL(1e-4);
     memset(&alone, 0, sizeof alone);
-    small.regions = (int *)calloc((size_t)small.element_count, sizeof(int));
-    large.regions = (int *)calloc((size_t)large.element_count, sizeof(int));
-    name_parts(&small, SLABS);
-    name_parts(&large, SLABS);
     for (int k = 0; k < 3; k++) {
         sb_step_info step;
-        bodies[k] = body_of_parts(k ? &large : &small, jump, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
+        bodies[k] = body_of_parts(k ? large : small, jump, k == 2 ? SB_PRECOND_IC0 : SB_PRECOND_AUTO, alone);
         CHECK(sb_body_solver(bodies[k]).kind == (k == 1 ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0));
         CHECK_OK(sb_body_step(bodies[k], REAL(0.01), &step));
         CHECK_OK(sb_body_modes(bodies[k], 1, &options, frequencies + k, NULL, info + k, NULL));
         sb_body_destroy(bodies[k]);
     }
-    CHECK_NEAR(frequencies[1], frequencies[2], (SB_REAL_IS_FLOAT ? 1e-3 : 1e-5) * (double)frequencies[2]);
+    CHECK(!with_frequencies ||
+          fabs((double)(frequencies[1] - frequencies[2])) <= (SB_REAL_IS_FLOAT ? 1e-3 : 1e-5) * (double)frequencies[2]);
     CHECK(2 * info[1].pcg_iterations < info[2].pcg_iterations);
+}
+
+/* Bodies choose by the size of their matrix, and their modes as they do. Frequencies of parts a thousand times as stiff
+ * are out of reach of single precision, whatever solves (1.91 to 1.98 Hz for 1.81). */
+static void test_bodies_choose(void)
+{
+    sb_mesh small = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
+    sb_mesh large = scene_box(SB_TET4, 48, 15, 15, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
+    small.regions = (int *)calloc((size_t)small.element_count, sizeof(int));
+    large.regions = (int *)calloc((size_t)large.element_count, sizeof(int));
+    name_parts(&small, SLABS);
+    name_parts(&large, SLABS);
+    check_choice(&small, &large, 1000, !SB_REAL_IS_FLOAT);
+    if (SB_REAL_IS_FLOAT)
+        check_choice(&small, &large, 30, 1);
     sb_mesh_free(&small);
     sb_mesh_free(&large);
 }
@@ -1439,8 +1448,7 @@ static void test_weighted_cells(void)
 }
 
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
-            {"islands", test_islands},
-            {"large coarser levels", test_large_level}, {"golden levels", test_golden},
+            {"islands", test_islands}, {"large coarser levels", test_large_level}, {"golden levels", test_golden},
             {"residual", test_residual}, {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps},
             {"jumps: the answer", test_jumps_answer}, {"jumps: a broken matrix", test_jumps_broken},
             {"jumps: an indefinite matrix", test_jumps_indefinite}, {"free", test_free},

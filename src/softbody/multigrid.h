@@ -58,10 +58,10 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *multigrid, const sb_real *r, sb_
  * update starts afresh. Returns 0 when that was done before as often as it can make sense. */
 SBI_API int sbi_multigrid_soften(sbi_multigrid *multigrid);
 /* The matrix of the last update in 32 bits an entry, to multiply by. Its product differs from the matrix's own by at
- * most sbi_multigrid_deviation() |S x|, S x being what sbi_multigrid_spread makes of x; 0: there is none (float
- * builds; where moduli jump; matrices that are not positive definite or not finite). The first of these writes rows
- * first <= i < last of S x and returns the sum of their squares, the second one rows of y = A x
- * when all of S x is there. */
+ * most sbi_multigrid_deviation() |S x|, S x being what sbi_multigrid_spread makes of x; 0: there is none (float builds;
+ * where moduli jump; matrices that are not positive definite or not finite). The first of these writes rows
+ * first <= i < last of S x and returns the sum of their squares, the second writes rows of y = A x when all of S x is
+ * there. */
 SBI_API double sbi_multigrid_deviation(const sbi_multigrid *multigrid);
 SBI_API double sbi_multigrid_spread(sbi_multigrid *multigrid, const sb_real *x, int first, int last);
 SBI_API void sbi_multigrid_multiply(const sbi_multigrid *multigrid, sb_real *y, int first, int last);

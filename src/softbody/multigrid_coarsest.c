@@ -152,9 +152,10 @@ static int sbi_mg_factor_direct(sbi_multigrid *m, const sbi_mg_level *level)
 {
     sb_result result = SB_ERROR_INDEFINITE;
     double shift = 4 * (double)FLT_EPSILON;
-    for (int attempt = 0; attempt < 16 && result == SB_ERROR_INDEFINITE; attempt++, shift *= 2) {
+    for (int attempt = 0; attempt < 10 && result == SB_ERROR_INDEFINITE; attempt++) {
         sbi_mg_fill_coarsest(m, level, shift);
         result = sb_direct_update(m->direct, &m->coarsest, NULL);
+        shift *= attempt < 4 ? 2 : 8;
     }
     return result == SB_OK;
 }

@@ -1,10 +1,10 @@
 /* multigrid_island: small stiff parts of a soft body, solved by elimination on the finest level. Floor 2.
  *
  * Parts a thousand times as stiff as the softest, and only some nodes wide, bend at necks and edges in ways that no
- * lattice of theirs follows: those motions are the slowest of all (in a beam with twenty balls the least eigenvalue of
- * M^-1 A is 0.040, in an even one 0.23), and more coarse nodes cost more than they save. But the parts are small, so
- * their own block A_II of the matrix is factored, and M is the elimination of the islands from the matrix, with the
- * cycle in place of what is left:
+ * lattice of theirs follows: with lattices alone those motions are the slowest of all (in a beam with twenty balls the
+ * least eigenvalue of M^-1 A is then 0.040, in an even one 0.23), and more coarse nodes cost more than they save. But
+ * the parts are small, so their own block A_II of the matrix is factored, and M is the elimination of the islands from
+ * the matrix, with the cycle in place of what is left:
  *     u_I = A_II^-1 r_I,   z_L = [cycle (0, r_L - A_LI u_I)]_L,   z_I = A_II^-1 (r_I - A_IL z_L)
  * with the islands' rows I and the rows L of the sea around them. It is symmetric and positive definite as the cycle
  * is, however A_II and A_LI are rounded. */
@@ -31,9 +31,9 @@ typedef struct sbi_island_run {
 
 typedef struct sbi_island_maker {
     int *list;            /* [rows] nodes, run after run */
-    int *place;           /* [rows] while runs are looked for: -1 never, 0 to be listed, 1 listed; then the place in its
-                           * group, or -1 */
+    unsigned char *mark;  /* [rows] 1: to be listed; 0: no island, or listed */
     int *group;           /* [rows] or -1 */
+    int *place;           /* [rows] in the group, or -1 */
     sbi_island_run *runs; /* [rows] */
     int run_count;
 } sbi_island_maker;
@@ -49,14 +49,14 @@ static int sbi_island_compare(const void *a, const void *b)
 static double sbi_island_cost(int node_count) { return (double)node_count * (double)node_count; }
 
 /* Marks the nodes of stiff regions that are small enough. */
-static void sbi_island_mark(const sbi_mg_regions *regions, double most, int *place)
+static void sbi_island_mark(const sbi_mg_regions *regions, double most, unsigned char *mark)
 {
     sb_real softest = regions->moduli[0];
     for (int r = 1; r < regions->count; r++)
         softest = sb_min(softest, regions->moduli[r]);
     for (int i = 0; i < regions->row_count; i++) {
         int r = regions->of[i], stiff = (double)regions->moduli[r] > SBI_ISLAND_STIFF * (double)softest;
-        place[i] = stiff && sbi_island_cost(regions->sizes[r]) <= most ? 0 : -1;
+        mark[i] = stiff && sbi_island_cost(regions->sizes[r]) <= most;
     }
 }
 
@@ -64,15 +64,15 @@ static void sbi_island_mark(const sbi_mg_regions *regions, double most, int *pla
 static void sbi_island_walk(const sbi_mg_level *level, sbi_island_maker *maker, int i, sbi_island_run *run)
 {
     maker->list[run->first] = i;
-    maker->place[i] = 1;
+    maker->mark[i] = 0;
     run->count = 1;
     for (int head = run->first; head < run->first + run->count; head++) {
         int row = maker->list[head];
         for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
             int j = level->columns[q];
-            if (maker->place[j] != 0)
+            if (!maker->mark[j])
                 continue;
-            maker->place[j] = 1;
+            maker->mark[j] = 0;
             maker->list[run->first + run->count++] = j;
         }
     }
@@ -87,7 +87,7 @@ static void sbi_island_find(const sbi_mg_level *level, double most, sbi_island_m
     maker->run_count = 0;
     for (int i = 0; i < level->row_count; i++) {
         sbi_island_run *run = maker->runs + maker->run_count;
-        if (maker->place[i] != 0)
+        if (!maker->mark[i])
             continue;
         run->first = listed;
         sbi_island_walk(level, maker, i, run);
@@ -184,15 +184,17 @@ SBI_API int sbi_mg_take_islands(sbi_multigrid *m)
         return 1;
     maker.list = (int *)sbi_alloc(&m->allocator, rows, 3 * sizeof(int));
     maker.runs = (sbi_island_run *)sbi_alloc(&m->allocator, rows, sizeof *maker.runs);
-    if (maker.list && maker.runs) {
+    maker.mark = (unsigned char *)sbi_alloc(&m->allocator, rows, 1);
+    if (maker.list && maker.runs && maker.mark) {
         maker.place = maker.list + rows;
         maker.group = maker.place + rows;
-        sbi_island_mark(&m->regions, most, maker.place);
+        sbi_island_mark(&m->regions, most, maker.mark);
         sbi_island_find(m->levels, most, &maker);
         made = maker.run_count == 0 || sbi_island_take(m, &maker);
     }
     sbi_free(&m->allocator, maker.list);
     sbi_free(&m->allocator, maker.runs);
+    sbi_free(&m->allocator, maker.mark);
     return made;
 }
 
@@ -227,22 +229,23 @@ static void sbi_island_mend_row(const sbi_island_work *work, int i, sb_real *dia
     for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
-        for (int e = 0; e < 9 && work->islands->side[level->columns[q]] != SBI_MG_ISLAND; e++)
+        if (work->islands->side[level->columns[q]] == SBI_MG_ISLAND)
+            continue;
+        for (int e = 0; e < 9; e++)
             lost[e] += (double)work->matrix->blocks[q][e] * work->scale - packed[e] * unit;
     }
     for (int e = 0; e < 9; e++)
         diagonal[e] += (sb_real)((lost[e] + lost[3 * (e % 3) + e / 3]) / 2);
 }
 
-/* The group's block of the matrix, its diagonal times 1 + shift. */
-static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *group, double shift)
+/* The group's block of the matrix. */
+static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *group)
 {
     const sbi_mg_level *level = work->level;
     const sb_real scale = (sb_real)work->scale;
     int own = 0;
     for (int k = 0; k < group->count; k++) {
         int i = group->rows[k];
-        sb_real *diagonal = group->matrix.blocks[group->matrix.diagonal[k]];
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
             if (work->islands->side[level->columns[q]] != SBI_MG_ISLAND)
                 continue;
@@ -250,25 +253,30 @@ static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *gr
                 group->matrix.blocks[own][e] = work->matrix->blocks[q][e] * scale;
             own++;
         }
-        sbi_island_mend_row(work, i, diagonal);
-        for (int e = 0; e < 9; e += 4)
-            diagonal[e] *= (sb_real)(1 + shift);
+        sbi_island_mend_row(work, i, group->matrix.blocks[group->matrix.diagonal[k]]);
     }
     SB_ASSERT(own == group->matrix.block_count);
 }
 
-/* Single precision may take a stiff part that hangs on next to nothing for one with a negative stiffness; the shift
- * makes up for that. */
+static void sbi_island_stiffen(sbi_mg_island_group *group, double shift)
+{
+    for (int k = 0; k < group->count; k++)
+        for (int e = 0; e < 9; e += 4)
+            group->matrix.blocks[group->matrix.diagonal[k]][e] *= (sb_real)(1 + shift);
+}
+
+/* Single precision may take a stiff part that hangs on next to nothing for one with a negative stiffness; shifts beyond
+ * what pivots are refused for (32 units in the last place) make up for that. */
 static void sbi_island_factor_task(void *user, int task)
 {
+    static const double units[3] = {0, 64, 512};
     const sbi_island_work *work = (const sbi_island_work *)user;
     sbi_mg_island_group *group = work->islands->groups + task;
     sb_result result = SB_ERROR_INDEFINITE;
-    double shift = 0;
-    for (int attempt = 0; attempt < 4 && result == SB_ERROR_INDEFINITE; attempt++) {
-        sbi_island_fill(work, group, shift);
+    sbi_island_fill(work, group);
+    for (int attempt = 0; attempt < 3 && result == SB_ERROR_INDEFINITE; attempt++) {
+        sbi_island_stiffen(group, units[attempt] * (double)SB_EPSILON);
         result = sb_direct_update(group->direct, &group->matrix, NULL);
-        shift = shift > 0 ? 8 * shift : 8 * (double)SB_EPSILON;
     }
     group->ready = result == SB_OK;
 }

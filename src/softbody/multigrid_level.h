@@ -47,7 +47,7 @@ typedef struct sbi_mg_level {
     int16_t *packed;          /* [block_count][9] in units of 1 / SBI_MG_ONE, or NULL */
     uint16_t *rest;           /* [block_count][9] of level 0, for the product in 32 bits an entry; NULL in float builds,
                                * and where there are regions: the rounding of stiff parts turns a slow motion of theirs
-                               * into another (six slabs at rest take 18 to 21 iterations to 1e-2 by it, 12 without) */
+                               * into another (six slabs at rest take 19 iterations to 1e-2 by it, 12 without) */
     float *scale;             /* [row_count][4] of packed levels: S for free components, 0 for prescribed ones; then
                                * 1 / S */
     float *mend;              /* [row_count][12] of level 0 where there are regions: what rounding took from the
@@ -89,7 +89,8 @@ typedef struct sbi_mg_regions {
 
 /* Islands that are solved together: small stiff parts of the finest level, see multigrid_island.c. */
 typedef struct sbi_mg_island_group {
-    int count, ready;
+    int count;
+    int ready;         /* 1: the last update found a factor */
     int *rows;         /* [count] ascending */
     sb_real *exact;    /* [count][3] */
     sb_matrix matrix;  /* what the rows have among themselves */

@@ -56,9 +56,10 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
  * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
  * threads.
- * Multigrid has the matrix of its update in 32 bits an entry, which has half the bytes: directions are multiplied by that
- * one, the true residual is computed with the matrix itself, and where the two part the iteration goes on from the true
- * one, at last without the other. So the residual holds for the matrix given whatever the preconditioner was made of. */
+ * Multigrid has the matrix of its update in 32 bits an entry, which has half the bytes, but where moduli jump (and in
+ * float builds): directions are multiplied by that one, the true residual is computed with the matrix itself, and where
+ * the two part the iteration goes on from the true one, at last without the other. So the residual holds for the matrix
+ * given whatever the preconditioner was made of. */
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                               sb_pcg_info *info);

@@ -43,8 +43,9 @@ typedef struct sb_preconditioner_def {
                                * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
                                * Parts whose moduli differ by more than five then get coarse nodes of their own, and
                                * small ones that are fifty times as stiff as the softest are solved by elimination:
-                               * jumps of 1:1000 cost up to half as many iterations again in place of ten times as
-                               * many. Not with levels. Default NULL: one modulus */
+                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many. Rows of
+                               * such small parts are left with next to no residual, so that all of a tolerance goes to
+                               * the rest. Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -72,7 +73,7 @@ typedef struct sb_preconditioner sb_preconditioner;
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
  * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 (that the def's moduli tell) cost it half to twice its iterations again. Such jumps cost
+ * jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations. Such jumps cost
  * IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then takes half the time from some
  * 90,000 blocks on, so name it for such bodies. The choice does not depend on the number of threads, so results do not.
  * Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */

@@ -11,7 +11,7 @@
  * numbers they had, those added since go, those removed since return. It does not hold the mesh: a state is loaded into
  * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
  * preconditioner and single_rotation, in the same precision; with multigrid also from materials whose stiffness jumps
- * at the same places, else what follows differs within the tolerance of the solves.
+ * at the same places by the same factors, else what follows differs within the tolerance of the solves.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
