@@ -4375,10 +4375,10 @@ typedef struct sb_preconditioner_def {
                                * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
                                * Parts whose moduli differ by more than five then get coarse nodes of their own, and
                                * small ones that are fifty times as stiff as the softest are solved by elimination:
-                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many. Rows of
-                               * such small parts are left with next to no residual, so that all of a tolerance goes to
-                               * the rest: a tenth of it makes displacements as accurate as without such parts. Not with
-                               * levels. Default NULL: one modulus */
+                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
+                               * Rows of such small parts are left with next to no residual, so that all of a tolerance
+                               * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
+                               * Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -24898,12 +24898,18 @@ static void sbi_island_factor_task(void *user, int task)
     group->ready = result == SB_OK;
 }
 
-SBI_API void sbi_mg_factor_islands(sbi_multigrid *m, const sb_matrix *matrix, double scale)
+static sbi_island_work sbi_island_begin_work(sbi_multigrid *m)
 {
     sbi_island_work work;
     memset(&work, 0, sizeof work);
     work.islands = &m->islands;
     work.level = m->levels;
+    return work;
+}
+
+SBI_API void sbi_mg_factor_islands(sbi_multigrid *m, const sb_matrix *matrix, double scale)
+{
+    sbi_island_work work = sbi_island_begin_work(m);
     work.matrix = matrix;
     work.scale = scale;
     sbi_run(&m->jobs, sbi_island_factor_task, &work, m->islands.count);
@@ -24955,10 +24961,7 @@ static void sbi_island_reach_task(void *user, int task)
 
 static void sbi_island_run_tasks(sbi_multigrid *m, sb_task task, const sb_real *in, sb_real factor)
 {
-    sbi_island_work work;
-    memset(&work, 0, sizeof work);
-    work.islands = &m->islands;
-    work.level = m->levels;
+    sbi_island_work work = sbi_island_begin_work(m);
     work.in = in;
     work.factor = factor;
     sbi_run(&m->jobs, task, &work, m->islands.count);

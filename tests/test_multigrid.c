@@ -1059,7 +1059,7 @@ static void test_jumps_broken(void)
 static void test_jumps_indefinite(void)
 {
     static const stiff_parts parts[2] = {SHEET, INCLUSIONS};
-    static const int most[2] = {8, 13};
+    static const int most[2] = {8, 12};
     problem p = problem_beam(7, 0.15);
     for (int t = 0; t < 2; t++) {
         sb_preconditioner *multigrid;
@@ -1215,11 +1215,13 @@ static void check_choice(const sb_mesh *small, const sb_mesh *large, double jump
     }
     CHECK(!with_frequencies ||
           fabs((double)(frequencies[1] - frequencies[2])) <= (SB_REAL_IS_FLOAT ? 1e-3 : 1e-5) * (double)frequencies[2]);
+    for (int k = 1; k < 3 && !with_frequencies; k++)
+        CHECK_NEAR(frequencies[k], 1.8068, 0.18); /* what double finds; floats found 1.91 to 1.98 */
     CHECK(2 * info[1].pcg_iterations < info[2].pcg_iterations);
 }
 
 /* Bodies choose by the size of their matrix, and their modes as they do. Frequencies of parts a thousand times as stiff
- * are out of reach of single precision, whatever solves (1.91 to 1.98 Hz for 1.81). */
+ * are out of reach of single precision but for a tenth, whatever solves. */
 static void test_bodies_choose(void)
 {
     sb_mesh small = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);

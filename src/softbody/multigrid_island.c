@@ -281,12 +281,18 @@ static void sbi_island_factor_task(void *user, int task)
     group->ready = result == SB_OK;
 }
 
-SBI_API void sbi_mg_factor_islands(sbi_multigrid *m, const sb_matrix *matrix, double scale)
+static sbi_island_work sbi_island_begin_work(sbi_multigrid *m)
 {
     sbi_island_work work;
     memset(&work, 0, sizeof work);
     work.islands = &m->islands;
     work.level = m->levels;
+    return work;
+}
+
+SBI_API void sbi_mg_factor_islands(sbi_multigrid *m, const sb_matrix *matrix, double scale)
+{
+    sbi_island_work work = sbi_island_begin_work(m);
     work.matrix = matrix;
     work.scale = scale;
     sbi_run(&m->jobs, sbi_island_factor_task, &work, m->islands.count);
@@ -338,10 +344,7 @@ static void sbi_island_reach_task(void *user, int task)
 
 static void sbi_island_run_tasks(sbi_multigrid *m, sb_task task, const sb_real *in, sb_real factor)
 {
-    sbi_island_work work;
-    memset(&work, 0, sizeof work);
-    work.islands = &m->islands;
-    work.level = m->levels;
+    sbi_island_work work = sbi_island_begin_work(m);
     work.in = in;
     work.factor = factor;
     sbi_run(&m->jobs, task, &work, m->islands.count);

@@ -43,10 +43,10 @@ typedef struct sb_preconditioner_def {
                                * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
                                * Parts whose moduli differ by more than five then get coarse nodes of their own, and
                                * small ones that are fifty times as stiff as the softest are solved by elimination:
-                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many. Rows of
-                               * such small parts are left with next to no residual, so that all of a tolerance goes to
-                               * the rest: a tenth of it makes displacements as accurate as without such parts. Not with
-                               * levels. Default NULL: one modulus */
+                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
+                               * Rows of such small parts are left with next to no residual, so that all of a tolerance
+                               * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
+                               * Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
