@@ -4364,8 +4364,9 @@ typedef struct sb_preconditioner_def {
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
-                      * made while one thread makes the factor */
+    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do, from 1,000 nodes
+                      * on: its factor is made, and applied, from both ends of the nodes' order. SSOR and Cholesky share
+                      * out their coarse space only, which is made while one thread makes the factor */
     sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
                       * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
@@ -4386,7 +4387,7 @@ typedef struct sb_preconditioner_info {
     sb_precond_kind kind; /* never SB_PRECOND_AUTO */
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* after an update of IC0: its diagonal was multiplied by 1 + shift, 1/32 or more with
+    double shift;         /* after an update of IC0: its diagonal was multiplied by 1 + shift, 1/16 or more with
                            * pieces, otherwise only where pivots need it; FSAI: the largest that a row needed */
     int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */
@@ -26915,8 +26916,8 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
 }
 
 /* ==== src/softbody/precond_state.h ==== */
-/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_coarse.c moves the
- * pieces, precond_save.c keeps it. */
+/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_lower.c has
+ * its triangular factors, precond_coarse.c moves the pieces, precond_save.c keeps it. */
 #ifndef SB_PRECOND_STATE_H
 #define SB_PRECOND_STATE_H
 
@@ -26931,6 +26932,8 @@ enum {
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
     SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of most elements */
+    SBI_PRECOND_HALVED_ROWS = 1000, /* below, a second thread gains less than it takes to wake */
+    SBI_PRECOND_BETWEEN = 6,        /* of the nodes at most one in so many may be between the halves */
     SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
@@ -26968,19 +26971,25 @@ struct sb_preconditioner {
     uint64_t pattern_hash;
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
-    /* lower triangle by rows */
-    int *start;     /* [row_count + 1] */
-    int *columns;   /* [lower_count] node j < i */
+    /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
+    int part[4];    /* where they begin in the order, and its end */
+    int *order;     /* [row_count] the node i that is eliminated k-th */
+    int *start;     /* [row_count + 1] of the row of order[k] */
+    int *columns;   /* [lower_count] node j, eliminated before i */
     int *source;    /* [lower_count] matrix block (j, i) */
     float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
     float *inverse; /* [row_count][12] D^-1 */
     float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
     float *result;  /* [row_count][4] z, scaled */
-    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j,
-     * m) */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the block
+     * (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
     int *pairs;         /* [pairs][2] */
-    float *row;         /* [longest row][12] transposed blocks of the row at work */
+    int longest;        /* row */
+    float *row;         /* [2][longest][12] transposed blocks of the rows at work, one in each half */
+    int bad[2];         /* node of the first bad pivot of each half, or -1 */
+    int relaxing;       /* 1: the update at work tries a lower shift */
+    double trial;       /* its shift */
     int attempts, successes, wait;
     double shift;
     sbi_fsai fsai;
@@ -26998,6 +27007,13 @@ struct sb_preconditioner {
     void *arrays[SBI_PRECOND_MAX_ARRAYS];
 };
 
+/* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user, 0). */
+typedef struct sbi_precond_beside {
+    sb_task task, last; /* last: or NULL */
+    void *user;
+    int count;
+} sbi_precond_beside;
+
 /* What tasks see. */
 typedef struct sbi_precond_job {
     sb_preconditioner *p;
@@ -27007,9 +27023,20 @@ typedef struct sbi_precond_job {
     sb_real *z;
     double scale;    /* of r: a power of two */
     int with_result; /* restriction: of r - A result, not r */
-    sb_task beside;  /* see sbi_precond_update_coarse */
-    void *beside_user;
+    const sbi_precond_beside *beside; /* or NULL */
 } sbi_precond_job;
+
+/* r_i for the smoother: rounded, and where there are rotations turned back, without what is prescribed. */
+SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
+{
+    sbi_float4 v = sbi_f4_round(r + 3 * i, scale);
+    if (!p->turned)
+        return v;
+    for (int k = 0; p->fixed[i] && k < 3; k++)
+        if (p->fixed[i] >> k & 1)
+            SBI_F4(v, k) = 0;
+    return sbi_f4_rows(v, p->turns + 12 * i);
+}
 
 /* An array of the object on a cache line boundary; NULL when there is no memory. */
 SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size);
@@ -27019,14 +27046,28 @@ SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_
 /* The power of two that brings `size` near 1: to 0.5 at least, below 1. */
 SBI_API double sbi_precond_power(double size);
 
+/* ---- precond_lower ---- */
+
+/* Takes the memory of L; halved: in two halves where that leaves few nodes between them. 0 when there is none. */
+SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved);
+/* inverse = D^-1 of A's diagonal blocks: node of one that is not positive definite, or -1. */
+SBI_API int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a);
+/* L of SSOR, after the diagonals */
+SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a);
+/* An update of IC(0): begin says how many halves there are, each of which any thread may factor; then comes the end. */
+SBI_API int sbi_precond_begin_ic0(sb_preconditioner *p);
+SBI_API void sbi_precond_factor_half(sb_preconditioner *p, const sb_matrix *a, int half);
+SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error);
+/* result = M^-1 r */
+SBI_API void sbi_precond_sweep(const sbi_precond_job *job);
+
 /* ---- precond_coarse ---- */
 
 /* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
-/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); beside(user, 0), unless NULL, is one more of the
- * tasks. */
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
-                                       sb_task beside, void *beside_user);
+                                       const sbi_precond_beside *beside);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
 SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
@@ -27034,8 +27075,6 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
 /* ==== src/softbody/precond.c ==== */
 /* precond: factors, their application and the object. */
-#include <float.h>
-#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -27080,244 +27119,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
     sbi_free(&allocator, preconditioner);
 }
 
-/* ---- the lower triangle -------------------------------------------------------------------------------- */
-
-static int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a)
-{
-    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
-    p->start = sbi_precond_take_ints(p, rows + 1);
-    p->columns = sbi_precond_take_ints(p, lower);
-    p->source = sbi_precond_take_ints(p, lower);
-    p->lower = sbi_precond_take_floats(p, lower, 12);
-    if (!p->start || !p->columns || !p->source || !p->lower)
-        return 0;
-    p->start[0] = 0;
-    for (int i = 0, e = 0; i < p->row_count; i++) {
-        for (int q = a->row_start[i]; q < a->diagonal[i]; q++, e++) {
-            p->columns[e] = a->columns[q];
-            p->source[e] = a->transpose[q];
-        }
-        p->start[i + 1] = e;
-    }
-    return 1;
-}
-
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. place
- * [row_count] is scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, int *place, size_t *pair_start, int *pairs)
-{
-    size_t total = 0;
-    for (int i = 0; i < p->row_count; i++) {
-        for (int e = p->start[i]; e < p->start[i + 1]; e++) {
-            int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
-            /* columns ascend, so place[] holds the m < j of row i when (i, j) is met */
-            for (int b = p->start[j]; b < p->start[j + 1]; b++) {
-                if (place[p->columns[b]] < 0)
-                    continue;
-                if (pairs) {
-                    pairs[2 * total] = place[p->columns[b]];
-                    pairs[2 * total + 1] = b;
-                }
-                total++;
-            }
-            place[j] = e - p->start[i];
-        }
-        for (int e = p->start[i]; e < p->start[i + 1]; e++)
-            place[p->columns[e]] = -1;
-    }
-    if (pairs)
-        pair_start[p->lower_count] = total;
-    return total;
-}
-
-static int sbi_precond_make_pairs(sb_preconditioner *p)
-{
-    int *place = (int *)sbi_alloc(&p->allocator, (size_t)p->row_count, sizeof(int)), longest = 0;
-    size_t total;
-    if (!place)
-        return 0;
-    for (int i = 0; i < p->row_count; i++) {
-        place[i] = -1;
-        longest = p->start[i + 1] - p->start[i] > longest ? p->start[i + 1] - p->start[i] : longest;
-    }
-    total = sbi_precond_list_pairs(p, place, NULL, NULL);
-    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, (size_t)longest, 12);
-    if (p->pair_start && p->pairs && p->row)
-        sbi_precond_list_pairs(p, place, p->pair_start, p->pairs);
-    sbi_free(&p->allocator, place);
-    return p->pair_start && p->pairs && p->row;
-}
-
-/* ---- factorisations ------------------------------------------------------------------------------------ */
-
-/* Inverse of a symmetric 3x3 matrix (row-major with rows of 4) when its pivots exceed `least`[k]; else 0. */
-static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *inverse)
-{
-    double a00 = (double)SBI_F4(d[0], 0), a01 = (double)SBI_F4(d[0], 1), a02 = (double)SBI_F4(d[0], 2);
-    double a11 = (double)SBI_F4(d[1], 1), a12 = (double)SBI_F4(d[1], 2), a22 = (double)SBI_F4(d[2], 2);
-    double c00 = a11 * a22 - a12 * a12, c01 = a02 * a12 - a01 * a22, c02 = a01 * a12 - a02 * a11;
-    double minor = a00 * a11 - a01 * a01, det = a00 * c00 + a01 * c01 + a02 * c02, f;
-    /* pivots of the elimination: a00, minor / a00, det / minor; comparisons are false for NaN */
-    if (!(a00 > (double)least[0] && minor > (double)least[1] * a00 && det > (double)least[2] * minor))
-        return 0;
-    f = 1 / det;
-    sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
-    sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
-                                          (float)((a01 * a02 - a00 * a12) * f)));
-    sbi_f4_store(inverse + 8,
-                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
-    return 1;
-}
-
-/* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
-SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
-                                           double factor, sbi_float4 *d, float *least)
-{
-    const sb_real *block = a->blocks[a->diagonal[i]];
-    for (int r = 0; r < 3; r++) {
-        float diagonal = (float)((double)block[4 * r] * p->matrix_scale * factor);
-        d[r] = sbi_f4_round_row(block + 3 * r, (sb_real)p->matrix_scale);
-        SBI_F4(d[r], r) = diagonal;
-        least[r] = diagonal > 0 ? 64 * FLT_EPSILON * diagonal : 0;
-    }
-}
-
-/* Node whose diagonal block is not positive definite, or -1. */
-static int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a)
-{
-    for (int i = 0; i < p->row_count; i++) {
-        sbi_float4 d[3];
-        float least[3];
-        sbi_precond_diagonal(p, a, i, 1, d, least);
-        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
-            return i;
-    }
-    return -1;
-}
-
-/* SSOR: M = (D + w L_A) D^-1 (D + w L_A)^T up to a factor, hence L = w L_A D^-1. */
-static void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
-{
-    const sb_real relaxation = (sb_real)1.3; /* flat optimum: 1.0 to 1.6 differ by a few iterations */
-    sb_real scale = (sb_real)p->matrix_scale * relaxation;
-    for (int e = 0; e < p->lower_count; e++) {
-        const sb_real *upper = a->blocks[p->source[e]]; /* (j, i): its columns are the rows of (i, j) */
-        const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
-        sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
-        sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
-        float *out = p->lower + 12 * (size_t)e;
-        for (int r = 0; r < 3; r++)
-            sbi_f4_store(out + 4 * r,
-                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
-    }
-}
-
-/* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
- * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
-SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, float *out_row,
-                                            sbi_float4 *d)
-{
-    const sb_real *upper = a->blocks[p->source[e]];
-    sb_real scale = (sb_real)p->matrix_scale;
-    sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
-    sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
-    const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
-    float *l = p->lower + 12 * (size_t)e;
-    int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
-    SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
-    SBI_PREFETCH(a->blocks[later], 64);
-    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
-        const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
-                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
-        u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
-        u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
-        u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
-    }
-    sbi_f4_store(out_row, u0);
-    sbi_f4_store(out_row + 4, u1);
-    sbi_f4_store(out_row + 8, u2);
-    for (int r = 0; r < 3; r++) {
-        sbi_float4 row = sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse);
-        sbi_f4_store(l + 4 * r, row);
-        d[r] = sbi_f4_sub(d[r], sbi_f4_rows(row, out_row));
-    }
-}
-
-/* Block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
-static int sbi_precond_factor(sb_preconditioner *p, const sb_matrix *a, double shift)
-{
-    for (int i = 0; i < p->row_count; i++) {
-        sbi_float4 d[3];
-        float least[3];
-        sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
-        for (int e = p->start[i]; e < p->start[i + 1]; e++)
-            sbi_precond_eliminate(p, a, e, p->row + 12 * (size_t)(e - p->start[i]), d);
-        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
-            return i;
-    }
-    return -1;
-}
-
-/* Shifts go 0, 0.001, 0.002 ..., and with pieces 1/32, 1/8, 1/4 ...: close to breakdown a factor has huge entries and
- * takes twice the iterations, and what a shift costs in smooth motions the pieces make up for. */
-static double sbi_precond_least_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 32 : 0; }
-static double sbi_precond_second_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 8 : 1e-3; }
-
-static double sbi_precond_lower_shift(const sb_preconditioner *p)
-{
-    return p->shift > 1.5 * sbi_precond_second_shift(p) ? p->shift / 2 : sbi_precond_least_shift(p);
-}
-
-static double sbi_precond_raise_shift(const sb_preconditioner *p, double shift)
-{
-    double second = sbi_precond_second_shift(p);
-    return shift < second ? second : 2 * shift;
-}
-
-static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
-{
-    double least = sbi_precond_least_shift(p), shift = p->shift < least ? least : p->shift;
-    int relaxing = shift > least && p->successes >= p->wait, bad = 0;
-    if (relaxing)
-        shift = sbi_precond_lower_shift(p);
-    for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
-        bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0 || shift >= (double)SBI_PRECOND_MAX_SHIFT)
-            break;
-        shift = sbi_precond_raise_shift(p, shift);
-    }
-    if (bad >= 0) {
-        p->shift = 0; /* the next matrix may be a tamer one */
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
-                             shift);
-    }
-    if (p->attempts > 1) {
-        p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
-        p->successes = 0;
-    } else {
-        p->successes = relaxing ? 0 : p->successes + (p->successes < INT_MAX);
-    }
-    p->shift = shift;
-    return SB_OK;
-}
-
 /* ---- application --------------------------------------------------------------------------------------- */
-
-/* r_i for the smoother: rounded, and where there are rotations turned back, without what is prescribed. */
-SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
-{
-    sbi_float4 v = sbi_f4_round(r + 3 * i, scale);
-    if (!p->turned)
-        return v;
-    for (int k = 0; p->fixed[i] && k < 3; k++)
-        if (p->fixed[i] >> k & 1)
-            SBI_F4(v, k) = 0;
-    return sbi_f4_rows(v, p->turns + 12 * i);
-}
 
 /* And back: R result_i, with what is prescribed by itself. */
 SBI_FORCE_INLINE void sbi_precond_leave(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
@@ -27386,46 +27188,6 @@ static void sbi_precond_columns_task(void *user, int chunk)
     sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
     if (p->turned)
         sbi_precond_leave_task(user, chunk);
-}
-
-/* middle = (I + L)^-1 r, result = D^-1 middle. Here and below the arrays are named first: a store of a vector may change
- * anything, also p, as far as a compiler knows. */
-static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
-{
-    const int *start = p->start, *columns = p->columns;
-    const float *l = p->lower, *inverse = p->inverse;
-    float *middle = p->middle, *result = p->result;
-    size_t rows = (size_t)p->row_count;
-    int plain = !p->turned;
-    for (size_t i = 0; i < rows; i++) {
-        sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
-        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
-            sbi_float4 v = sbi_f4_load(middle + 4 * (size_t)columns[e]);
-            s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
-            s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
-            s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
-        }
-        y = plain && i + 1 < rows ? sbi_f4_round_row(r + 3 * i, scale) : sbi_precond_enter(p, r, i, scale);
-        y = sbi_f4_sub(y, sbi_f4_sums(s0, s1, s2));
-        sbi_f4_store(middle + 4 * i, y);
-        sbi_f4_store(result + 4 * i, sbi_f4_rows(y, inverse + 12 * i));
-    }
-}
-
-/* result = (I + L)^-T result, by columns of L^T: each row is final when it is met. */
-static void sbi_precond_backward(sb_preconditioner *p)
-{
-    const int *start = p->start, *columns = p->columns;
-    const float *lower = p->lower;
-    float *result = p->result;
-    for (int i = p->row_count; i-- > 0;) {
-        sbi_float4 z = sbi_f4_load(result + 4 * (size_t)i);
-        const float *l = lower + 12 * (size_t)start[i];
-        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
-            float *to = result + 4 * (size_t)columns[e];
-            sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
-        }
-    }
 }
 
 SBI_API double sbi_precond_power(double size)
@@ -27500,8 +27262,7 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
         sbi_precond_run(job, sbi_precond_rows_task);
         sbi_precond_run(job, sbi_precond_columns_task);
     } else {
-        sbi_precond_forward(p, job->r, (sb_real)job->scale);
-        sbi_precond_backward(p);
+        sbi_precond_sweep(job);
     }
     if (p->turned && p->kind != SB_PRECOND_FSAI) /* which turns its rows as it makes them */
         sbi_precond_run(job, sbi_precond_leave_task);
@@ -27688,7 +27449,8 @@ static sb_result sbi_precond_make_direct(sb_preconditioner *p, const sb_precondi
 }
 
 /* What only one kind needs. */
-static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a,
+                                       int pieces)
 {
     sb_result result = SB_OK;
     if (p->kind == SB_PRECOND_FSAI) {
@@ -27701,9 +27463,8 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
         if (!p->inverse)
             result = SB_ERROR_MEMORY;
     }
-    if (result == SB_OK && (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0) && !sbi_precond_make_lower(p, a))
-        result = SB_ERROR_MEMORY;
-    if (result == SB_OK && p->kind == SB_PRECOND_IC0 && !sbi_precond_make_pairs(p))
+    if (result == SB_OK && (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0) &&
+        !sbi_precond_make_lower(p, a, p->kind == SB_PRECOND_IC0 && pieces > 0))
         result = SB_ERROR_MEMORY;
     return result;
 }
@@ -27722,7 +27483,7 @@ static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_precon
     if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
         result = SB_ERROR_MEMORY;
     if (result == SB_OK)
-        result = sbi_precond_make_kind(p, def, a);
+        result = sbi_precond_make_kind(p, def, a, pieces);
     if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
         result = SB_ERROR_MEMORY;
     if (result != SB_OK)
@@ -27848,46 +27609,73 @@ static sb_result sbi_precond_update_fsai(sb_preconditioner *p, const sb_matrix *
     return SB_OK;
 }
 
-/* The smoother of the matrix. */
-static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
-{
-    int bad = -1;
-    if (p->kind == SB_PRECOND_IC0)
-        return sbi_precond_update_ic0(p, a, error);
-    if (p->kind == SB_PRECOND_FSAI)
-        return sbi_precond_update_fsai(p, a, error);
-    if (p->kind == SB_PRECOND_CHOLESKY)
-        return sb_direct_update(p->direct, a, error);
-    if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
-        bad = sbi_precond_invert_diagonals(p, a);
-    if (p->kind == SB_PRECOND_MULTIGRID)
-        bad = sbi_multigrid_update(p->multigrid, a, p->matrix_scale);
-    if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: diagonal block is not positive definite", bad);
-    if (p->kind == SB_PRECOND_SSOR)
-        sbi_precond_fill_ssor(p, a);
-    return SB_OK;
-}
-
-/* An update of the smoother as a task. */
-typedef struct sbi_precond_smoothing {
+/* An update as tasks. */
+typedef struct sbi_precond_updating {
     sb_preconditioner *p;
     const sb_matrix *matrix;
     sb_error *error;
     sb_result result;
-} sbi_precond_smoothing;
+} sbi_precond_updating;
 
-static void sbi_precond_smoother_task(void *user, int index)
+static void sbi_precond_half_task(void *user, int half)
 {
-    sbi_precond_smoothing *work = (sbi_precond_smoothing *)user;
+    const sbi_precond_updating *work = (const sbi_precond_updating *)user;
+    sbi_precond_factor_half(work->p, work->matrix, half);
+}
+
+static void sbi_precond_between_task(void *user, int index)
+{
+    sbi_precond_updating *work = (sbi_precond_updating *)user;
     (void)index;
-    work->result = sbi_precond_update_kind(work->p, work->matrix, work->error);
+    work->result = sbi_precond_end_ic0(work->p, work->matrix, work->error);
+}
+
+/* All of the smoother of other kinds than IC(0). */
+static void sbi_precond_whole_task(void *user, int index)
+{
+    sbi_precond_updating *work = (sbi_precond_updating *)user;
+    sb_preconditioner *p = work->p;
+    int bad = -1;
+    (void)index;
+    if (p->kind == SB_PRECOND_FSAI)
+        work->result = sbi_precond_update_fsai(p, work->matrix, work->error);
+    if (p->kind == SB_PRECOND_CHOLESKY)
+        work->result = sb_direct_update(p->direct, work->matrix, work->error);
+    if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
+        bad = sbi_precond_invert_diagonals(p, work->matrix);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        bad = sbi_multigrid_update(p->multigrid, work->matrix, p->matrix_scale);
+    if (bad >= 0)
+        work->result = sbi_fail_node(work->error, SB_ERROR_INDEFINITE, bad,
+                                     "node %d: diagonal block is not positive definite", bad);
+    else if (p->kind == SB_PRECOND_SSOR)
+        sbi_precond_fill_ssor(p, work->matrix);
+}
+
+/* The smoother and, beside it where it leaves threads, the pieces. */
+static void sbi_precond_update_all(sbi_precond_updating *work, const sb_vec3 *positions)
+{
+    sb_preconditioner *p = work->p;
+    sbi_precond_beside beside;
+    beside.user = work;
+    beside.count = p->kind == SB_PRECOND_IC0 ? sbi_precond_begin_ic0(p) : 1;
+    beside.task = p->kind == SB_PRECOND_IC0 ? sbi_precond_half_task : sbi_precond_whole_task;
+    beside.last = p->kind == SB_PRECOND_IC0 ? sbi_precond_between_task : NULL;
+    if (p->coarse.piece_count && p->kind != SB_PRECOND_FSAI) { /* which shares itself out */
+        sbi_precond_update_coarse(p, work->matrix, positions, &beside);
+        return;
+    }
+    sbi_run(&p->jobs, beside.task, work, beside.count);
+    if (beside.last)
+        beside.last(work, 0);
+    if (work->result == SB_OK && p->coarse.piece_count)
+        sbi_precond_update_coarse(p, work->matrix, positions, NULL);
 }
 
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error)
 {
-    sbi_precond_smoothing work;
+    sbi_precond_updating work;
     double scale;
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
@@ -27899,13 +27687,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.p = p;
     work.matrix = matrix;
     work.error = error;
-    if (p->coarse.piece_count && p->kind != SB_PRECOND_FSAI) { /* which shares itself out */
-        sbi_precond_update_coarse(p, matrix, positions, sbi_precond_smoother_task, &work);
-    } else {
-        sbi_precond_smoother_task(&work, 0);
-        if (work.result == SB_OK && p->coarse.piece_count)
-            sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
-    }
+    sbi_precond_update_all(&work, positions);
     p->ready = work.result == SB_OK;
     return work.result;
 }
@@ -27960,7 +27742,7 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     if (rotations)
         sbi_precond_turn(p, matrix, rotations);
     if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
+        sbi_precond_update_coarse(p, matrix, positions, NULL);
     return SB_OK;
 }
 
@@ -28027,6 +27809,382 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     info.level_count = preconditioner->multigrid ? sbi_multigrid_levels(preconditioner->multigrid) : 0;
     info.bytes = preconditioner->bytes;
     return info;
+}
+
+/* ==== src/softbody/precond_lower.c ==== */
+/* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 2.
+ *
+ * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two halves
+ * that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
+#include <float.h>
+#include <limits.h>
+
+
+/* ---- the lower triangle -------------------------------------------------------------------------------- */
+
+/* Whether node i, which is not one of the first half, touches one: columns ascend. */
+static int sbi_precond_touches(const sb_matrix *a, int i, int first_half)
+{
+    return a->columns[a->row_start[i]] < first_half;
+}
+
+/* Nodes from `first_half` on that touch one before. */
+static int sbi_precond_count_between(const sb_matrix *a, int first_half)
+{
+    int count = 0;
+    for (int i = first_half; i < a->row_count; i++)
+        count += sbi_precond_touches(a, i, first_half);
+    return count;
+}
+
+/* Two halves of about as many nodes, if asked for and where that leaves few between them; else one. */
+static void sbi_precond_make_order(sb_preconditioner *p, const sb_matrix *a, int halved)
+{
+    int rows = a->row_count, first_half = (rows - sbi_precond_count_between(a, rows / 2)) / 2, at = 0;
+    int between = sbi_precond_count_between(a, first_half);
+    if (!halved || rows < SBI_PRECOND_HALVED_ROWS || between > rows / SBI_PRECOND_BETWEEN)
+        first_half = rows;
+    for (int i = 0; i < first_half; i++)
+        p->order[at++] = i;
+    p->part[1] = at;
+    for (int i = rows; i-- > first_half;)
+        if (!sbi_precond_touches(a, i, first_half))
+            p->order[at++] = i;
+    p->part[2] = at;
+    for (int i = first_half; i < rows; i++)
+        if (sbi_precond_touches(a, i, first_half))
+            p->order[at++] = i;
+    p->part[3] = at;
+}
+
+static int sbi_precond_halves(const sb_preconditioner *p) { return p->part[2] > p->part[1] ? 2 : 1; }
+
+/* Rows of L: of each node the blocks with those eliminated before it, in that order. place [row_count]: of the nodes in
+ * the order. */
+static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, const int *place)
+{
+    int end = 0;
+    for (int k = 0; k < p->row_count; k++) {
+        int i = p->order[k], begin = end;
+        p->start[k] = begin;
+        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+            int j = a->columns[q], e = end;
+            if (place[j] >= k)
+                continue;
+            for (; e > begin && place[p->columns[e - 1]] > place[j]; e--) {
+                p->columns[e] = p->columns[e - 1];
+                p->source[e] = p->source[e - 1];
+            }
+            p->columns[e] = j;
+            p->source[e] = a->transpose[q];
+            end++;
+        }
+    }
+    p->start[p->row_count] = end;
+}
+
+/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. in_row [row_count] is
+ * scratch of -1. */
+static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t *pair_start,
+                                     int *pairs)
+{
+    size_t total = 0;
+    for (int k = 0; k < p->row_count; k++) {
+        for (int e = p->start[k]; e < p->start[k + 1]; e++) {
+            int j = p->columns[e];
+            if (pairs)
+                pair_start[e] = total;
+            /* columns are in order, so in_row[] holds the m before j of this row when (i, j) is met */
+            for (int b = p->start[place[j]]; b < p->start[place[j] + 1]; b++) {
+                if (in_row[p->columns[b]] < 0)
+                    continue;
+                if (pairs) {
+                    pairs[2 * total] = in_row[p->columns[b]];
+                    pairs[2 * total + 1] = b;
+                }
+                total++;
+            }
+            in_row[j] = e - p->start[k];
+        }
+        for (int e = p->start[k]; e < p->start[k + 1]; e++)
+            in_row[p->columns[e]] = -1;
+    }
+    if (pairs)
+        pair_start[p->lower_count] = total;
+    return total;
+}
+
+static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row)
+{
+    size_t total;
+    p->longest = 0;
+    for (int k = 0; k < p->row_count; k++) {
+        in_row[k] = -1;
+        p->longest = sbi_max_int(p->longest, p->start[k + 1] - p->start[k]);
+    }
+    total = sbi_precond_list_pairs(p, place, in_row, NULL, NULL);
+    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
+    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
+    p->row = sbi_precond_take_floats(p, 2 * (size_t)p->longest, 12);
+    if (!p->pair_start || !p->pairs || !p->row)
+        return 0;
+    sbi_precond_list_pairs(p, place, in_row, p->pair_start, p->pairs);
+    return 1;
+}
+
+SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved)
+{
+    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
+    int *place = (int *)sbi_alloc(&p->allocator, rows, 2 * sizeof(int)), made;
+    p->order = sbi_precond_take_ints(p, rows);
+    p->start = sbi_precond_take_ints(p, rows + 1);
+    p->columns = sbi_precond_take_ints(p, lower);
+    p->source = sbi_precond_take_ints(p, lower);
+    p->lower = sbi_precond_take_floats(p, lower, 12);
+    made = place && p->order && p->start && p->columns && p->source && p->lower;
+    if (made) {
+        sbi_precond_make_order(p, a, halved);
+        for (int k = 0; k < p->row_count; k++)
+            place[p->order[k]] = k;
+        sbi_precond_fill_rows(p, a, place);
+        made = p->kind != SB_PRECOND_IC0 || sbi_precond_make_pairs(p, place, place + rows);
+    }
+    sbi_free(&p->allocator, place);
+    return made;
+}
+
+/* ---- factorisations ------------------------------------------------------------------------------------ */
+
+/* Inverse of a symmetric 3x3 matrix (row-major with rows of 4) when its pivots exceed `least`[k]; else 0. */
+static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *inverse)
+{
+    double a00 = (double)SBI_F4(d[0], 0), a01 = (double)SBI_F4(d[0], 1), a02 = (double)SBI_F4(d[0], 2);
+    double a11 = (double)SBI_F4(d[1], 1), a12 = (double)SBI_F4(d[1], 2), a22 = (double)SBI_F4(d[2], 2);
+    double c00 = a11 * a22 - a12 * a12, c01 = a02 * a12 - a01 * a22, c02 = a01 * a12 - a02 * a11;
+    double minor = a00 * a11 - a01 * a01, det = a00 * c00 + a01 * c01 + a02 * c02, f;
+    /* pivots of the elimination: a00, minor / a00, det / minor; comparisons are false for NaN */
+    if (!(a00 > (double)least[0] && minor > (double)least[1] * a00 && det > (double)least[2] * minor))
+        return 0;
+    f = 1 / det;
+    sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
+    sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
+                                          (float)((a01 * a02 - a00 * a12) * f)));
+    sbi_f4_store(inverse + 8,
+                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
+    return 1;
+}
+
+/* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
+SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
+                                           double factor, sbi_float4 *d, float *least)
+{
+    const sb_real *block = a->blocks[a->diagonal[i]];
+    for (int r = 0; r < 3; r++) {
+        float diagonal = (float)((double)block[4 * r] * p->matrix_scale * factor);
+        d[r] = sbi_f4_round_row(block + 3 * r, (sb_real)p->matrix_scale);
+        SBI_F4(d[r], r) = diagonal;
+        least[r] = diagonal > 0 ? 64 * FLT_EPSILON * diagonal : 0;
+    }
+}
+
+SBI_API int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a)
+{
+    for (int i = 0; i < p->row_count; i++) {
+        sbi_float4 d[3];
+        float least[3];
+        sbi_precond_diagonal(p, a, i, 1, d, least);
+        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
+            return i;
+    }
+    return -1;
+}
+
+/* M = (D + w L_A) D^-1 (D + w L_A)^T up to a factor, hence L = w L_A D^-1. */
+SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
+{
+    const sb_real relaxation = (sb_real)1.3; /* flat optimum: 1.0 to 1.6 differ by a few iterations */
+    sb_real scale = (sb_real)p->matrix_scale * relaxation;
+    for (int e = 0; e < p->lower_count; e++) {
+        const sb_real *upper = a->blocks[p->source[e]]; /* (j, i): its columns are the rows of (i, j) */
+        const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
+        sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
+        sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
+        float *out = p->lower + 12 * (size_t)e;
+        for (int r = 0; r < 3; r++)
+            sbi_f4_store(out + 4 * r,
+                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
+    }
+}
+
+/* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
+ * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
+SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, const float *row,
+                                            float *out_row, sbi_float4 *d)
+{
+    const sb_real *upper = a->blocks[p->source[e]];
+    sb_real scale = (sb_real)p->matrix_scale;
+    sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
+    sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
+    const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
+    float *l = p->lower + 12 * (size_t)e;
+    int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
+    SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
+    SBI_PREFETCH(a->blocks[later], 64);
+    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
+        const float *ut = row + 12 * (size_t)p->pairs[2 * k],
+                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
+        u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
+        u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
+        u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
+    }
+    sbi_f4_store(out_row, u0);
+    sbi_f4_store(out_row + 4, u1);
+    sbi_f4_store(out_row + 8, u2);
+    for (int r = 0; r < 3; r++) {
+        sbi_float4 x = sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse);
+        sbi_f4_store(l + 4 * r, x);
+        d[r] = sbi_f4_sub(d[r], sbi_f4_rows(x, out_row));
+    }
+}
+
+/* Rows of one part of the block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
+static int sbi_precond_factor_part(sb_preconditioner *p, const sb_matrix *a, int part, double shift)
+{
+    float *row = p->row + 12 * (size_t)(part == 1 ? p->longest : 0); /* the halves may be at work together */
+    for (int k = p->part[part]; k < p->part[part + 1]; k++) {
+        sbi_float4 d[3];
+        float least[3];
+        int i = p->order[k];
+        sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
+        for (int e = p->start[k]; e < p->start[k + 1]; e++)
+            sbi_precond_eliminate(p, a, e, row, row + 12 * (size_t)(e - p->start[k]), d);
+        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
+            return i;
+    }
+    return -1;
+}
+
+/* Shifts go 0, 0.001, 0.002 ..., and with pieces 1/16, 1/8, 1/4 ...: close to breakdown a factor has huge entries and
+ * takes twice the iterations, and what a shift costs in smooth motions the pieces make up for. */
+static double sbi_precond_least_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 16 : 0; }
+static double sbi_precond_second_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 8 : 1e-3; }
+
+static double sbi_precond_lower_shift(const sb_preconditioner *p)
+{
+    return p->shift > 1.5 * sbi_precond_second_shift(p) ? p->shift / 2 : sbi_precond_least_shift(p);
+}
+
+static double sbi_precond_raise_shift(const sb_preconditioner *p, double shift)
+{
+    double second = sbi_precond_second_shift(p);
+    return shift < second ? second : 2 * shift;
+}
+
+SBI_API int sbi_precond_begin_ic0(sb_preconditioner *p)
+{
+    double least = sbi_precond_least_shift(p);
+    p->relaxing = p->shift > least && p->successes >= p->wait;
+    p->trial = p->relaxing ? sbi_precond_lower_shift(p) : p->shift < least ? least : p->shift;
+    p->bad[0] = p->bad[1] = -1;
+    return sbi_precond_halves(p);
+}
+
+SBI_API void sbi_precond_factor_half(sb_preconditioner *p, const sb_matrix *a, int half)
+{
+    p->bad[half] = sbi_precond_factor_part(p, a, half, p->trial);
+}
+
+/* What is between the halves: node of the first bad pivot of all, or -1. */
+static int sbi_precond_factor_between(sb_preconditioner *p, const sb_matrix *a)
+{
+    int bad = p->bad[0] >= 0 ? p->bad[0] : p->bad[1];
+    return bad >= 0 ? bad : sbi_precond_factor_part(p, a, 2, p->trial);
+}
+
+/* Shifts rise until there is a factor. Seldom more than once in a body's life, hence on one thread. */
+SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
+{
+    int bad = sbi_precond_factor_between(p, a);
+    for (p->attempts = 1; bad >= 0 && p->attempts < SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
+        if (p->trial >= (double)SBI_PRECOND_MAX_SHIFT)
+            break;
+        p->trial = sbi_precond_raise_shift(p, p->trial);
+        for (int half = 0; half < 2; half++)
+            sbi_precond_factor_half(p, a, half);
+        bad = sbi_precond_factor_between(p, a);
+    }
+    if (bad >= 0) {
+        p->shift = 0; /* the next matrix may be a tamer one */
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
+                             p->trial);
+    }
+    if (p->attempts > 1) {
+        p->wait = p->relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
+        p->successes = 0;
+    } else {
+        p->successes = p->relaxing ? 0 : p->successes + (p->successes < INT_MAX);
+    }
+    p->shift = p->trial;
+    return SB_OK;
+}
+
+/* ---- sweeps --------------------------------------------------------------------------------------------- */
+
+/* middle = (I + L)^-1 r, result = D^-1 middle, of one part. Here and below the arrays are named first: a store of a vector
+ * may change anything, also p, as far as a compiler knows. */
+static void sbi_precond_forward(const sbi_precond_job *job, int part)
+{
+    sb_preconditioner *p = job->p;
+    const sb_real *r = job->r;
+    const int *start = p->start, *columns = p->columns, *order = p->order;
+    const float *l = p->lower + 12 * (size_t)start[p->part[part]], *inverse = p->inverse;
+    float *middle = p->middle, *result = p->result;
+    sb_real scale = (sb_real)job->scale;
+    int plain = !p->turned, last = p->row_count - 1;
+    for (int k = p->part[part], end = p->part[part + 1]; k < end; k++) {
+        sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
+        size_t i = (size_t)order[k];
+        for (int e = start[k], row_end = start[k + 1]; e < row_end; e++, l += 12) {
+            sbi_float4 v = sbi_f4_load(middle + 4 * (size_t)columns[e]);
+            s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
+            s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
+            s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
+        }
+        y = plain && order[k] != last ? sbi_f4_round_row(r + 3 * i, scale) : sbi_precond_enter(p, r, i, scale);
+        y = sbi_f4_sub(y, sbi_f4_sums(s0, s1, s2));
+        sbi_f4_store(middle + 4 * i, y);
+        sbi_f4_store(result + 4 * i, sbi_f4_rows(y, inverse + 12 * i));
+    }
+}
+
+/* result = (I + L)^-T result, by columns of L^T: each row of the part is final when it is met. */
+static void sbi_precond_backward(const sbi_precond_job *job, int part)
+{
+    const sb_preconditioner *p = job->p;
+    const int *start = p->start, *columns = p->columns, *order = p->order;
+    const float *lower = p->lower;
+    float *result = p->result;
+    for (int k = p->part[part + 1], first = p->part[part]; k-- > first;) {
+        sbi_float4 z = sbi_f4_load(result + 4 * (size_t)order[k]);
+        const float *l = lower + 12 * (size_t)start[k];
+        for (int e = start[k], end = start[k + 1]; e < end; e++, l += 12) {
+            float *to = result + 4 * (size_t)columns[e];
+            sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
+        }
+    }
+}
+
+static void sbi_precond_forward_task(void *user, int half) { sbi_precond_forward((const sbi_precond_job *)user, half); }
+static void sbi_precond_backward_task(void *user, int half) { sbi_precond_backward((const sbi_precond_job *)user, half); }
+
+SBI_API void sbi_precond_sweep(const sbi_precond_job *job)
+{
+    sbi_precond_job mine = *job;
+    int halves = sbi_precond_halves(job->p);
+    sbi_run(&job->p->jobs, sbi_precond_forward_task, &mine, halves);
+    sbi_precond_forward(job, 2);
+    sbi_precond_backward(job, 2);
+    sbi_run(&job->p->jobs, sbi_precond_backward_task, &mine, halves);
 }
 
 /* ==== src/softbody/precond_coarse.c ==== */
@@ -28439,19 +28597,33 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-/* What is done beside the columns of the pieces is the first task: it takes longest. */
+/* What is done beside the columns of the pieces takes longest: its tasks are the first ones of as many threads. */
 static void sbi_precond_update_task(void *user, int index)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
-    int first = job->beside != NULL;
-    if (index < first)
-        job->beside(job->beside_user, 0);
+    int beside = job->beside ? job->beside->count : 0, total = job->p->coarse.piece_count + beside, before = 0;
+    for (int k = 0; k < beside; k++) {
+        int first = (int)((int64_t)total * k / beside);
+        if (index == first) {
+            job->beside->task(job->beside->user, k);
+            return;
+        }
+        before += index > first;
+    }
+    sbi_precond_couple_task(user, index - before);
+}
+
+static void sbi_precond_last_task(void *user, int index)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    if (index == 0)
+        sbi_precond_factor_coarse(&job->p->coarse);
     else
-        sbi_precond_couple_task(user, index - first);
+        job->beside->last(job->beside->user, 0);
 }
 
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
-                                       sb_task beside, void *beside_user)
+                                       const sbi_precond_beside *beside)
 {
     sbi_precond_coarse *c = &p->coarse;
     sbi_precond_job job;
@@ -28459,11 +28631,10 @@ SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a,
     job.p = p;
     job.a = a;
     job.beside = beside;
-    job.beside_user = beside_user;
     job.positions = positions;
     sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
-    sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside != NULL));
-    sbi_precond_factor_coarse(c);
+    sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside ? beside->count : 0));
+    sbi_run(&p->jobs, sbi_precond_last_task, &job, beside && beside->last ? 2 : 1);
     c->ready = 1;
 }
 
@@ -28572,7 +28743,7 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 
 
 #define SBI_PRECOND_MAGIC "SBPRECND"
-enum { SBI_PRECOND_VERSION = 1 };
+enum { SBI_PRECOND_VERSION = 2 };
 
 typedef enum sbi_precond_pass {
     SBI_PRECOND_MEASURE,
@@ -28747,7 +28918,7 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
     for (int i = 0; p->inverse && i < rows; i++)
         sbi_precond_blocks(w, p->inverse, i, i + 1, i, SBI_PRECOND_DEFINITE);
     for (int i = 0; p->lower && i < rows; i++)
-        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], i, SBI_PRECOND_ANY);
+        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], p->order[i], SBI_PRECOND_ANY);
     for (int i = 0; p->fsai.rows && i < rows; i++)
         sbi_precond_blocks(w, p->fsai.rows, p->fsai.start[i], p->fsai.start[i + 1], i, SBI_PRECOND_PIVOT);
     if (p->direct)

@@ -1,6 +1,4 @@
 /* precond: factors, their application and the object. */
-#include <float.h>
-#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -46,244 +44,7 @@ SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
     sbi_free(&allocator, preconditioner);
 }
 
-/* ---- the lower triangle -------------------------------------------------------------------------------- */
-
-static int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a)
-{
-    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
-    p->start = sbi_precond_take_ints(p, rows + 1);
-    p->columns = sbi_precond_take_ints(p, lower);
-    p->source = sbi_precond_take_ints(p, lower);
-    p->lower = sbi_precond_take_floats(p, lower, 12);
-    if (!p->start || !p->columns || !p->source || !p->lower)
-        return 0;
-    p->start[0] = 0;
-    for (int i = 0, e = 0; i < p->row_count; i++) {
-        for (int q = a->row_start[i]; q < a->diagonal[i]; q++, e++) {
-            p->columns[e] = a->columns[q];
-            p->source[e] = a->transpose[q];
-        }
-        p->start[i + 1] = e;
-    }
-    return 1;
-}
-
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. place
- * [row_count] is scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, int *place, size_t *pair_start, int *pairs)
-{
-    size_t total = 0;
-    for (int i = 0; i < p->row_count; i++) {
-        for (int e = p->start[i]; e < p->start[i + 1]; e++) {
-            int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
-            /* columns ascend, so place[] holds the m < j of row i when (i, j) is met */
-            for (int b = p->start[j]; b < p->start[j + 1]; b++) {
-                if (place[p->columns[b]] < 0)
-                    continue;
-                if (pairs) {
-                    pairs[2 * total] = place[p->columns[b]];
-                    pairs[2 * total + 1] = b;
-                }
-                total++;
-            }
-            place[j] = e - p->start[i];
-        }
-        for (int e = p->start[i]; e < p->start[i + 1]; e++)
-            place[p->columns[e]] = -1;
-    }
-    if (pairs)
-        pair_start[p->lower_count] = total;
-    return total;
-}
-
-static int sbi_precond_make_pairs(sb_preconditioner *p)
-{
-    int *place = (int *)sbi_alloc(&p->allocator, (size_t)p->row_count, sizeof(int)), longest = 0;
-    size_t total;
-    if (!place)
-        return 0;
-    for (int i = 0; i < p->row_count; i++) {
-        place[i] = -1;
-        longest = p->start[i + 1] - p->start[i] > longest ? p->start[i + 1] - p->start[i] : longest;
-    }
-    total = sbi_precond_list_pairs(p, place, NULL, NULL);
-    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, (size_t)longest, 12);
-    if (p->pair_start && p->pairs && p->row)
-        sbi_precond_list_pairs(p, place, p->pair_start, p->pairs);
-    sbi_free(&p->allocator, place);
-    return p->pair_start && p->pairs && p->row;
-}
-
-/* ---- factorisations ------------------------------------------------------------------------------------ */
-
-/* Inverse of a symmetric 3x3 matrix (row-major with rows of 4) when its pivots exceed `least`[k]; else 0. */
-static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *inverse)
-{
-    double a00 = (double)SBI_F4(d[0], 0), a01 = (double)SBI_F4(d[0], 1), a02 = (double)SBI_F4(d[0], 2);
-    double a11 = (double)SBI_F4(d[1], 1), a12 = (double)SBI_F4(d[1], 2), a22 = (double)SBI_F4(d[2], 2);
-    double c00 = a11 * a22 - a12 * a12, c01 = a02 * a12 - a01 * a22, c02 = a01 * a12 - a02 * a11;
-    double minor = a00 * a11 - a01 * a01, det = a00 * c00 + a01 * c01 + a02 * c02, f;
-    /* pivots of the elimination: a00, minor / a00, det / minor; comparisons are false for NaN */
-    if (!(a00 > (double)least[0] && minor > (double)least[1] * a00 && det > (double)least[2] * minor))
-        return 0;
-    f = 1 / det;
-    sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
-    sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
-                                          (float)((a01 * a02 - a00 * a12) * f)));
-    sbi_f4_store(inverse + 8,
-                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
-    return 1;
-}
-
-/* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
-SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
-                                           double factor, sbi_float4 *d, float *least)
-{
-    const sb_real *block = a->blocks[a->diagonal[i]];
-    for (int r = 0; r < 3; r++) {
-        float diagonal = (float)((double)block[4 * r] * p->matrix_scale * factor);
-        d[r] = sbi_f4_round_row(block + 3 * r, (sb_real)p->matrix_scale);
-        SBI_F4(d[r], r) = diagonal;
-        least[r] = diagonal > 0 ? 64 * FLT_EPSILON * diagonal : 0;
-    }
-}
-
-/* Node whose diagonal block is not positive definite, or -1. */
-static int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a)
-{
-    for (int i = 0; i < p->row_count; i++) {
-        sbi_float4 d[3];
-        float least[3];
-        sbi_precond_diagonal(p, a, i, 1, d, least);
-        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
-            return i;
-    }
-    return -1;
-}
-
-/* SSOR: M = (D + w L_A) D^-1 (D + w L_A)^T up to a factor, hence L = w L_A D^-1. */
-static void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
-{
-    const sb_real relaxation = (sb_real)1.3; /* flat optimum: 1.0 to 1.6 differ by a few iterations */
-    sb_real scale = (sb_real)p->matrix_scale * relaxation;
-    for (int e = 0; e < p->lower_count; e++) {
-        const sb_real *upper = a->blocks[p->source[e]]; /* (j, i): its columns are the rows of (i, j) */
-        const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
-        sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
-        sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
-        float *out = p->lower + 12 * (size_t)e;
-        for (int r = 0; r < 3; r++)
-            sbi_f4_store(out + 4 * r,
-                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
-    }
-}
-
-/* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
- * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
-SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, float *out_row,
-                                            sbi_float4 *d)
-{
-    const sb_real *upper = a->blocks[p->source[e]];
-    sb_real scale = (sb_real)p->matrix_scale;
-    sbi_float4 u0 = sbi_f4_round_row(upper, scale), u1 = sbi_f4_round_row(upper + 3, scale);
-    sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
-    const float *inverse = p->inverse + 12 * (size_t)p->columns[e];
-    float *l = p->lower + 12 * (size_t)e;
-    int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
-    SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
-    SBI_PREFETCH(a->blocks[later], 64);
-    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
-        const float *ut = p->row + 12 * (size_t)p->pairs[2 * k],
-                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
-        u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
-        u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
-        u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
-    }
-    sbi_f4_store(out_row, u0);
-    sbi_f4_store(out_row + 4, u1);
-    sbi_f4_store(out_row + 8, u2);
-    for (int r = 0; r < 3; r++) {
-        sbi_float4 row = sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse);
-        sbi_f4_store(l + 4 * r, row);
-        d[r] = sbi_f4_sub(d[r], sbi_f4_rows(row, out_row));
-    }
-}
-
-/* Block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
-static int sbi_precond_factor(sb_preconditioner *p, const sb_matrix *a, double shift)
-{
-    for (int i = 0; i < p->row_count; i++) {
-        sbi_float4 d[3];
-        float least[3];
-        sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
-        for (int e = p->start[i]; e < p->start[i + 1]; e++)
-            sbi_precond_eliminate(p, a, e, p->row + 12 * (size_t)(e - p->start[i]), d);
-        if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
-            return i;
-    }
-    return -1;
-}
-
-/* Shifts go 0, 0.001, 0.002 ..., and with pieces 1/32, 1/8, 1/4 ...: close to breakdown a factor has huge entries and
- * takes twice the iterations, and what a shift costs in smooth motions the pieces make up for. */
-static double sbi_precond_least_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 32 : 0; }
-static double sbi_precond_second_shift(const sb_preconditioner *p) { return p->coarse.piece_count ? 1.0 / 8 : 1e-3; }
-
-static double sbi_precond_lower_shift(const sb_preconditioner *p)
-{
-    return p->shift > 1.5 * sbi_precond_second_shift(p) ? p->shift / 2 : sbi_precond_least_shift(p);
-}
-
-static double sbi_precond_raise_shift(const sb_preconditioner *p, double shift)
-{
-    double second = sbi_precond_second_shift(p);
-    return shift < second ? second : 2 * shift;
-}
-
-static sb_result sbi_precond_update_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
-{
-    double least = sbi_precond_least_shift(p), shift = p->shift < least ? least : p->shift;
-    int relaxing = shift > least && p->successes >= p->wait, bad = 0;
-    if (relaxing)
-        shift = sbi_precond_lower_shift(p);
-    for (p->attempts = 1; p->attempts <= SBI_PRECOND_MAX_ATTEMPTS; p->attempts++) {
-        bad = sbi_precond_factor(p, a, shift);
-        if (bad < 0 || shift >= (double)SBI_PRECOND_MAX_SHIFT)
-            break;
-        shift = sbi_precond_raise_shift(p, shift);
-    }
-    if (bad >= 0) {
-        p->shift = 0; /* the next matrix may be a tamer one */
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no incomplete factor up to a shift of %g", bad,
-                             shift);
-    }
-    if (p->attempts > 1) {
-        p->wait = relaxing && p->wait < SBI_PRECOND_RELAX_LAST ? 2 * p->wait : p->wait;
-        p->successes = 0;
-    } else {
-        p->successes = relaxing ? 0 : p->successes + (p->successes < INT_MAX);
-    }
-    p->shift = shift;
-    return SB_OK;
-}
-
 /* ---- application --------------------------------------------------------------------------------------- */
-
-/* r_i for the smoother: rounded, and where there are rotations turned back, without what is prescribed. */
-SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
-{
-    sbi_float4 v = sbi_f4_round(r + 3 * i, scale);
-    if (!p->turned)
-        return v;
-    for (int k = 0; p->fixed[i] && k < 3; k++)
-        if (p->fixed[i] >> k & 1)
-            SBI_F4(v, k) = 0;
-    return sbi_f4_rows(v, p->turns + 12 * i);
-}
 
 /* And back: R result_i, with what is prescribed by itself. */
 SBI_FORCE_INLINE void sbi_precond_leave(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
@@ -352,46 +113,6 @@ static void sbi_precond_columns_task(void *user, int chunk)
     sbi_fsai_multiply_transposed(&p->fsai, p->middle, p->result, chunk * SBI_ROW_CHUNK, sbi_precond_end(p, chunk));
     if (p->turned)
         sbi_precond_leave_task(user, chunk);
-}
-
-/* middle = (I + L)^-1 r, result = D^-1 middle. Here and below the arrays are named first: a store of a vector may change
- * anything, also p, as far as a compiler knows. */
-static void sbi_precond_forward(sb_preconditioner *p, const sb_real *r, sb_real scale)
-{
-    const int *start = p->start, *columns = p->columns;
-    const float *l = p->lower, *inverse = p->inverse;
-    float *middle = p->middle, *result = p->result;
-    size_t rows = (size_t)p->row_count;
-    int plain = !p->turned;
-    for (size_t i = 0; i < rows; i++) {
-        sbi_float4 s0 = sbi_f4_make(0, 0, 0), s1 = s0, s2 = s0, y;
-        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
-            sbi_float4 v = sbi_f4_load(middle + 4 * (size_t)columns[e]);
-            s0 = sbi_f4_add(s0, sbi_f4_mul(sbi_f4_load(l), v));
-            s1 = sbi_f4_add(s1, sbi_f4_mul(sbi_f4_load(l + 4), v));
-            s2 = sbi_f4_add(s2, sbi_f4_mul(sbi_f4_load(l + 8), v));
-        }
-        y = plain && i + 1 < rows ? sbi_f4_round_row(r + 3 * i, scale) : sbi_precond_enter(p, r, i, scale);
-        y = sbi_f4_sub(y, sbi_f4_sums(s0, s1, s2));
-        sbi_f4_store(middle + 4 * i, y);
-        sbi_f4_store(result + 4 * i, sbi_f4_rows(y, inverse + 12 * i));
-    }
-}
-
-/* result = (I + L)^-T result, by columns of L^T: each row is final when it is met. */
-static void sbi_precond_backward(sb_preconditioner *p)
-{
-    const int *start = p->start, *columns = p->columns;
-    const float *lower = p->lower;
-    float *result = p->result;
-    for (int i = p->row_count; i-- > 0;) {
-        sbi_float4 z = sbi_f4_load(result + 4 * (size_t)i);
-        const float *l = lower + 12 * (size_t)start[i];
-        for (int e = start[i], end = start[i + 1]; e < end; e++, l += 12) {
-            float *to = result + 4 * (size_t)columns[e];
-            sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
-        }
-    }
 }
 
 SBI_API double sbi_precond_power(double size)
@@ -466,8 +187,7 @@ static void sbi_precond_smooth(sb_preconditioner *p, const sbi_precond_job *job)
         sbi_precond_run(job, sbi_precond_rows_task);
         sbi_precond_run(job, sbi_precond_columns_task);
     } else {
-        sbi_precond_forward(p, job->r, (sb_real)job->scale);
-        sbi_precond_backward(p);
+        sbi_precond_sweep(job);
     }
     if (p->turned && p->kind != SB_PRECOND_FSAI) /* which turns its rows as it makes them */
         sbi_precond_run(job, sbi_precond_leave_task);
@@ -654,7 +374,8 @@ static sb_result sbi_precond_make_direct(sb_preconditioner *p, const sb_precondi
 }
 
 /* What only one kind needs. */
-static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a)
+static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a,
+                                       int pieces)
 {
     sb_result result = SB_OK;
     if (p->kind == SB_PRECOND_FSAI) {
@@ -667,9 +388,8 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
         if (!p->inverse)
             result = SB_ERROR_MEMORY;
     }
-    if (result == SB_OK && (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0) && !sbi_precond_make_lower(p, a))
-        result = SB_ERROR_MEMORY;
-    if (result == SB_OK && p->kind == SB_PRECOND_IC0 && !sbi_precond_make_pairs(p))
+    if (result == SB_OK && (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0) &&
+        !sbi_precond_make_lower(p, a, p->kind == SB_PRECOND_IC0 && pieces > 0))
         result = SB_ERROR_MEMORY;
     return result;
 }
@@ -688,7 +408,7 @@ static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_precon
     if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
         result = SB_ERROR_MEMORY;
     if (result == SB_OK)
-        result = sbi_precond_make_kind(p, def, a);
+        result = sbi_precond_make_kind(p, def, a, pieces);
     if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
         result = SB_ERROR_MEMORY;
     if (result != SB_OK)
@@ -814,46 +534,73 @@ static sb_result sbi_precond_update_fsai(sb_preconditioner *p, const sb_matrix *
     return SB_OK;
 }
 
-/* The smoother of the matrix. */
-static sb_result sbi_precond_update_kind(sb_preconditioner *p, const sb_matrix *a, sb_error *error)
-{
-    int bad = -1;
-    if (p->kind == SB_PRECOND_IC0)
-        return sbi_precond_update_ic0(p, a, error);
-    if (p->kind == SB_PRECOND_FSAI)
-        return sbi_precond_update_fsai(p, a, error);
-    if (p->kind == SB_PRECOND_CHOLESKY)
-        return sb_direct_update(p->direct, a, error);
-    if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
-        bad = sbi_precond_invert_diagonals(p, a);
-    if (p->kind == SB_PRECOND_MULTIGRID)
-        bad = sbi_multigrid_update(p->multigrid, a, p->matrix_scale);
-    if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: diagonal block is not positive definite", bad);
-    if (p->kind == SB_PRECOND_SSOR)
-        sbi_precond_fill_ssor(p, a);
-    return SB_OK;
-}
-
-/* An update of the smoother as a task. */
-typedef struct sbi_precond_smoothing {
+/* An update as tasks. */
+typedef struct sbi_precond_updating {
     sb_preconditioner *p;
     const sb_matrix *matrix;
     sb_error *error;
     sb_result result;
-} sbi_precond_smoothing;
+} sbi_precond_updating;
 
-static void sbi_precond_smoother_task(void *user, int index)
+static void sbi_precond_half_task(void *user, int half)
 {
-    sbi_precond_smoothing *work = (sbi_precond_smoothing *)user;
+    const sbi_precond_updating *work = (const sbi_precond_updating *)user;
+    sbi_precond_factor_half(work->p, work->matrix, half);
+}
+
+static void sbi_precond_between_task(void *user, int index)
+{
+    sbi_precond_updating *work = (sbi_precond_updating *)user;
     (void)index;
-    work->result = sbi_precond_update_kind(work->p, work->matrix, work->error);
+    work->result = sbi_precond_end_ic0(work->p, work->matrix, work->error);
+}
+
+/* All of the smoother of other kinds than IC(0). */
+static void sbi_precond_whole_task(void *user, int index)
+{
+    sbi_precond_updating *work = (sbi_precond_updating *)user;
+    sb_preconditioner *p = work->p;
+    int bad = -1;
+    (void)index;
+    if (p->kind == SB_PRECOND_FSAI)
+        work->result = sbi_precond_update_fsai(p, work->matrix, work->error);
+    if (p->kind == SB_PRECOND_CHOLESKY)
+        work->result = sb_direct_update(p->direct, work->matrix, work->error);
+    if (p->kind == SB_PRECOND_BLOCK_JACOBI || p->kind == SB_PRECOND_SSOR)
+        bad = sbi_precond_invert_diagonals(p, work->matrix);
+    if (p->kind == SB_PRECOND_MULTIGRID)
+        bad = sbi_multigrid_update(p->multigrid, work->matrix, p->matrix_scale);
+    if (bad >= 0)
+        work->result = sbi_fail_node(work->error, SB_ERROR_INDEFINITE, bad,
+                                     "node %d: diagonal block is not positive definite", bad);
+    else if (p->kind == SB_PRECOND_SSOR)
+        sbi_precond_fill_ssor(p, work->matrix);
+}
+
+/* The smoother and, beside it where it leaves threads, the pieces. */
+static void sbi_precond_update_all(sbi_precond_updating *work, const sb_vec3 *positions)
+{
+    sb_preconditioner *p = work->p;
+    sbi_precond_beside beside;
+    beside.user = work;
+    beside.count = p->kind == SB_PRECOND_IC0 ? sbi_precond_begin_ic0(p) : 1;
+    beside.task = p->kind == SB_PRECOND_IC0 ? sbi_precond_half_task : sbi_precond_whole_task;
+    beside.last = p->kind == SB_PRECOND_IC0 ? sbi_precond_between_task : NULL;
+    if (p->coarse.piece_count && p->kind != SB_PRECOND_FSAI) { /* which shares itself out */
+        sbi_precond_update_coarse(p, work->matrix, positions, &beside);
+        return;
+    }
+    sbi_run(&p->jobs, beside.task, work, beside.count);
+    if (beside.last)
+        beside.last(work, 0);
+    if (work->result == SB_OK && p->coarse.piece_count)
+        sbi_precond_update_coarse(p, work->matrix, positions, NULL);
 }
 
 SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, sb_error *error)
 {
-    sbi_precond_smoothing work;
+    sbi_precond_updating work;
     double scale;
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
@@ -865,13 +612,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.p = p;
     work.matrix = matrix;
     work.error = error;
-    if (p->coarse.piece_count && p->kind != SB_PRECOND_FSAI) { /* which shares itself out */
-        sbi_precond_update_coarse(p, matrix, positions, sbi_precond_smoother_task, &work);
-    } else {
-        sbi_precond_smoother_task(&work, 0);
-        if (work.result == SB_OK && p->coarse.piece_count)
-            sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
-    }
+    sbi_precond_update_all(&work, positions);
     p->ready = work.result == SB_OK;
     return work.result;
 }
@@ -926,7 +667,7 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *p, const sb_matrix *m
     if (rotations)
         sbi_precond_turn(p, matrix, rotations);
     if (p->coarse.piece_count)
-        sbi_precond_update_coarse(p, matrix, positions, NULL, NULL);
+        sbi_precond_update_coarse(p, matrix, positions, NULL);
     return SB_OK;
 }
 

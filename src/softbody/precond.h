@@ -32,8 +32,9 @@ typedef struct sb_preconditioner_def {
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0, SSOR and Cholesky share out their coarse space only, which is
-                      * made while one thread makes the factor */
+    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do, from 1,000 nodes
+                      * on: its factor is made, and applied, from both ends of the nodes' order. SSOR and Cholesky share
+                      * out their coarse space only, which is made while one thread makes the factor */
     sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
                       * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
@@ -54,7 +55,7 @@ typedef struct sb_preconditioner_info {
     sb_precond_kind kind; /* never SB_PRECOND_AUTO */
     int piece_count;      /* rigid pieces in use, 0: no coarse space */
     int attempts;         /* factorisations tried by the last update (IC0); 0 before the first */
-    double shift;         /* after an update of IC0: its diagonal was multiplied by 1 + shift, 1/32 or more with
+    double shift;         /* after an update of IC0: its diagonal was multiplied by 1 + shift, 1/16 or more with
                            * pieces, otherwise only where pivots need it; FSAI: the largest that a row needed */
     int level_count;      /* of multigrid, the matrix included; otherwise 0 */
     size_t bytes;         /* memory held */

@@ -408,19 +408,33 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-/* What is done beside the columns of the pieces is the first task: it takes longest. */
+/* What is done beside the columns of the pieces takes longest: its tasks are the first ones of as many threads. */
 static void sbi_precond_update_task(void *user, int index)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
-    int first = job->beside != NULL;
-    if (index < first)
-        job->beside(job->beside_user, 0);
+    int beside = job->beside ? job->beside->count : 0, total = job->p->coarse.piece_count + beside, before = 0;
+    for (int k = 0; k < beside; k++) {
+        int first = (int)((int64_t)total * k / beside);
+        if (index == first) {
+            job->beside->task(job->beside->user, k);
+            return;
+        }
+        before += index > first;
+    }
+    sbi_precond_couple_task(user, index - before);
+}
+
+static void sbi_precond_last_task(void *user, int index)
+{
+    const sbi_precond_job *job = (const sbi_precond_job *)user;
+    if (index == 0)
+        sbi_precond_factor_coarse(&job->p->coarse);
     else
-        sbi_precond_couple_task(user, index - first);
+        job->beside->last(job->beside->user, 0);
 }
 
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
-                                       sb_task beside, void *beside_user)
+                                       const sbi_precond_beside *beside)
 {
     sbi_precond_coarse *c = &p->coarse;
     sbi_precond_job job;
@@ -428,11 +442,10 @@ SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a,
     job.p = p;
     job.a = a;
     job.beside = beside;
-    job.beside_user = beside_user;
     job.positions = positions;
     sbi_run(&p->jobs, sbi_precond_place_task, &job, c->piece_count);
-    sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside != NULL));
-    sbi_precond_factor_coarse(c);
+    sbi_run(&p->jobs, sbi_precond_update_task, &job, c->piece_count + (beside ? beside->count : 0));
+    sbi_run(&p->jobs, sbi_precond_last_task, &job, beside && beside->last ? 2 : 1);
     c->ready = 1;
 }
 

@@ -7,7 +7,7 @@
 #include "precond_state.h"
 
 #define SBI_PRECOND_MAGIC "SBPRECND"
-enum { SBI_PRECOND_VERSION = 1 };
+enum { SBI_PRECOND_VERSION = 2 };
 
 typedef enum sbi_precond_pass {
     SBI_PRECOND_MEASURE,
@@ -182,7 +182,7 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
     for (int i = 0; p->inverse && i < rows; i++)
         sbi_precond_blocks(w, p->inverse, i, i + 1, i, SBI_PRECOND_DEFINITE);
     for (int i = 0; p->lower && i < rows; i++)
-        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], i, SBI_PRECOND_ANY);
+        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], p->order[i], SBI_PRECOND_ANY);
     for (int i = 0; p->fsai.rows && i < rows; i++)
         sbi_precond_blocks(w, p->fsai.rows, p->fsai.start[i], p->fsai.start[i + 1], i, SBI_PRECOND_PIVOT);
     if (p->direct)

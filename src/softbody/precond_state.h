@@ -1,5 +1,5 @@
-/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_coarse.c moves the
- * pieces, precond_save.c keeps it. */
+/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_lower.c has
+ * its triangular factors, precond_coarse.c moves the pieces, precond_save.c keeps it. */
 #ifndef SB_PRECOND_STATE_H
 #define SB_PRECOND_STATE_H
 
@@ -19,6 +19,8 @@ enum {
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
     SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of most elements */
+    SBI_PRECOND_HALVED_ROWS = 1000, /* below, a second thread gains less than it takes to wake */
+    SBI_PRECOND_BETWEEN = 6,        /* of the nodes at most one in so many may be between the halves */
     SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
 };
 
@@ -56,19 +58,25 @@ struct sb_preconditioner {
     uint64_t pattern_hash;
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
-    /* lower triangle by rows */
-    int *start;     /* [row_count + 1] */
-    int *columns;   /* [lower_count] node j < i */
+    /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
+    int part[4];    /* where they begin in the order, and its end */
+    int *order;     /* [row_count] the node i that is eliminated k-th */
+    int *start;     /* [row_count + 1] of the row of order[k] */
+    int *columns;   /* [lower_count] node j, eliminated before i */
     int *source;    /* [lower_count] matrix block (j, i) */
     float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
     float *inverse; /* [row_count][12] D^-1 */
     float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
     float *result;  /* [row_count][4] z, scaled */
-    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m < j: place in row i, index of the block (j,
-     * m) */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the block
+     * (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
     int *pairs;         /* [pairs][2] */
-    float *row;         /* [longest row][12] transposed blocks of the row at work */
+    int longest;        /* row */
+    float *row;         /* [2][longest][12] transposed blocks of the rows at work, one in each half */
+    int bad[2];         /* node of the first bad pivot of each half, or -1 */
+    int relaxing;       /* 1: the update at work tries a lower shift */
+    double trial;       /* its shift */
     int attempts, successes, wait;
     double shift;
     sbi_fsai fsai;
@@ -86,6 +94,13 @@ struct sb_preconditioner {
     void *arrays[SBI_PRECOND_MAX_ARRAYS];
 };
 
+/* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user, 0). */
+typedef struct sbi_precond_beside {
+    sb_task task, last; /* last: or NULL */
+    void *user;
+    int count;
+} sbi_precond_beside;
+
 /* What tasks see. */
 typedef struct sbi_precond_job {
     sb_preconditioner *p;
@@ -95,9 +110,20 @@ typedef struct sbi_precond_job {
     sb_real *z;
     double scale;    /* of r: a power of two */
     int with_result; /* restriction: of r - A result, not r */
-    sb_task beside;  /* see sbi_precond_update_coarse */
-    void *beside_user;
+    const sbi_precond_beside *beside; /* or NULL */
 } sbi_precond_job;
+
+/* r_i for the smoother: rounded, and where there are rotations turned back, without what is prescribed. */
+SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
+{
+    sbi_float4 v = sbi_f4_round(r + 3 * i, scale);
+    if (!p->turned)
+        return v;
+    for (int k = 0; p->fixed[i] && k < 3; k++)
+        if (p->fixed[i] >> k & 1)
+            SBI_F4(v, k) = 0;
+    return sbi_f4_rows(v, p->turns + 12 * i);
+}
 
 /* An array of the object on a cache line boundary; NULL when there is no memory. */
 SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size);
@@ -107,14 +133,28 @@ SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_
 /* The power of two that brings `size` near 1: to 0.5 at least, below 1. */
 SBI_API double sbi_precond_power(double size);
 
+/* ---- precond_lower ---- */
+
+/* Takes the memory of L; halved: in two halves where that leaves few nodes between them. 0 when there is none. */
+SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved);
+/* inverse = D^-1 of A's diagonal blocks: node of one that is not positive definite, or -1. */
+SBI_API int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a);
+/* L of SSOR, after the diagonals */
+SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a);
+/* An update of IC(0): begin says how many halves there are, each of which any thread may factor; then comes the end. */
+SBI_API int sbi_precond_begin_ic0(sb_preconditioner *p);
+SBI_API void sbi_precond_factor_half(sb_preconditioner *p, const sb_matrix *a, int half);
+SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, sb_error *error);
+/* result = M^-1 r */
+SBI_API void sbi_precond_sweep(const sbi_precond_job *job);
+
 /* ---- precond_coarse ---- */
 
 /* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
-/* Z^T A Z and A Z at positions[row_count], or where they were (NULL); beside(user, 0), unless NULL, is one more of the
- * tasks. */
+/* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
-                                       sb_task beside, void *beside_user);
+                                       const sbi_precond_beside *beside);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
 SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
