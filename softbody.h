@@ -4364,9 +4364,10 @@ typedef struct sb_preconditioner_def {
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do, from 1,000 nodes
-                      * on: its factor is made, and applied, from both ends of the nodes' order. SSOR and Cholesky share
-                      * out their coarse space only, which is made while one thread makes the factor */
+    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000 nodes on,
+                      * where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and applied, from
+                      * both ends of it. Otherwise it shares out its coarse space only, as SSOR and Cholesky do, which is
+                      * made while one thread makes the factor */
     sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
                       * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
@@ -4474,10 +4475,10 @@ SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *precondition
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
  * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
-/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern; it is without coarse
- * space until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
+/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a coarse
+ * space if this one has one and without if not; it is without it until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
  * cut short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
- * (another kind or pattern), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
+ * (another kind, power or pattern, or a factor in another order), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
 SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
                                         sb_error *error);
 
@@ -26975,7 +26976,7 @@ struct sb_preconditioner {
     int part[4];    /* where they begin in the order, and its end */
     int *order;     /* [row_count] the node i that is eliminated k-th */
     int *start;     /* [row_count + 1] of the row of order[k] */
-    int *columns;   /* [lower_count] node j, eliminated before i */
+    int *columns;   /* [lower_count] nodes j of each row, all eliminated before i, in that order */
     int *source;    /* [lower_count] matrix block (j, i) */
     float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
     float *inverse; /* [row_count][12] D^-1 */
@@ -26985,7 +26986,7 @@ struct sb_preconditioner {
      * (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
     int *pairs;         /* [pairs][2] */
-    int longest;        /* row */
+    int longest;        /* blocks of the longest row */
     float *row;         /* [2][longest][12] transposed blocks of the rows at work, one in each half */
     int bad[2];         /* node of the first bad pivot of each half, or -1 */
     int relaxing;       /* 1: the update at work tries a lower shift */
@@ -27822,7 +27823,7 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 
 /* ---- the lower triangle -------------------------------------------------------------------------------- */
 
-/* Whether node i, which is not one of the first half, touches one: columns ascend. */
+/* Whether node i, which is not one of the first half, touches one: columns ascend, and patterns are symmetric. */
 static int sbi_precond_touches(const sb_matrix *a, int i, int first_half)
 {
     return a->columns[a->row_start[i]] < first_half;
@@ -28597,7 +28598,8 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-/* What is done beside the columns of the pieces takes longest: its tasks are the first ones of as many threads. */
+/* What is done beside the columns of the pieces takes longest, so its tasks come first where threads begin: two threads with
+ * half of all tasks each, as sb_jobs_openmp gives them, keep to the halves of the factor that they sweep through later. */
 static void sbi_precond_update_task(void *user, int index)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
@@ -28914,11 +28916,12 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
     sbi_precond_same(w, (uint64_t)rows, "the number of rows");
     sbi_precond_same(w, (uint64_t)p->block_count, "the number of blocks");
     sbi_precond_same(w, p->pattern_hash, "the pattern's checksum");
+    sbi_precond_same(w, (uint64_t)p->part[1], "the number of nodes that its factor's first half has");
     sbi_precond_numbers(w, p);
     for (int i = 0; p->inverse && i < rows; i++)
         sbi_precond_blocks(w, p->inverse, i, i + 1, i, SBI_PRECOND_DEFINITE);
-    for (int i = 0; p->lower && i < rows; i++)
-        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], p->order[i], SBI_PRECOND_ANY);
+    for (int k = 0; p->lower && k < rows; k++)
+        sbi_precond_blocks(w, p->lower, p->start[k], p->start[k + 1], p->order[k], SBI_PRECOND_ANY);
     for (int i = 0; p->fsai.rows && i < rows; i++)
         sbi_precond_blocks(w, p->fsai.rows, p->fsai.start[i], p->fsai.start[i + 1], i, SBI_PRECOND_PIVOT);
     if (p->direct)

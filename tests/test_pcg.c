@@ -555,6 +555,7 @@ static void test_halves_indefinite(void)
 static void test_halves_shift(void)
 {
     enum { RINGS = 300 };
+    static sb_real r[12 * RINGS], z[2][12 * RINGS];
     int (*pairs)[2] = (int (*)[2])malloc(4 * RINGS * sizeof *pairs);
     double *values = (double *)malloc(4 * RINGS * sizeof *values);
     sb_vec3 *positions = (sb_vec3 *)malloc(4 * RINGS * sizeof *positions);
@@ -571,6 +572,14 @@ static void test_halves_shift(void)
     p = precond_make(&a, SB_PRECOND_IC0, positions, 5);
     CHECK_NEAR(sb_preconditioner_get_info(p).shift, 0.25, 1e-12);
     CHECK_INT(sb_preconditioner_get_info(p).attempts, 3);
+    for (int k = 0; k < 2; k++) { /* after trials, and at the first */
+        for (int i = 0; i < 12 * RINGS; i++)
+            r[i] = (sb_real)(i % 7 - 3);
+        sb_preconditioner_apply(p, r, z[k]);
+        CHECK_OK(sb_preconditioner_update(p, &a, NULL, NULL));
+        CHECK_INT(sb_preconditioner_get_info(p).attempts, 1);
+    }
+    CHECK(memcmp(z[0], z[1], sizeof z[0]) == 0);
     sb_preconditioner_free(p);
     sb_matrix_free(&a);
     free(pairs);

@@ -672,6 +672,43 @@ static void test_saved(void)
     beam_free(&b);
 }
 
+/* A factor in two halves serves those with the same order only. */
+static void test_saved_halves(void)
+{
+    beam b = beam_make(30, 6, 0.2, 0.1);
+    sb_quat *rotations = (sb_quat *)malloc((size_t)b.n * sizeof(sb_quat));
+    sb_real *r = random_vector(3 * b.n, 54), *z = random_vector(3 * b.n, 55), *again = random_vector(3 * b.n, 56);
+    sb_preconditioner *p = make_updated(&b, SB_PRECOND_IC0, 1, 8), *natural = make_updated(&b, SB_PRECOND_IC0, 1, 0);
+    sb_preconditioner *other = make(&b.a, SB_PRECOND_IC0, 1, b.mesh.nodes, 8);
+    size_t size = sb_preconditioner_saved_size(p);
+    void *image = malloc(size);
+    sb_error error;
+    for (int i = 0; i < b.n; i++)
+        rotations[i] = sb_quat_from_rotation_vector(sb_v3(0, REAL(0.01 * i), 0));
+    CHECK_OK(sb_preconditioner_save(p, image, size));
+    CHECK_RESULT(sb_preconditioner_load(natural, image, size, &error), SB_ERROR_STATE);
+    CHECK(strstr(error.message, "half") != NULL);
+    CHECK_OK(sb_preconditioner_load(other, image, size, NULL));
+    for (int turned = 0; turned < 2; turned++) {
+        CHECK_OK(sb_preconditioner_warp(p, &b.a, turned ? rotations : NULL, NULL, NULL));
+        CHECK_OK(sb_preconditioner_warp(other, &b.a, turned ? rotations : NULL, NULL, NULL));
+        sb_preconditioner_apply(p, r, z);
+        sb_preconditioner_apply(other, r, again);
+        CHECK(memcmp(z, again, 3 * (size_t)b.n * sizeof(sb_real)) == 0);
+    }
+    sb_preconditioner_save(natural, image, size);
+    CHECK_RESULT(sb_preconditioner_load(p, image, size, &error), SB_ERROR_STATE);
+    sb_preconditioner_free(p);
+    sb_preconditioner_free(natural);
+    sb_preconditioner_free(other);
+    free(image);
+    free(rotations);
+    free(r);
+    free(z);
+    free(again);
+    beam_free(&b);
+}
+
 /* Loads an image that must be refused, and looks that nothing changed. */
 static void check_refused(sb_preconditioner *p, const unsigned char *image, size_t size, sb_result expected,
                           const beam *b)
@@ -689,7 +726,7 @@ static void check_refused(sb_preconditioner *p, const unsigned char *image, size
     free(after);
 }
 
-enum { IMAGE_HEAD = 24, IMAGE_NUMBERS = IMAGE_HEAD + 5 * 8, IMAGE_VALUES = IMAGE_NUMBERS + 8 + 8 + 4 + 4 };
+enum { IMAGE_HEAD = 24, IMAGE_NUMBERS = IMAGE_HEAD + 6 * 8, IMAGE_VALUES = IMAGE_NUMBERS + 8 + 8 + 4 + 4 };
 
 static void test_damaged(void)
 {
@@ -712,7 +749,7 @@ static void test_damaged(void)
         memcpy(forged, image, size);
         forged[8] = 3;
         check_refused(p, forged, size, SB_ERROR_UNSUPPORTED, &b);
-        for (size_t word = 0; word < 5; word++) { /* another make */
+        for (size_t word = 0; word < 6; word++) { /* another make */
             memcpy(forged, image, size);
             forged[IMAGE_HEAD + 8 * word] ^= 1;
             image_seal(forged, size);
@@ -910,6 +947,7 @@ CHECK_SUITE(precond, {"FSAI equals dense", test_fsai_dense}, {"FSAI is complete 
             {"bent factor", test_bent_factor}, {"turned as a whole", test_turned_whole},
             {"symmetric with rotations", test_symmetric}, {"nodal rotations", test_nodal_rotations},
             {"threads", test_threads},
-            {"golden inverses", test_golden}, {"saved and loaded", test_saved}, {"damaged images", test_damaged},
+            {"golden inverses", test_golden}, {"saved and loaded", test_saved}, {"saved halves", test_saved_halves},
+            {"damaged images", test_damaged},
             {"bodies", test_bodies},
             {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});

@@ -9,7 +9,7 @@
 
 /* ---- the lower triangle -------------------------------------------------------------------------------- */
 
-/* Whether node i, which is not one of the first half, touches one: columns ascend. */
+/* Whether node i, which is not one of the first half, touches one: columns ascend, and patterns are symmetric. */
 static int sbi_precond_touches(const sb_matrix *a, int i, int first_half)
 {
     return a->columns[a->row_start[i]] < first_half;

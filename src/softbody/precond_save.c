@@ -178,11 +178,12 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
     sbi_precond_same(w, (uint64_t)rows, "the number of rows");
     sbi_precond_same(w, (uint64_t)p->block_count, "the number of blocks");
     sbi_precond_same(w, p->pattern_hash, "the pattern's checksum");
+    sbi_precond_same(w, (uint64_t)p->part[1], "the number of nodes that its factor's first half has");
     sbi_precond_numbers(w, p);
     for (int i = 0; p->inverse && i < rows; i++)
         sbi_precond_blocks(w, p->inverse, i, i + 1, i, SBI_PRECOND_DEFINITE);
-    for (int i = 0; p->lower && i < rows; i++)
-        sbi_precond_blocks(w, p->lower, p->start[i], p->start[i + 1], p->order[i], SBI_PRECOND_ANY);
+    for (int k = 0; p->lower && k < rows; k++)
+        sbi_precond_blocks(w, p->lower, p->start[k], p->start[k + 1], p->order[k], SBI_PRECOND_ANY);
     for (int i = 0; p->fsai.rows && i < rows; i++)
         sbi_precond_blocks(w, p->fsai.rows, p->fsai.start[i], p->fsai.start[i + 1], i, SBI_PRECOND_PIVOT);
     if (p->direct)

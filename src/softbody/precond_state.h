@@ -62,7 +62,7 @@ struct sb_preconditioner {
     int part[4];    /* where they begin in the order, and its end */
     int *order;     /* [row_count] the node i that is eliminated k-th */
     int *start;     /* [row_count + 1] of the row of order[k] */
-    int *columns;   /* [lower_count] node j, eliminated before i */
+    int *columns;   /* [lower_count] nodes j of each row, all eliminated before i, in that order */
     int *source;    /* [lower_count] matrix block (j, i) */
     float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
     float *inverse; /* [row_count][12] D^-1 */
@@ -72,7 +72,7 @@ struct sb_preconditioner {
      * (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
     int *pairs;         /* [pairs][2] */
-    int longest;        /* row */
+    int longest;        /* blocks of the longest row */
     float *row;         /* [2][longest][12] transposed blocks of the rows at work, one in each half */
     int bad[2];         /* node of the first bad pivot of each half, or -1 */
     int relaxing;       /* 1: the update at work tries a lower shift */
