@@ -22889,7 +22889,10 @@ enum {
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
     SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
-                               * 300 */
+                               * 300; */
+    SBI_MG_DEAR = 256,        /* but half of it where the factor takes more multiply-adds for each of the matrix' blocks: with
+                               * a ball in an organ of 5,661 nodes of tet10 it took 2,400, and an update 38 ms, now 6; */
+    SBI_MG_DEAR_BLOCKS = 150000, /* of smaller matrices as of one with so many */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
                                * be 3 % faster so, but cut cells and plates at rest want their digits */
     SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */
@@ -22988,6 +22991,7 @@ struct sbi_multigrid {
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     sbi_mg_islands islands;
+    int small;                /* nodes that the coarsest level may have */
     int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
@@ -23011,9 +23015,6 @@ struct sbi_multigrid {
 SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
 /* The same for count * width floats, zeroed, with room to read before the first, too. */
 SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width);
-/* Nodes of a level that is small enough to be the coarsest. */
-SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE; }
-
 /* ---- multigrid_coarsest ---- */
 
 /* A matrix with the pattern that rows of a level have among themselves, its blocks in the level's order, and what
@@ -23021,6 +23022,9 @@ SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? S
 SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
                                const int *place, sb_matrix *matrix, sb_direct **direct);
 
+/* Where moduli jump: takes the last level's factor, if that is small; *dear: 1 when it would cost too much, and a smaller
+ * level is wanted. 0: no memory. */
+SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear);
 /* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
 /* Factors the coarsest level's matrix; 0: it has to do with its smoother. */
@@ -24477,17 +24481,39 @@ SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, cons
     return 1;
 }
 
+SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    size_t bytes = m->bytes;
+    double blocks = sbi_max_int(m->levels->row_start[m->levels->row_count], SBI_MG_DEAR_BLOCKS);
+    *dear = 0;
+    if (!m->regions.count || m->level_count == 1 || level->row_count > m->small)
+        return 1;
+    if (!sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct))
+        return 0;
+    *dear = level->row_count > SBI_MG_SPARSE / 2 &&
+            sb_direct_get_info(m->direct).multiply_adds > SBI_MG_DEAR * blocks;
+    if (*dear) {
+        sb_direct_free(m->direct);
+        sb_matrix_free(&m->coarsest);
+        m->direct = NULL;
+        m->bytes = bytes;
+        m->small = SBI_MG_SPARSE / 2;
+    }
+    return 1;
+}
+
 static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
 {
     m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
-    return m->exact && sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
+    return m->exact && (m->direct || sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct));
 }
 
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     size_t size = 3 * (size_t)level->row_count;
-    if (m->level_count == 1 || level->row_count > 2 * sbi_mg_small(m))
+    if (m->level_count == 1 || level->row_count > 2 * m->small)
         return 1;
     if (m->regions.count)
         return sbi_mg_take_sparse(m, level);
@@ -25485,7 +25511,7 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
         sbi_mg_rows_free(&m->allocator, rows);
-        if (count <= 2 * sbi_mg_small(m))
+        if (count <= 2 * m->small)
             return 1;
         nodes.labels = NULL;
     }
@@ -25511,7 +25537,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
         made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
     } else {
-        if (own > 0 && level->row_count <= sbi_mg_small(m))
+        if (own > 0 && level->row_count <= m->small)
             return SB_OK;
         made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
@@ -25545,7 +25571,12 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
         memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
     }
     while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
+        int dear = 0;
         result = sbi_mg_make_rows(m, setup, &last, &rows, error);
+        if (result == SB_OK && !rows.start && !sbi_mg_weigh_coarsest(m, &dear))
+            result = sbi_mg_no_memory(m, error);
+        if (dear)
+            continue;
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -25592,6 +25623,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     if (!sbi_mg_make_regions(m, setup, pattern) || !sbi_mg_copy_pattern(m, pattern, m->levels) ||
         !sbi_mg_take_islands(m))
         result = sbi_mg_no_memory(m, error);
+    m->small = m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_coarsest(m))

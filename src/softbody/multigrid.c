@@ -496,7 +496,7 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
         sbi_mg_rows_free(&m->allocator, rows);
-        if (count <= 2 * sbi_mg_small(m))
+        if (count <= 2 * m->small)
             return 1;
         nodes.labels = NULL;
     }
@@ -522,7 +522,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
         made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
     } else {
-        if (own > 0 && level->row_count <= sbi_mg_small(m))
+        if (own > 0 && level->row_count <= m->small)
             return SB_OK;
         made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
     }
@@ -556,7 +556,12 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
         memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
     }
     while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
+        int dear = 0;
         result = sbi_mg_make_rows(m, setup, &last, &rows, error);
+        if (result == SB_OK && !rows.start && !sbi_mg_weigh_coarsest(m, &dear))
+            result = sbi_mg_no_memory(m, error);
+        if (dear)
+            continue;
         if (!rows.start)
             break;
         sbi_mg_rows_free(&m->allocator, &last);
@@ -603,6 +608,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     if (!sbi_mg_make_regions(m, setup, pattern) || !sbi_mg_copy_pattern(m, pattern, m->levels) ||
         !sbi_mg_take_islands(m))
         result = sbi_mg_no_memory(m, error);
+    m->small = m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
     if (result == SB_OK && !sbi_mg_take_coarsest(m))

@@ -52,17 +52,39 @@ SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, cons
     return 1;
 }
 
+SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
+{
+    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    size_t bytes = m->bytes;
+    double blocks = sbi_max_int(m->levels->row_start[m->levels->row_count], SBI_MG_DEAR_BLOCKS);
+    *dear = 0;
+    if (!m->regions.count || m->level_count == 1 || level->row_count > m->small)
+        return 1;
+    if (!sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct))
+        return 0;
+    *dear = level->row_count > SBI_MG_SPARSE / 2 &&
+            sb_direct_get_info(m->direct).multiply_adds > SBI_MG_DEAR * blocks;
+    if (*dear) {
+        sb_direct_free(m->direct);
+        sb_matrix_free(&m->coarsest);
+        m->direct = NULL;
+        m->bytes = bytes;
+        m->small = SBI_MG_SPARSE / 2;
+    }
+    return 1;
+}
+
 static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
 {
     m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
-    return m->exact && sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
+    return m->exact && (m->direct || sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct));
 }
 
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     size_t size = 3 * (size_t)level->row_count;
-    if (m->level_count == 1 || level->row_count > 2 * sbi_mg_small(m))
+    if (m->level_count == 1 || level->row_count > 2 * m->small)
         return 1;
     if (m->regions.count)
         return sbi_mg_take_sparse(m, level);

@@ -17,7 +17,10 @@ enum {
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
     SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
-                               * 300 */
+                               * 300; */
+    SBI_MG_DEAR = 256,        /* but half of it where the factor takes more multiply-adds for each of the matrix' blocks: with
+                               * a ball in an organ of 5,661 nodes of tet10 it took 2,400, and an update 38 ms, now 6; */
+    SBI_MG_DEAR_BLOCKS = 150000, /* of smaller matrices as of one with so many */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
                                * be 3 % faster so, but cut cells and plates at rest want their digits */
     SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */
@@ -116,6 +119,7 @@ struct sbi_multigrid {
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     sbi_mg_islands islands;
+    int small;                /* nodes that the coarsest level may have */
     int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
@@ -139,9 +143,6 @@ struct sbi_multigrid {
 SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
 /* The same for count * width floats, zeroed, with room to read before the first, too. */
 SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width);
-/* Nodes of a level that is small enough to be the coarsest. */
-SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE; }
-
 /* ---- multigrid_coarsest ---- */
 
 /* A matrix with the pattern that rows of a level have among themselves, its blocks in the level's order, and what
@@ -149,6 +150,9 @@ SB_INLINE int sbi_mg_small(const sbi_multigrid *m) { return m->regions.count ? S
 SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
                                const int *place, sb_matrix *matrix, sb_direct **direct);
 
+/* Where moduli jump: takes the last level's factor, if that is small; *dear: 1 when it would cost too much, and a smaller
+ * level is wanted. 0: no memory. */
+SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear);
 /* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
 /* Factors the coarsest level's matrix; 0: it has to do with its smoother. */
