@@ -561,6 +561,31 @@ static void test_jumps(void)
     problem_free(&p);
 }
 
+/* Inclusions leave some 400 nodes to a coarsest level, whose factor is dear: there is one level more. Allocations that fail
+ * around the dear factor leave nothing behind. */
+static void test_jumps_dear(void)
+{
+    problem p = problem_beam(12, 0.15);
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_result result;
+    sb_preconditioner *multigrid;
+    int easy = count_for(&p, 0.45, dynamic_mass, 1e-2), calls;
+    CHECK(count_parts(&p, INCLUSIONS, 1000, dynamic_mass, 1e-2) <= easy * 3 / 2);
+    multigrid = multigrid_with_moduli(&p, &allocator, &result);
+    CHECK_INT(sb_preconditioner_get_info(multigrid).level_count, 4);
+    sb_preconditioner_free(multigrid);
+    calls = memory.calls;
+    for (int fail = calls; fail > calls - 90; fail -= 3) {
+        memory.calls = 0;
+        memory.fail_at = fail;
+        CHECK(multigrid_with_moduli(&p, &allocator, &result) == NULL);
+        CHECK_RESULT(result, SB_ERROR_MEMORY);
+        CHECK_INT(memory.live, 0);
+    }
+    problem_free(&p);
+}
+
 /* The solution is that of a complete factor; moduli that are all the same change no bit. */
 static void test_jumps_answer(void)
 {
@@ -1452,7 +1477,8 @@ static void test_weighted_cells(void)
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
             {"islands", test_islands}, {"large coarser levels", test_large_level}, {"golden levels", test_golden},
             {"residual", test_residual}, {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps},
-            {"jumps: the answer", test_jumps_answer}, {"jumps: a broken matrix", test_jumps_broken},
+            {"jumps: the answer", test_jumps_answer}, {"jumps: a dear coarsest level", test_jumps_dear},
+            {"jumps: a broken matrix", test_jumps_broken},
             {"jumps: an indefinite matrix", test_jumps_indefinite}, {"free", test_free},
             {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits}, {"bodies", test_body},
             {"levels of one's own", test_own_levels},

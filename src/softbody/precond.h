@@ -76,9 +76,10 @@ typedef struct sb_preconditioner sb_preconditioner;
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
  * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
  * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations. Such jumps cost
+ * jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations. From rest such jumps cost
  * IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then takes half the time from some
- * 90,000 blocks on, so name it for such bodies. The choice does not depend on the number of threads, so results do not.
+ * 90,000 blocks on, so name it for bodies that are solved so. Steps of moving ones begin near the answer; for them IC0 is as
+ * fast, or faster, up to some 200,000 blocks. The choice does not depend on the number of threads, so results do not.
  * Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
