@@ -4364,10 +4364,10 @@ typedef struct sb_preconditioner_def {
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000 nodes on,
-                      * where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and applied, from
-                      * both ends of it. Otherwise it shares out its coarse space only, as SSOR and Cholesky do, which is
-                      * made while one thread makes the factor */
+    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000
+                      * nodes on, where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and
+                      * applied, from both ends of it. Otherwise it shares out its coarse space only, as SSOR and
+                      * Cholesky do, which is made while one thread makes the factor */
     sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
                       * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
@@ -4406,13 +4406,14 @@ typedef struct sb_preconditioner_info {
 typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
- * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
- * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations. From rest such jumps cost
- * IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then takes half the time from some
- * 90,000 blocks on, so name it for bodies that are solved so. Steps of moving ones begin near the answer; for them IC0 is as
- * fast, or faster, up to some 200,000 blocks. The choice does not depend on the number of threads, so results do not.
- * Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and
+ * SB_PRECOND_MULTIGRID above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures).
+ * Long steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations.
+ * From rest such jumps cost IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then
+ * takes half the time from some 90,000 blocks on, so name it for bodies that are solved so. Steps of moving ones
+ * begin near the answer; of 107,000 to 253,000 blocks they take with IC0 0.4 to 1.6 times the time on two cores. The
+ * choice does not depend on the number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL:
+ * SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -4476,10 +4477,12 @@ SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *precondition
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
  * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
-/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a coarse
- * space if this one has one and without if not; it is without it until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
- * cut short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
- * (another kind, power or pattern, or a factor in another order), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
+/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a
+ * coarse space if this one has one, or without, where that changes the factor's order; it is without until
+ * sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner, cut
+ * short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
+ * (another kind, power or pattern, or a factor in another order), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates
+ * nothing. */
 SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
                                         sb_error *error);
 
@@ -22890,10 +22893,10 @@ enum {
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
     SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
-                               * 300; */
-    SBI_MG_DEAR = 256,        /* but half of it where the factor takes more multiply-adds for each of the matrix' blocks: with
-                               * a ball in an organ of 5,661 nodes of tet10 it took 2,400, and an update 38 ms, now 6; */
-    SBI_MG_DEAR_BLOCKS = 150000, /* of smaller matrices as of one with so many */
+                               * 300. Half as many where the factor is dear: */
+    SBI_MG_DEAR = 256,        /* it takes more multiply-adds than these times the blocks of the matrix. With a ball in
+                               * an organ of 5,661 nodes of tet10 it took 2,400 times as many, an update 38 ms, now 5.4; */
+    SBI_MG_DEAR_BLOCKS = 150000, /* smaller matrices count as one of so many blocks */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
                                * be 3 % faster so, but cut cells and plates at rest want their digits */
     SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */
@@ -24493,7 +24496,7 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
     if (!sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct))
         return 0;
     *dear = level->row_count > SBI_MG_SPARSE / 2 &&
-            sb_direct_get_info(m->direct).multiply_adds > SBI_MG_DEAR * blocks;
+            sb_direct_get_info(m->direct).multiply_adds > (double)SBI_MG_DEAR * blocks;
     if (*dear) {
         sb_direct_free(m->direct);
         sb_matrix_free(&m->coarsest);
@@ -24507,7 +24510,9 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
 static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
 {
     m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
-    return m->exact && (m->direct || sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct));
+    if (!m->exact || m->direct)
+        return m->exact != NULL;
+    return sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
 }
 
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
@@ -27848,8 +27853,8 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 /* ==== src/softbody/precond_lower.c ==== */
 /* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 2.
  *
- * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two halves
- * that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
+ * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two
+ * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
 #include <float.h>
 #include <limits.h>
 
@@ -28164,8 +28169,8 @@ SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, 
 
 /* ---- sweeps --------------------------------------------------------------------------------------------- */
 
-/* middle = (I + L)^-1 r, result = D^-1 middle, of one part. Here and below the arrays are named first: a store of a vector
- * may change anything, also p, as far as a compiler knows. */
+/* middle = (I + L)^-1 r, result = D^-1 middle, of one part. Here and below the arrays are named first: a store of a
+ * vector may change anything, also p, as far as a compiler knows. */
 static void sbi_precond_forward(const sbi_precond_job *job, int part)
 {
     sb_preconditioner *p = job->p;
@@ -28631,8 +28636,8 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-/* What is done beside the columns of the pieces takes longest, so its tasks come first where threads begin: two threads with
- * half of all tasks each, as sb_jobs_openmp gives them, keep to the halves of the factor that they sweep through later. */
+/* What is done beside the columns of the pieces takes longest, so its tasks come first where threads begin: two threads
+ * with half of all tasks each, as sb_jobs_openmp gives them, keep to the halves of the factor that they sweep later. */
 static void sbi_precond_update_task(void *user, int index)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;

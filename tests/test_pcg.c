@@ -475,7 +475,8 @@ static void test_shift_with_pieces(void)
 
 enum { LAYERS = 400, ACROSS = 3, CHAIN = LAYERS * ACROSS };
 
-/* A chain of layers, every node joined to all of its own layer and the next: a factor without fill, from one end or both. */
+/* A chain of layers, every node joined to all of its own layer and the next: a factor without fill, from one end or
+ * both. */
 static sb_matrix chain_matrix(sb_vec3 *positions)
 {
     int *cells = (int *)malloc((size_t)(LAYERS - 1) * 2 * ACROSS * sizeof(int));
@@ -551,7 +552,8 @@ static void test_halves_indefinite(void)
     free(positions);
 }
 
-/* Many small matrices in one: halves with nothing between them. One matrix of Kershaw in the second makes both take its shift. */
+/* Many small matrices in one: halves with nothing between them. One matrix of Kershaw in the second makes both take its
+ * shift. */
 static void test_halves_shift(void)
 {
     enum { RINGS = 300 };

@@ -63,7 +63,7 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
     if (!sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct))
         return 0;
     *dear = level->row_count > SBI_MG_SPARSE / 2 &&
-            sb_direct_get_info(m->direct).multiply_adds > SBI_MG_DEAR * blocks;
+            sb_direct_get_info(m->direct).multiply_adds > (double)SBI_MG_DEAR * blocks;
     if (*dear) {
         sb_direct_free(m->direct);
         sb_matrix_free(&m->coarsest);
@@ -77,7 +77,9 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
 static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
 {
     m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
-    return m->exact && (m->direct || sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct));
+    if (!m->exact || m->direct)
+        return m->exact != NULL;
+    return sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
 }
 
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)

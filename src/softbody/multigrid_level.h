@@ -17,10 +17,10 @@ enum {
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
     SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
-                               * 300; */
-    SBI_MG_DEAR = 256,        /* but half of it where the factor takes more multiply-adds for each of the matrix' blocks: with
-                               * a ball in an organ of 5,661 nodes of tet10 it took 2,400, and an update 38 ms, now 6; */
-    SBI_MG_DEAR_BLOCKS = 150000, /* of smaller matrices as of one with so many */
+                               * 300. Half as many where the factor is dear: */
+    SBI_MG_DEAR = 256,        /* it takes more multiply-adds than these times the blocks of the matrix. With a ball in
+                               * an organ of 5,661 nodes of tet10 it took 2,400 times as many, an update 38 ms, now 5.4; */
+    SBI_MG_DEAR_BLOCKS = 150000, /* smaller matrices count as one of so many blocks */
     SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
                                * be 3 % faster so, but cut cells and plates at rest want their digits */
     SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */

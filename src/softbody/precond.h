@@ -32,10 +32,10 @@ typedef struct sb_preconditioner_def {
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
-    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000 nodes on,
-                      * where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and applied, from
-                      * both ends of it. Otherwise it shares out its coarse space only, as SSOR and Cholesky do, which is
-                      * made while one thread makes the factor */
+    sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000
+                      * nodes on, where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and
+                      * applied, from both ends of it. Otherwise it shares out its coarse space only, as SSOR and
+                      * Cholesky do, which is made while one thread makes the factor */
     sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
                       * take a step more, which saves about a fifth of the iterations. Default 0 */
     const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
@@ -74,13 +74,14 @@ typedef struct sb_preconditioner_info {
 typedef struct sb_preconditioner sb_preconditioner;
 
 /* What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse
- * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and SB_PRECOND_MULTIGRID
- * above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures). Long steps, nu 0.49 and
- * jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations. From rest such jumps cost
- * IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then takes half the time from some
- * 90,000 blocks on, so name it for bodies that are solved so. Steps of moving ones begin near the answer; for them IC0 is as
- * fast, or faster, up to some 200,000 blocks. The choice does not depend on the number of threads, so results do not.
- * Without positions it is SB_PRECOND_IC0. NULL: SB_PRECOND_IC0. */
+ * space up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and
+ * SB_PRECOND_MULTIGRID above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures).
+ * Long steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations.
+ * From rest such jumps cost IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then
+ * takes half the time from some 90,000 blocks on, so name it for bodies that are solved so. Steps of moving ones
+ * begin near the answer; of 107,000 to 253,000 blocks they take with IC0 0.4 to 1.6 times the time on two cores. The
+ * choice does not depend on the number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL:
+ * SB_PRECOND_IC0. */
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern);
 /* Name of a kind, as "multigrid"; never NULL. */
 SB_API const char *sb_precond_string(sb_precond_kind kind);
@@ -144,10 +145,12 @@ SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *precondition
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
  * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
-/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a coarse
- * space if this one has one and without if not; it is without it until sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner,
- * cut short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
- * (another kind, power or pattern, or a factor in another order), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates nothing. */
+/* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a
+ * coarse space if this one has one, or without, where that changes the factor's order; it is without until
+ * sb_preconditioner_warp. All is checked before anything changes: SB_ERROR_FORMAT (no saved preconditioner, cut
+ * short, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other version or precision), SB_ERROR_STATE
+ * (another kind, power or pattern, or a factor in another order), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT. Allocates
+ * nothing. */
 SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const void *buffer, size_t size,
                                         sb_error *error);
 

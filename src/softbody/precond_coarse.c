@@ -408,8 +408,8 @@ static void sbi_precond_couple_task(void *user, int piece)
     }
 }
 
-/* What is done beside the columns of the pieces takes longest, so its tasks come first where threads begin: two threads with
- * half of all tasks each, as sb_jobs_openmp gives them, keep to the halves of the factor that they sweep through later. */
+/* What is done beside the columns of the pieces takes longest, so its tasks come first where threads begin: two threads
+ * with half of all tasks each, as sb_jobs_openmp gives them, keep to the halves of the factor that they sweep later. */
 static void sbi_precond_update_task(void *user, int index)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;

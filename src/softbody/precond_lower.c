@@ -1,7 +1,7 @@
 /* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 2.
  *
- * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two halves
- * that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
+ * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two
+ * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
 #include <float.h>
 #include <limits.h>
 
@@ -317,8 +317,8 @@ SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, 
 
 /* ---- sweeps --------------------------------------------------------------------------------------------- */
 
-/* middle = (I + L)^-1 r, result = D^-1 middle, of one part. Here and below the arrays are named first: a store of a vector
- * may change anything, also p, as far as a compiler knows. */
+/* middle = (I + L)^-1 r, result = D^-1 middle, of one part. Here and below the arrays are named first: a store of a
+ * vector may change anything, also p, as far as a compiler knows. */
 static void sbi_precond_forward(const sbi_precond_job *job, int part)
 {
     sb_preconditioner *p = job->p;
