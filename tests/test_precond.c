@@ -627,14 +627,29 @@ static void test_golden(void)
 
 /* ---- saved bytes ---- */
 
+/* Both give the same bits, as they are and turned. */
+static void check_same(sb_preconditioner *p, sb_preconditioner *other, const beam *b)
+{
+    sb_quat *rotations = (sb_quat *)malloc((size_t)b->n * sizeof(sb_quat));
+    sb_real *r = random_vector(3 * b->n, 51), *z = random_vector(3 * b->n, 52), *again = random_vector(3 * b->n, 53);
+    for (int i = 0; i < b->n; i++)
+        rotations[i] = sb_quat_from_rotation_vector(sb_v3(0, REAL(0.01 * i), 0));
+    for (int turned = 0; turned < 2; turned++) {
+        CHECK_OK(sb_preconditioner_warp(p, &b->a, turned ? rotations : NULL, NULL, NULL));
+        CHECK_OK(sb_preconditioner_warp(other, &b->a, turned ? rotations : NULL, NULL, NULL));
+        sb_preconditioner_apply(p, r, z);
+        sb_preconditioner_apply(other, r, again);
+        CHECK(memcmp(z, again, 3 * (size_t)b->n * sizeof(sb_real)) == 0);
+    }
+    free(rotations);
+    free(r);
+    free(z);
+    free(again);
+}
+
 static void test_saved(void)
 {
     beam b = beam_make(12, 3, 0.2, 0.1);
-    sb_quat *rotations = (sb_quat *)malloc((size_t)b.n * sizeof(sb_quat));
-    sb_real *r = random_vector(3 * b.n, 51), *z = random_vector(3 * b.n, 52), *again = random_vector(3 * b.n, 53);
-    size_t bytes = 3 * (size_t)b.n * sizeof(sb_real);
-    for (int i = 0; i < b.n; i++)
-        rotations[i] = sb_quat_from_rotation_vector(sb_v3(0, REAL(0.01 * i), 0));
     for (int kind = SB_PRECOND_NONE; kind <= SB_PRECOND_CHOLESKY; kind++)
         for (int pieces = 0; pieces <= 4; pieces += 4) {
             sb_preconditioner *p = make_updated(&b, (sb_precond_kind)kind, 2, pieces);
@@ -654,21 +669,11 @@ static void test_saved(void)
                 CHECK(sb_preconditioner_get_info(other).shift == sb_preconditioner_get_info(p).shift);
                 CHECK_INT(sb_preconditioner_get_info(other).attempts, sb_preconditioner_get_info(p).attempts);
             }
-            for (int turned = 0; turned < 2; turned++) {
-                CHECK_OK(sb_preconditioner_warp(p, &b.a, turned ? rotations : NULL, NULL, NULL));
-                CHECK_OK(sb_preconditioner_warp(other, &b.a, turned ? rotations : NULL, NULL, NULL));
-                sb_preconditioner_apply(p, r, z);
-                sb_preconditioner_apply(other, r, again);
-                CHECK(memcmp(z, again, bytes) == 0);
-            }
+            check_same(p, other, &b);
             sb_preconditioner_free(p);
             sb_preconditioner_free(other);
             free(image);
         }
-    free(rotations);
-    free(r);
-    free(z);
-    free(again);
     beam_free(&b);
 }
 
@@ -676,36 +681,22 @@ static void test_saved(void)
 static void test_saved_halves(void)
 {
     beam b = beam_make(30, 6, 0.2, 0.1);
-    sb_quat *rotations = (sb_quat *)malloc((size_t)b.n * sizeof(sb_quat));
-    sb_real *r = random_vector(3 * b.n, 54), *z = random_vector(3 * b.n, 55), *again = random_vector(3 * b.n, 56);
     sb_preconditioner *p = make_updated(&b, SB_PRECOND_IC0, 1, 8), *natural = make_updated(&b, SB_PRECOND_IC0, 1, 0);
     sb_preconditioner *other = make(&b.a, SB_PRECOND_IC0, 1, b.mesh.nodes, 8);
     size_t size = sb_preconditioner_saved_size(p);
     void *image = malloc(size);
     sb_error error;
-    for (int i = 0; i < b.n; i++)
-        rotations[i] = sb_quat_from_rotation_vector(sb_v3(0, REAL(0.01 * i), 0));
     CHECK_OK(sb_preconditioner_save(p, image, size));
     CHECK_RESULT(sb_preconditioner_load(natural, image, size, &error), SB_ERROR_STATE);
     CHECK(strstr(error.message, "half") != NULL);
     CHECK_OK(sb_preconditioner_load(other, image, size, NULL));
-    for (int turned = 0; turned < 2; turned++) {
-        CHECK_OK(sb_preconditioner_warp(p, &b.a, turned ? rotations : NULL, NULL, NULL));
-        CHECK_OK(sb_preconditioner_warp(other, &b.a, turned ? rotations : NULL, NULL, NULL));
-        sb_preconditioner_apply(p, r, z);
-        sb_preconditioner_apply(other, r, again);
-        CHECK(memcmp(z, again, 3 * (size_t)b.n * sizeof(sb_real)) == 0);
-    }
-    sb_preconditioner_save(natural, image, size);
+    check_same(p, other, &b);
+    CHECK_OK(sb_preconditioner_save(natural, image, size));
     CHECK_RESULT(sb_preconditioner_load(p, image, size, &error), SB_ERROR_STATE);
     sb_preconditioner_free(p);
     sb_preconditioner_free(natural);
     sb_preconditioner_free(other);
     free(image);
-    free(rotations);
-    free(r);
-    free(z);
-    free(again);
     beam_free(&b);
 }
 
