@@ -1,9 +1,11 @@
 #!/bin/sh
 # race.sh FOLDER: the solvers of softbody.h against CHOLMOD, Eigen and hypre on the same systems. Builds the racers
 # whose libraries are installed (Debian: libsuitesparse-dev libopenblas-dev libeigen3-dev libhypre-dev openmpi-bin), runs
-# all on one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. Run by `make race`
-# from the root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables and plots then stay
-# in FOLDER.
+# all on one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. What is compared
+# with itself, whole steps on one core and on two and multigrid on small systems and large, takes turns before, between
+# and after: a machine whose neighbours come and go is another one ten minutes later. Run by `make race` from the root,
+# with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables and plots then stay in FOLDER, and
+# there are no turns.
 set -eu
 folder=$1
 here=$(dirname "$0")
@@ -62,9 +64,43 @@ keep() {
 : >"$folder/times.txt"
 : >"$folder/machine.txt"
 : >"$folder/steps.txt"
-for RACE_THREADS in 1 2; do
-    export RACE_THREADS OMP_NUM_THREADS="$RACE_THREADS" OPENBLAS_NUM_THREADS="$RACE_THREADS"
-    export OMPI_MCA_btl_vader_single_copy_mechanism=none
+: >"$folder/series.txt"
+export OMPI_MCA_btl_vader_single_copy_mechanism=none
+
+# threads N : what is started from here on takes N
+threads() {
+    export RACE_THREADS="$1" OMP_NUM_THREADS="$1" OPENBLAS_NUM_THREADS="$1"
+}
+
+# Whole steps, and multigrid on the series twice, on one core and on two by turns.
+take_turn() {
+    if [ -n "${RACE_SYSTEMS:-}" ]; then
+        return
+    fi
+    series=
+    for system in series_5k series_13k beam_tet10_9k series_137k series_310k; do
+        series="$series $folder/$system.system"
+    done
+    for part in series steps series; do
+        if [ $part = series ]; then
+            echo "# turn" >>"$folder/series.txt"
+        fi
+        for count in 1 2; do
+            threads $count
+            if [ $part = series ]; then
+                # shellcheck disable=SC2086
+                keep "$folder/series.txt" env OMP_PROC_BIND=true RACE_SOLVER=ours-multigrid "$folder/race_ours" $series
+            else
+                echo "# threads $count" >>"$folder/steps.txt"
+                keep "$folder/steps.txt" env OMP_PROC_BIND=true build/bench/bench_step
+            fi
+        done
+    done
+}
+
+take_turn
+for count in 1 2; do
+    threads $count
     # shellcheck disable=SC2086
     keep "$folder/machine.txt" "$folder/race_machine" $files
     for racer in $racers; do
@@ -79,15 +115,12 @@ for RACE_THREADS in 1 2; do
         # shellcheck disable=SC2086
         keep "$folder/times.txt" $program $files
     done
-    if [ -z "${RACE_SYSTEMS:-}" ]; then
-        echo "# threads $RACE_THREADS" >>"$folder/steps.txt"
-        keep "$folder/steps.txt" env OMP_PROC_BIND=true build/bench/bench_step
-    fi
+    take_turn
 done
 
 target=tests/bench
 if [ -n "${RACE_SYSTEMS:-}" ]; then
     target=$folder
 fi
-"$folder/race_plot" "$folder/times.txt" "$folder/machine.txt" "$folder/steps.txt" "$target"
+"$folder/race_plot" "$folder/times.txt" "$folder/machine.txt" "$folder/steps.txt" "$folder/series.txt" "$target"
 echo "wrote $target/race.md, race_time.svg, race_phases.svg, race_roofline.svg"

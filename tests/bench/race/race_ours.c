@@ -1,4 +1,5 @@
-/* race_ours: the solvers of softbody.h in the race. Arguments: files of race_write. */
+/* race_ours: the solvers of softbody.h in the race. Arguments: files of race_write. RACE_SOLVER=ours-multigrid in the
+ * environment: that one only. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -78,6 +79,7 @@ static void run(const race_system *s, int solver, const sb_jobs *jobs)
 int main(int argc, char **argv)
 {
     sb_jobs jobs = {NULL, NULL};
+    const char *only = getenv("RACE_SOLVER");
 #if defined(SB_USE_OPENMP)
     if (race_threads() > 1)
         jobs = sb_jobs_openmp();
@@ -86,7 +88,7 @@ int main(int argc, char **argv)
         race_system s;
         race_read(argv[k], &s);
         for (int solver = 0; solver < (int)(sizeof solvers / sizeof *solvers); solver++)
-            if (s.n <= solvers[solver].most_unknowns)
+            if (s.n <= solvers[solver].most_unknowns && (!only || strcmp(only, solvers[solver].name) == 0))
                 run(&s, solver, &jobs);
         race_free(&s);
     }

@@ -1,19 +1,24 @@
-/* race_plot TIMES MACHINE STEPS FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
+/* race_plot TIMES MACHINE STEPS SERIES FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
  * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine and bench_step
- * print. */
+ * print. Of steps and results that come more than once, the least counts. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "examples/plot.h"
 
-enum { MOST_RESULTS = 2000, MOST_NAMES = 40, NAME = 64 };
+enum { MOST_RESULTS = 2000, MOST_NAMES = 40, MOST_TURNS = 40, SERIES = 5, NAME = 64 };
 
 typedef struct result {
     char system[NAME], solver[NAME];
     int unknowns, threads, iterations;
     double tolerance, setup, solve, residual;
 } result;
+
+typedef struct result_list {
+    result items[MOST_RESULTS];
+    int count;
+} result_list;
 
 typedef struct product {
     char system[NAME];
@@ -28,14 +33,21 @@ typedef struct machine {
 typedef struct step {
     char name[NAME];
     int threads;
+    double tolerance, iterations;
     double total, phases[5]; /* ms; the last is the rest */
 } step;
 
-static result results[MOST_RESULTS];
+/* The systems of the series in growing order; they are quadratic beams with nu = 0.45. */
+static const char *const series_names[SERIES] = {"series_5k", "series_13k", "beam_tet10_9k", "series_137k",
+                                                 "series_310k"};
+
+static result_list race, series;    /* of all racers; of multigrid on the series, the least of all turns */
+static result_list turns[MOST_TURNS]; /* and what each turn found */
+static int turn_count;
 static product products[MOST_RESULTS];
 static step steps[MOST_RESULTS];
 static machine machines[3]; /* by threads */
-static int result_count, product_count, step_count;
+static int product_count, step_count;
 
 /* ---- reading ---- */
 
@@ -56,29 +68,49 @@ static int merged_with(const result *a, const result *b)
            a->tolerance == b->tolerance;
 }
 
-static void keep_result(result r)
+static void keep_result(result_list *list, result r)
 {
     if (strncmp(r.solver, "hypre", 5) == 0)
         strcpy(r.solver, "hypre-best");
-    for (int k = 0; k < result_count; k++)
-        if (merged_with(results + k, &r)) {
-            if (r.residual < 2 * r.tolerance && r.setup + r.solve < results[k].setup + results[k].solve)
-                results[k] = r;
+    for (int k = 0; k < list->count; k++)
+        if (merged_with(list->items + k, &r)) {
+            if (r.residual < 2 * r.tolerance && r.setup + r.solve < list->items[k].setup + list->items[k].solve)
+                list->items[k] = r;
             return;
         }
-    if (result_count < MOST_RESULTS)
-        results[result_count++] = r;
+    if (list->count < MOST_RESULTS)
+        list->items[list->count++] = r;
+}
+
+static int read_result(const char *line, result *r)
+{
+    return sscanf(line, "race %63s %d %63s %d %lf %lf %lf %d %lf", r->system, &r->unknowns, r->solver, &r->threads,
+                  &r->tolerance, &r->setup, &r->solve, &r->iterations, &r->residual) == 9;
 }
 
 static void read_times(const char *path)
 {
     FILE *file = open_or_stop(path, "r");
     char line[512];
+    result r;
+    while (fgets(line, sizeof line, file))
+        if (read_result(line, &r))
+            keep_result(&race, r);
+    fclose(file);
+}
+
+static void read_series(const char *path)
+{
+    FILE *file = open_or_stop(path, "r");
+    char line[512];
+    result r;
     while (fgets(line, sizeof line, file)) {
-        result r;
-        if (sscanf(line, "race %63s %d %63s %d %lf %lf %lf %d %lf", r.system, &r.unknowns, r.solver, &r.threads,
-                   &r.tolerance, &r.setup, &r.solve, &r.iterations, &r.residual) == 9)
-            keep_result(r);
+        turn_count += strcmp(line, "# turn\n") == 0 && turn_count < MOST_TURNS;
+        if (!read_result(line, &r))
+            continue;
+        keep_result(&series, r);
+        if (turn_count > 0)
+            keep_result(turns + turn_count - 1, r);
     }
     fclose(file);
 }
@@ -104,7 +136,24 @@ static void read_machine(const char *path)
     fclose(file);
 }
 
-/* Steps solved to 1e-2: what a trainer runs. */
+static step *find_step(const char *name, int threads, double tolerance)
+{
+    for (int k = 0; k < step_count; k++)
+        if (strcmp(steps[k].name, name) == 0 && steps[k].threads == threads && steps[k].tolerance == tolerance)
+            return steps + k;
+    return NULL;
+}
+
+static void keep_step(step s)
+{
+    step *known = find_step(s.name, s.threads, s.tolerance);
+    if (known && s.total < known->total)
+        *known = s;
+    else if (!known && step_count < MOST_RESULTS)
+        steps[step_count++] = s;
+}
+
+/* Their medians. */
 static void read_steps(const char *path)
 {
     FILE *file = open_or_stop(path, "r");
@@ -112,16 +161,14 @@ static void read_steps(const char *path)
     int threads = 1;
     while (fgets(line, sizeof line, file)) {
         step s;
-        double tolerance;
         const char *bar = strchr(line, '|');
         if (sscanf(line, "# threads %d", &threads) == 1 || !bar || line[0] == '#' ||
-            sscanf(line, "%63s %lf %*d %lf", s.name, &tolerance, &s.total) != 3 || tolerance != 1e-2 ||
+            sscanf(line, "%63s %lf %*d %lf %*f %*f %lf", s.name, &s.tolerance, &s.total, &s.iterations) != 4 ||
             sscanf(bar, "| %lf %lf %lf %lf", s.phases, s.phases + 1, s.phases + 2, s.phases + 3) != 4)
             continue;
         s.threads = threads;
         s.phases[4] = fmax(0, s.total - s.phases[0] - s.phases[1] - s.phases[2] - s.phases[3]);
-        if (step_count < MOST_RESULTS)
-            steps[step_count++] = s;
+        keep_step(s);
     }
     fclose(file);
 }
@@ -131,8 +178,8 @@ static void read_steps(const char *path)
 static int list_names(char (*names)[NAME], int solvers)
 {
     int count = 0;
-    for (int k = 0; k < result_count; k++) {
-        const char *name = solvers ? results[k].solver : results[k].system;
+    for (int k = 0; k < race.count; k++) {
+        const char *name = solvers ? race.items[k].solver : race.items[k].system;
         int known = 0;
         for (int i = 0; i < count; i++)
             known |= strcmp(names[i], name) == 0;
@@ -142,28 +189,30 @@ static int list_names(char (*names)[NAME], int solvers)
     return count;
 }
 
-static const result *find(const char *system, const char *solver, int threads, double tolerance)
+static const result *find(const result_list *list, const char *system, const char *solver, int threads,
+                          double tolerance)
 {
-    for (int k = 0; k < result_count; k++)
-        if (strcmp(results[k].system, system) == 0 && strcmp(results[k].solver, solver) == 0 &&
-            results[k].threads == threads && results[k].tolerance == tolerance)
-            return results + k;
+    for (int k = 0; k < list->count; k++)
+        if (strcmp(list->items[k].system, system) == 0 && strcmp(list->items[k].solver, solver) == 0 &&
+            list->items[k].threads == threads && list->items[k].tolerance == tolerance)
+            return list->items + k;
     return NULL;
 }
 
-/* The systems of the series in growing order; they are quadratic beams with nu = 0.45. */
+/* Those systems of the series that took part. */
 static int list_series(const char **names)
 {
-    static const char *const all[] = {"series_5k", "series_13k", "beam_tet10_9k", "series_137k", "series_310k"};
     int count = 0;
-    for (int i = 0; i < 5; i++)
-        for (int k = 0; k < result_count; k++)
-            if (strcmp(results[k].system, all[i]) == 0) {
-                names[count++] = all[i];
+    for (int i = 0; i < SERIES; i++)
+        for (int k = 0; k < race.count; k++)
+            if (strcmp(race.items[k].system, series_names[i]) == 0) {
+                names[count++] = series_names[i];
                 break;
             }
     return count;
 }
+
+static double microseconds_per_unknown(const result *r) { return 1e3 * (r->setup + r->solve) / r->unknowns; }
 
 /* ---- tables ---- */
 
@@ -171,8 +220,8 @@ static int list_series(const char **names)
 static double our_best(const char *system, int threads, double tolerance)
 {
     double best = 0;
-    for (int k = 0; k < result_count; k++) {
-        const result *r = results + k;
+    for (int k = 0; k < race.count; k++) {
+        const result *r = race.items + k;
         double total = r->setup + r->solve;
         if (strcmp(r->system, system) == 0 && strncmp(r->solver, "ours", 4) == 0 && r->threads == threads &&
             r->tolerance == tolerance && (best == 0 || total < best))
@@ -192,9 +241,9 @@ static void write_cell(FILE *file, const result *r)
 static void write_system(FILE *file, const char *system, char (*solvers)[NAME], int solver_count)
 {
     int unknowns = 0;
-    for (int k = 0; k < result_count; k++)
-        if (strcmp(results[k].system, system) == 0)
-            unknowns = results[k].unknowns;
+    for (int k = 0; k < race.count; k++)
+        if (strcmp(race.items[k].system, system) == 0)
+            unknowns = race.items[k].unknowns;
     fprintf(file, "\n## %s, %d unknowns\n\n", system, unknowns);
     fprintf(file, "| solver | one core, 1e-2 | 1e-6 | two cores, 1e-2 | 1e-6 | times our best total, two cores, 1e-2 | "
                   "1e-6 |\n|---|---|---|---|---|---|---|\n");
@@ -203,7 +252,7 @@ static void write_system(FILE *file, const char *system, char (*solvers)[NAME], 
         int any = 0;
         for (int threads = 1; threads <= 2; threads++)
             for (int t = 0; t < 2; t++) {
-                r[threads - 1][t] = find(system, solvers[s], threads, t ? 1e-6 : 1e-2);
+                r[threads - 1][t] = find(&race, system, solvers[s], threads, t ? 1e-6 : 1e-2);
                 any |= r[threads - 1][t] != NULL;
             }
         if (!any)
@@ -222,9 +271,9 @@ static void write_system(FILE *file, const char *system, char (*solvers)[NAME], 
     }
 }
 
-static void write_series(FILE *file, char (*solvers)[NAME], int solver_count)
+static void write_growth(FILE *file, char (*solvers)[NAME], int solver_count)
 {
-    const char *names[5];
+    const char *names[SERIES];
     int count = list_series(names);
     fprintf(file, "\n## Growth with size: iterations, and microseconds per unknown (set-up and solve), to 1e-6 on two "
                   "cores\n\n| solver |");
@@ -236,14 +285,73 @@ static void write_series(FILE *file, char (*solvers)[NAME], int solver_count)
     for (int s = 0; s < solver_count; s++) {
         fprintf(file, "\n| %s |", solvers[s]);
         for (int k = 0; k < count; k++) {
-            const result *r = find(names[k], solvers[s], 2, 1e-6);
+            const result *r = find(&race, names[k], solvers[s], 2, 1e-6);
             if (r)
-                fprintf(file, " %d, %.2f |", r->iterations, 1e3 * (r->setup + r->solve) / r->unknowns);
+                fprintf(file, " %d, %.2f |", r->iterations, microseconds_per_unknown(r));
             else
                 fprintf(file, " |");
         }
     }
     fprintf(file, "\n");
+}
+
+/* The largest time per unknown over the least; 0 when a system is missing. */
+static double spread(const result_list *list, int threads, double tolerance)
+{
+    double least = 0, most = 0;
+    for (int k = 0; k < SERIES; k++) {
+        const result *r = find(list, series_names[k], "ours-multigrid", threads, tolerance);
+        double t = r ? microseconds_per_unknown(r) : 0;
+        if (!r)
+            return 0;
+        least = k == 0 || t < least ? t : least;
+        most = t > most ? t : most;
+    }
+    return most / least;
+}
+
+static void write_series(FILE *file)
+{
+    if (turn_count == 0)
+        return;
+    fprintf(file,
+            "\n## ours-multigrid by turns\n\nThe series alone, %d times over the whole race: iterations, and "
+            "microseconds per unknown (set-up and solve), the least\nof all turns; the largest of a row over its least; "
+            "and the same of each turn by itself.\n\n| cores, residual |",
+            turn_count);
+    for (int k = 0; k < SERIES; k++)
+        fprintf(file, " %s |", series_names[k]);
+    fprintf(file, " largest / least | turns |\n|---|---|---|---|---|---|---|---|\n");
+    for (int k = 0; k < 4; k++) {
+        int threads = 1 + k / 2;
+        double tolerance = k % 2 ? 1e-6 : 1e-2;
+        fprintf(file, "| %d, %.0e |", threads, tolerance);
+        for (int i = 0; i < SERIES; i++) {
+            const result *r = find(&series, series_names[i], "ours-multigrid", threads, tolerance);
+            if (r)
+                fprintf(file, " %d, %.3f |", r->iterations, microseconds_per_unknown(r));
+            else
+                fprintf(file, " |");
+        }
+        fprintf(file, " %.2f |", spread(&series, threads, tolerance));
+        for (int t = 0; t < turn_count; t++)
+            fprintf(file, " %.2f", spread(turns + t, threads, tolerance));
+        fprintf(file, " |\n");
+    }
+}
+
+static void write_steps(FILE *file)
+{
+    if (step_count == 0)
+        return;
+    fprintf(file, "\n## Whole steps of moving bodies by turns\n\nMedians in ms (mean iterations) of `bench_step`, the "
+                  "least of the turns.\n\n| body, residual | one core | two cores | gain |\n|---|---|---|---|\n");
+    for (int k = 0; k < step_count; k++) {
+        const step *one = steps + k, *two = find_step(one->name, 2, one->tolerance);
+        if (one->threads == 1 && two)
+            fprintf(file, "| %s, %.0e | %.2f (%.1f) | %.2f (%.1f) | %.2f |\n", one->name, one->tolerance, one->total,
+                    one->iterations, two->total, two->iterations, one->total / two->total);
+    }
 }
 
 static void write_tables(const char *folder)
@@ -266,7 +374,9 @@ static void write_tables(const char *folder)
             machines[2].peak);
     for (int k = 0; k < system_count; k++)
         write_system(file, systems[k], solvers, solver_count);
-    write_series(file, solvers, solver_count);
+    write_growth(file, solvers, solver_count);
+    write_series(file);
+    write_steps(file);
     fclose(file);
 }
 
@@ -285,8 +395,8 @@ static void save(const plot *p, const char *folder, const char *name)
 static void draw_times(const char *folder)
 {
     static char solvers[MOST_NAMES][NAME];
-    static double x[2][PLOT_CURVES][5], y[2][PLOT_CURVES][5];
-    const char *names[5];
+    static double x[2][PLOT_CURVES][SERIES], y[2][PLOT_CURVES][SERIES];
+    const char *names[SERIES];
     int solver_count = list_names(solvers, 1), count = list_series(names);
     plot p;
     plot_begin(&p, "Quadratic beams, two cores: set-up and solve");
@@ -296,7 +406,7 @@ static void draw_times(const char *folder)
         for (int s = 0; s < solver_count && s < PLOT_CURVES; s++) {
             int points = 0;
             for (int k = 0; k < count; k++) {
-                const result *r = find(names[k], solvers[s], 2, t ? 1e-6 : 1e-2);
+                const result *r = find(&race, names[k], solvers[s], 2, t ? 1e-6 : 1e-2);
                 if (!r)
                     continue;
                 x[t][s][points] = r->unknowns;
@@ -356,13 +466,15 @@ static void write_bar(FILE *file, const step *s, double y)
     plot_write_label(file, 812, y + 14, "", text);
 }
 
-/* One bar for each workload and number of cores. */
+/* One bar for each workload and number of cores, of steps solved to 1e-2: what a trainer runs. */
 static void draw_phases(const char *folder)
 {
     static const char *const names[5] = {"forces", "tangent", "preconditioner", "solve", "rest"};
-    int height = 80 + 24 * step_count;
+    int height = 80, drawn = 0;
     char path[1024];
     FILE *file;
+    for (int k = 0; k < step_count; k++)
+        height += steps[k].tolerance == 1e-2 ? 24 : 0;
     snprintf(path, sizeof path, "%s/race_phases.svg", folder);
     file = open_or_stop(path, "wb");
     fprintf(file,
@@ -378,23 +490,25 @@ static void draw_phases(const char *folder)
         plot_write_label(file, 260 + 115 * k, 50, "", names[k]);
     }
     for (int k = 0; k < step_count; k++)
-        write_bar(file, steps + k, 66 + 24 * k);
+        if (steps[k].tolerance == 1e-2)
+            write_bar(file, steps + k, 66 + 24 * drawn++);
     fputs("</svg>\n", file);
     fclose(file);
 }
 
 int main(int argc, char **argv)
 {
-    if (argc != 5) {
-        fprintf(stderr, "race_plot TIMES MACHINE STEPS FOLDER\n");
+    if (argc != 6) {
+        fprintf(stderr, "race_plot TIMES MACHINE STEPS SERIES FOLDER\n");
         return 1;
     }
     read_times(argv[1]);
     read_machine(argv[2]);
     read_steps(argv[3]);
-    write_tables(argv[4]);
-    draw_times(argv[4]);
-    draw_phases(argv[4]);
-    draw_roofline(argv[4]);
+    read_series(argv[4]);
+    write_tables(argv[5]);
+    draw_times(argv[5]);
+    draw_phases(argv[5]);
+    draw_roofline(argv[5]);
     return 0;
 }
