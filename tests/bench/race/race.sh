@@ -72,7 +72,7 @@ threads() {
     export RACE_THREADS="$1" OMP_NUM_THREADS="$1" OPENBLAS_NUM_THREADS="$1"
 }
 
-# Whole steps, and multigrid on the series twice, on one core and on two by turns.
+# Multigrid on the series and whole steps, each twice, on one core and on two by turns.
 take_turn() {
     if [ -n "${RACE_SYSTEMS:-}" ]; then
         return
@@ -81,7 +81,7 @@ take_turn() {
     for system in series_5k series_13k beam_tet10_9k series_137k series_310k; do
         series="$series $folder/$system.system"
     done
-    for part in series steps series; do
+    for part in series steps series steps; do
         if [ $part = series ]; then
             echo "# turn" >>"$folder/series.txt"
         fi
