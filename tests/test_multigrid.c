@@ -3,6 +3,7 @@
 #include "softbody.h"
 
 #include "scene.h"
+#include "stiff_parts.h"
 
 /* ---- helpers ---- */
 
@@ -54,56 +55,13 @@ static void add_tet(problem *p, const int *tet, double young, double poisson, do
     }
 }
 
-/* Where a beam of 3 x 1 x 1 cubes of its height is `jump` times as stiff. */
-typedef enum stiff_parts {
-    EVEN,
-    BLOCK,      /* within */
-    TOUCHING,   /* a block that reaches the surface */
-    SLABS,      /* every other of six along x */
-    SHEET,      /* a seventh of the height: one element thick on seven */
-    ROD,        /* along x, of the same thickness */
-    INCLUSIONS, /* balls of 0.08 to 0.18 in twenty places, some of which meet */
-    SPECKS      /* three cubes of a hundred, on seven to the height */
-} stiff_parts;
-
-static int is_in_ball(const double x[3])
-{
-    unsigned long long seed = 5;
-    for (int k = 0; k < 20; k++) {
-        double place[3], radius, square = 0;
-        for (int r = 0; r < 3; r++)
-            place[r] = check_random_in(&seed, 0, r ? 1 : 3);
-        radius = check_random_in(&seed, 0.08, 0.18);
-        for (int r = 0; r < 3; r++)
-            square += (x[r] - place[r]) * (x[r] - place[r]);
-        if (square < radius * radius)
-            return 1;
-    }
-    return 0;
-}
-
-static int is_stiff(stiff_parts parts, const double x[3])
-{
-    int y_strip = x[1] > 3 / 7.0 && x[1] < 4 / 7.0, z_strip = x[2] > 3 / 7.0 && x[2] < 4 / 7.0;
-    switch (parts) {
-    case BLOCK: return x[0] > 0.9 && x[0] < 1.8 && x[1] > 0.3 && x[1] < 0.66 && x[2] > 0.3 && x[2] < 0.66;
-    case TOUCHING: return x[0] > 0.9 && x[0] < 1.8 && x[1] > 0.5 && x[2] > 0.4;
-    case SLABS: return (int)(2 * x[0]) % 2;
-    case SHEET: return z_strip;
-    case ROD: return y_strip && z_strip;
-    case INCLUSIONS: return is_in_ball(x);
-    case SPECKS: return ((int)(7 * x[0]) * 49 + (int)(7 * x[1]) * 7 + (int)(7 * x[2])) * 7919 % 100 < 3;
-    default: return 0;
-    }
-}
-
 static double modulus_of(const sb_mesh *mesh, const int *tet, double height, stiff_parts parts, double jump)
 {
     double x[3] = {0, 0, 0};
     for (int r = 0; r < 3; r++)
         for (int k = 0; k < 4; k++)
             x[r] += (double)scene_component(mesh->nodes[tet[k]], r) / (4 * height);
-    return is_stiff(parts, x) ? 50e3 * jump : 50e3;
+    return stiff_parts_hold(parts, x) ? 50e3 * jump : 50e3;
 }
 
 static void assemble_parts(problem *p, double poisson, double mass, stiff_parts parts, double jump)

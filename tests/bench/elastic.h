@@ -56,28 +56,36 @@ static inline void elastic_add(sb_real *block, const double *a, const double *b,
                 (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
 }
 
+typedef struct elastic_material {
+    double young, poisson; /* Pa, 1 */
+    const sb_real *factors; /* [tets] of Young's modulus, or NULL: 1 */
+    int at_rest;            /* K alone */
+} elastic_material;
+
 /* M / dt^2 + (1 + beta / dt) K of a material with 1000 kg/m^3, dt = 0.01 s and beta = 0.02 s, lumped masses, and
  * gravity on the right. cells [tets][corners], corners 4 or 10; the matrix has their pattern. */
-static inline void elastic_assemble(const sb_vec3 *positions, const int *cells, int tets, int corners, double young,
-                                    double poisson, sb_matrix *matrix, sb_real *rhs)
+static inline void elastic_assemble(const sb_vec3 *positions, const int *cells, int tets, int corners,
+                                    const elastic_material *material, sb_matrix *matrix, sb_real *rhs)
 {
-    const double density = 1000, dt = 0.01, beta = 0.02;
-    double lambda = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), mu = young / (2 * (1 + poisson));
+    const double density = 1000, dt = 0.01, beta = 0.02, nu = material->poisson;
+    const double inertia = material->at_rest ? 0 : density / (dt * dt), damped = material->at_rest ? 1 : 1 + beta / dt;
     for (int t = 0; t < tets; t++) {
         const int *tet = cells + (size_t)corners * (size_t)t;
+        double young = material->young * (material->factors ? (double)material->factors[t] : 1);
+        double lambda = young * nu / ((1 + nu) * (1 - 2 * nu)), mu = young / (2 * (1 + nu));
         double g[4][3], shape[10][3], volume = elastic_gradients(positions, tet, g);
         for (int q = 0; q < 4; q++) {
             elastic_shapes(corners, g, q, shape);
             for (int i = 0; i < corners; i++)
                 for (int j = 0; j < corners; j++)
                     elastic_add(matrix->blocks[sb_matrix_find(matrix, tet[i], tet[j])], shape[i], shape[j],
-                                (1 + beta / dt) * volume / 4, lambda, mu);
+                                damped * volume / 4, lambda, mu);
         }
         for (int i = 0; i < corners; i++) {
-            double mass = density * volume * (corners == 4 ? 1.0 / 4 : i < 4 ? 1.0 / 36 : 4.0 / 27);
+            double share = volume * (corners == 4 ? 1.0 / 4 : i < 4 ? 1.0 / 36 : 4.0 / 27);
             for (int r = 0; r < 3; r++)
-                matrix->blocks[matrix->diagonal[tet[i]]][4 * r] += (sb_real)(mass / (dt * dt));
-            rhs[3 * (size_t)tet[i] + 2] -= (sb_real)(9.81 * mass);
+                matrix->blocks[matrix->diagonal[tet[i]]][4 * r] += (sb_real)(inertia * share);
+            rhs[3 * (size_t)tet[i] + 2] -= (sb_real)(9.81 * density * share);
         }
     }
 }
