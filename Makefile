@@ -249,7 +249,7 @@ bench: $(BENCHES:tests/bench/%.c=build/bench/%)
 	    echo "# $$bench, OMP_NUM_THREADS=$$threads" && OMP_NUM_THREADS=$$threads $$bench || exit 1; done; done
 
 # The tables and plots of tests/bench/race.md. RACE_SYSTEMS="beam_tet4_13k ..." tries some systems only.
-race: $(HEADERS) build/bench/bench_step
+race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 	CC='$(CC)' CXX='$(CXX)' CFLAGS='$(BENCH_CFLAGS)' tests/bench/race/race.sh build/race
 
 # Fuzz targets are functions of one program. Where clang has libFuzzer it does the fuzzing, under the sanitizers;

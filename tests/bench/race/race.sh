@@ -3,9 +3,9 @@
 # whose libraries are installed (Debian: libsuitesparse-dev libopenblas-dev libeigen3-dev libhypre-dev openmpi-bin), runs
 # all on one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. What is compared
 # with itself, whole steps on one core and on two and multigrid on small systems and large, takes turns before, between
-# and after: a machine whose neighbours come and go is another one ten minutes later. Run by `make race` from the root,
-# with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables and plots then stay in FOLDER, and
-# there are no turns.
+# and after: a machine whose neighbours come and go is another one ten minutes later. Jumps of the modulus come last.
+# Run by `make race` from the root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables
+# and plots then stay in FOLDER, and there are neither turns nor jumps.
 set -eu
 folder=$1
 here=$(dirname "$0")
@@ -65,6 +65,7 @@ keep() {
 : >"$folder/machine.txt"
 : >"$folder/steps.txt"
 : >"$folder/series.txt"
+: >"$folder/jumps.txt"
 export OMPI_MCA_btl_vader_single_copy_mechanism=none
 
 # threads N : what is started from here on takes N
@@ -121,6 +122,9 @@ done
 target=tests/bench
 if [ -n "${RACE_SYSTEMS:-}" ]; then
     target=$folder
+else
+    keep "$folder/jumps.txt" env OMP_PROC_BIND=true build/bench/bench_jumps
 fi
-"$folder/race_plot" "$folder/times.txt" "$folder/machine.txt" "$folder/steps.txt" "$folder/series.txt" "$target"
+"$folder/race_plot" "$folder/times.txt" "$folder/machine.txt" "$folder/steps.txt" "$folder/series.txt" \
+    "$folder/jumps.txt" "$target"
 echo "wrote $target/race.md, race_time.svg, race_phases.svg, race_roofline.svg"

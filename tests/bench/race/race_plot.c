@@ -1,6 +1,6 @@
-/* race_plot TIMES MACHINE STEPS SERIES FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
- * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine and bench_step
- * print. Of steps and results that come more than once, the least counts. */
+/* race_plot TIMES MACHINE STEPS SERIES JUMPS FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
+ * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine, bench_step and
+ * bench_jumps print. Of steps and results that come more than once, the least counts. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,6 +37,13 @@ typedef struct step {
     double total, phases[5]; /* ms; the last is the rest */
 } step;
 
+/* Multigrid on a beam with stiff parts. */
+typedef struct jump {
+    char mesh[NAME], parts[NAME], state[NAME];
+    int unknowns, iterations[2];
+    double ratios[2];
+} jump;
+
 /* The systems of the series in growing order; they are quadratic beams with nu = 0.45. */
 static const char *const series_names[SERIES] = {"series_5k", "series_13k", "beam_tet10_9k", "series_137k",
                                                  "series_310k"};
@@ -46,8 +53,9 @@ static result_list turns[MOST_TURNS]; /* and what each turn found */
 static int turn_count;
 static product products[MOST_RESULTS];
 static step steps[MOST_RESULTS];
+static jump jumps[MOST_RESULTS];
 static machine machines[3]; /* by threads */
-static int product_count, step_count;
+static int product_count, step_count, jump_count;
 
 /* ---- reading ---- */
 
@@ -169,6 +177,18 @@ static void read_steps(const char *path)
         s.threads = threads;
         s.phases[4] = fmax(0, s.total - s.phases[0] - s.phases[1] - s.phases[2] - s.phases[3]);
         keep_step(s);
+    }
+    fclose(file);
+}
+
+static void read_jumps(const char *path)
+{
+    FILE *file = open_or_stop(path, "r");
+    char line[512];
+    while (fgets(line, sizeof line, file) && jump_count < MOST_RESULTS) {
+        jump *j = jumps + jump_count;
+        jump_count += sscanf(line, "%63s %d %63s %63s %d %d %lf %lf", j->mesh, &j->unknowns, j->parts, j->state,
+                             j->iterations, j->iterations + 1, j->ratios, j->ratios + 1) == 8;
     }
     fclose(file);
 }
@@ -354,6 +374,46 @@ static void write_steps(FILE *file)
     }
 }
 
+/* That of the beam, size and state of a column, which the even beam starts. */
+static const jump *find_jump(const jump *column, const char *parts)
+{
+    for (const jump *j = column; j < jumps + jump_count; j++)
+        if (strcmp(j->parts, parts) == 0 && j->unknowns == column->unknowns && strcmp(j->state, column->state) == 0)
+            return j;
+    return NULL;
+}
+
+static int starts_column(const jump *j) { return strcmp(j->parts, jumps[0].parts) == 0; }
+
+static void write_jumps(FILE *file)
+{
+    double most[2] = {0, 0};
+    if (jump_count == 0)
+        return;
+    fprintf(file, "\n## ours-multigrid where the modulus jumps by 1:1000\n\nIterations to 1e-2 / 1e-6 of beams with stiff "
+                  "parts, from a zero start (`bench_jumps`).\n\n| stiff parts |");
+    for (int k = 0; k < jump_count; k++)
+        if (starts_column(jumps + k))
+            fprintf(file, " %s, %d, %s |", jumps[k].mesh, jumps[k].unknowns,
+                    strcmp(jumps[k].state, "moving") == 0 ? "moving" : "at rest");
+    fprintf(file, "\n|---|");
+    for (int k = 0; k < jump_count; k++)
+        if (starts_column(jumps + k))
+            fprintf(file, "---|");
+    for (const jump *row = jumps; row == jumps || (row < jumps + jump_count && !starts_column(row)); row++) {
+        fprintf(file, "\n| %s |", row->parts);
+        for (int k = 0; k < jump_count; k++) {
+            const jump *j = starts_column(jumps + k) ? find_jump(jumps + k, row->parts) : NULL;
+            if (j)
+                fprintf(file, " %d / %d |", j->iterations[0], j->iterations[1]);
+        }
+    }
+    for (int k = 0; k < jump_count; k++)
+        for (int t = 0; t < 2; t++)
+            most[t] = jumps[k].ratios[t] > most[t] ? jumps[k].ratios[t] : most[t];
+    fprintf(file, "\n\nAt most %.2f and %.2f times those of the even beam.\n", most[0], most[1]);
+}
+
 static void write_tables(const char *folder)
 {
     static char systems[MOST_NAMES][NAME], solvers[MOST_NAMES][NAME];
@@ -377,6 +437,7 @@ static void write_tables(const char *folder)
     write_growth(file, solvers, solver_count);
     write_series(file);
     write_steps(file);
+    write_jumps(file);
     fclose(file);
 }
 
@@ -498,17 +559,18 @@ static void draw_phases(const char *folder)
 
 int main(int argc, char **argv)
 {
-    if (argc != 6) {
-        fprintf(stderr, "race_plot TIMES MACHINE STEPS SERIES FOLDER\n");
+    if (argc != 7) {
+        fprintf(stderr, "race_plot TIMES MACHINE STEPS SERIES JUMPS FOLDER\n");
         return 1;
     }
     read_times(argv[1]);
     read_machine(argv[2]);
     read_steps(argv[3]);
     read_series(argv[4]);
-    write_tables(argv[5]);
-    draw_times(argv[5]);
-    draw_phases(argv[5]);
-    draw_roofline(argv[5]);
+    read_jumps(argv[5]);
+    write_tables(argv[6]);
+    draw_times(argv[6]);
+    draw_phases(argv[6]);
+    draw_roofline(argv[6]);
     return 0;
 }
