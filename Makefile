@@ -1,6 +1,6 @@
 # The products are the headers here at the root, generated from src/; everything else is built into build/.
 #
-#   make            the examples                     make bench      benchmarks, one core and all cores
+#   make            the examples                     make bench      benchmarks, one core and all cores, and the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
 #   make test       the tests in double              make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -239,7 +239,7 @@ lint: $(LINT_OK) build/split/tests
 # ---- benchmarks and fuzzing ----------------------------------------------------------------------------------
 
 BENCH_CFLAGS = -O3 -march=native -std=gnu11 -ffp-contract=off -fopenmp -DSB_USE_OPENMP
-build/bench/%: tests/bench/%.c $(HEADERS) $(wildcard tests/bench/*.h examples/*.h)
+build/bench/%: tests/bench/%.c $(HEADERS) $(wildcard tests/*.h tests/bench/*.h examples/*.h)
 	@mkdir -p $(@D)
 	$(CC) $(BENCH_CFLAGS) $(INCLUDES) $< -lm -o $@
 
@@ -247,8 +247,10 @@ benches: $(BENCHES:tests/bench/%.c=build/bench/%)
 bench: $(BENCHES:tests/bench/%.c=build/bench/%)
 	@for bench in $^; do for threads in 1 $$(nproc); do \
 	    echo "# $$bench, OMP_NUM_THREADS=$$threads" && OMP_NUM_THREADS=$$threads $$bench || exit 1; done; done
+	@$(MAKE) --no-print-directory race
 
-# The tables and plots of tests/bench/race.md. RACE_SYSTEMS="beam_tet4_13k ..." tries some systems only.
+# The tables and plots of tests/bench/race.md, or, where nobody else takes part, in build/race. Half an hour.
+# RACE_SYSTEMS="beam_tet4_13k ..." tries some systems only.
 race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 	CC='$(CC)' CXX='$(CXX)' CFLAGS='$(BENCH_CFLAGS)' tests/bench/race/race.sh build/race
 

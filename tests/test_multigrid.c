@@ -57,11 +57,7 @@ static void add_tet(problem *p, const int *tet, double young, double poisson, do
 
 static double modulus_of(const sb_mesh *mesh, const int *tet, double height, stiff_parts parts, double jump)
 {
-    double x[3] = {0, 0, 0};
-    for (int r = 0; r < 3; r++)
-        for (int k = 0; k < 4; k++)
-            x[r] += (double)scene_component(mesh->nodes[tet[k]], r) / (4 * height);
-    return stiff_parts_hold(parts, x) ? 50e3 * jump : 50e3;
+    return stiff_parts_hold_tet(parts, mesh->nodes, tet, height) ? 50e3 * jump : 50e3;
 }
 
 static void assemble_parts(problem *p, double poisson, double mass, stiff_parts parts, double jump)
@@ -79,7 +75,7 @@ static void assemble_parts(problem *p, double poisson, double mass, stiff_parts 
     sb_matrix_constrain(&p->a, p->mask, NULL, p->rhs);
 }
 
-static void assemble(problem *p, double poisson, double mass) { assemble_parts(p, poisson, mass, EVEN, 1); }
+static void assemble(problem *p, double poisson, double mass) { assemble_parts(p, poisson, mass, STIFF_EVEN, 1); }
 
 /* Takes the mesh over; clamped at x = 0 when asked. */
 static problem problem_make(sb_mesh mesh, int clamped)
@@ -289,7 +285,7 @@ static void test_islands(void)
     double left = 0, rest = 0;
     sb_preconditioner *multigrid;
     sb_result result;
-    assemble_parts(&p, 0.45, dynamic_mass, INCLUSIONS, 1000);
+    assemble_parts(&p, 0.45, dynamic_mass, STIFF_INCLUSIONS, 1000);
     multigrid = multigrid_with_moduli(&p, NULL, &result);
     CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
     for (int t = 0; t < p.mesh.element_count; t++)
@@ -443,7 +439,7 @@ static void test_residual(void)
     CHECK_RESULT(solve_to(&p, multigrid, 1e-8, 5, &info), SB_ERROR_NOT_CONVERGED);
     CHECK(info.capped && info.iterations == 5);
     CHECK_NEAR(residual_of(&p), info.residual, (SB_REAL_IS_FLOAT ? 0.2 : 1e-2) * info.residual);
-    assemble_parts(&p, 0.45, dynamic_mass, SLABS, 3); /* another matrix, and no update */
+    assemble_parts(&p, 0.45, dynamic_mass, STIFF_SLABS, 3); /* another matrix, and no update */
     CHECK_OK(solve_to(&p, multigrid, SB_REAL_IS_FLOAT ? 1e-3 : 1e-9, most, &info));
     CHECK(residual_of(&p) <= (SB_REAL_IS_FLOAT ? 1.1e-3 : 1.01e-9));
     CHECK_RESULT(solve_to(&p, multigrid, 1e-8, 3, &info), SB_ERROR_NOT_CONVERGED);
@@ -469,7 +465,7 @@ static void test_series(void)
         problem p = problem_beam(sizes[k], 0.15);
         int count = count_for(&p, 0.45, dynamic_mass, tolerance);
         int firm = slow ? count_for(&p, 0.45, 0, tolerance) : 0;
-        int many = slow && !SB_REAL_IS_FLOAT ? count_parts(&p, INCLUSIONS, 1000, dynamic_mass, tolerance) : 0;
+        int many = slow && !SB_REAL_IS_FLOAT ? count_parts(&p, STIFF_INCLUSIONS, 1000, dynamic_mass, tolerance) : 0;
         if (slow)
             printf("    %d unknowns: %d iterations, static %d, with inclusions %d\n", 3 * p.mesh.node_count, count, firm,
                    many);
@@ -507,9 +503,9 @@ static void test_jumps(void)
     double tight = SB_REAL_IS_FLOAT ? 1e-2 : 1e-6; /* float's rounding of the stiff parts allows no less */
     int easy = count_for(&p, 0.45, dynamic_mass, 1e-2), firm = count_for(&p, 0.45, 0, 1e-2);
     int easy_tight = count_for(&p, 0.45, dynamic_mass, tight);
-    for (int k = BLOCK; k <= SPECKS; k++) {
+    for (int k = STIFF_BLOCK; k <= STIFF_SPECKS; k++) {
         stiff_parts parts = (stiff_parts)k;
-        int coarse = SB_REAL_IS_FLOAT && parts == SPECKS;
+        int coarse = SB_REAL_IS_FLOAT && parts == STIFF_SPECKS;
         CHECK(count_parts(&p, parts, 1000, dynamic_mass, 1e-2) <= (coarse ? 10 : easy * 3 / 2));
         CHECK(count_parts(&p, parts, 1e-3, dynamic_mass, 1e-2) <= easy * 3 / 2);
         CHECK(count_parts(&p, parts, 30, dynamic_mass, 1e-2) <= easy * 3 / 2);
@@ -529,7 +525,7 @@ static void test_jumps_dear(void)
     sb_result result;
     sb_preconditioner *multigrid;
     int easy = count_for(&p, 0.45, dynamic_mass, 1e-2), calls;
-    CHECK(count_parts(&p, INCLUSIONS, 1000, dynamic_mass, 1e-2) <= easy * 3 / 2);
+    CHECK(count_parts(&p, STIFF_INCLUSIONS, 1000, dynamic_mass, 1e-2) <= easy * 3 / 2);
     multigrid = multigrid_with_moduli(&p, &allocator, &result);
     CHECK_INT(sb_preconditioner_get_info(multigrid).level_count, 4);
     sb_preconditioner_free(multigrid);
@@ -554,7 +550,7 @@ static void test_jumps_answer(void)
     sb_real *x = (sb_real *)malloc((size_t)n * sizeof *x), *z = random_vector(n, 1);
     double difference = 0, size = 0, tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-9;
     sb_result result;
-    count_parts(&p, SLABS, SB_REAL_IS_FLOAT ? 10 : 1000, dynamic_mass, tolerance);
+    count_parts(&p, STIFF_SLABS, SB_REAL_IS_FLOAT ? 10 : 1000, dynamic_mass, tolerance);
     memcpy(x, p.x, (size_t)n * sizeof *x);
     def.kind = SB_PRECOND_CHOLESKY;
     CHECK_OK(sb_preconditioner_create(&def, &p.a, NULL, &exact, NULL));
@@ -659,7 +655,7 @@ static void test_updates(void)
         CHECK(abs(iterations(&p, kept, tolerance) - count) <= 1);
     }
     /* another material, static: what was learnt must do no harm, */
-    assemble_parts(&p, 0.3, still_mass, BLOCK, SB_REAL_IS_FLOAT ? 10 : 1000);
+    assemble_parts(&p, 0.3, still_mass, STIFF_BLOCK, SB_REAL_IS_FLOAT ? 10 : 1000);
     count = iterations(&p, fresh, tolerance);
     CHECK(abs(iterations(&p, kept, tolerance) - count) <= 1 + count / 10);
     sb_preconditioner_apply(fresh, r, again);
@@ -978,7 +974,7 @@ static void test_refusals(void)
 
 static void test_memory(void)
 {
-    static const stiff_parts parts[3] = {EVEN, SLABS, SPECKS};
+    static const stiff_parts parts[3] = {STIFF_EVEN, STIFF_SLABS, STIFF_SPECKS};
     problem p = problem_beam(3, 0.1);
     scene_memory memory = {0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
@@ -1017,7 +1013,7 @@ static void test_jumps_broken(void)
     sb_result result;
     options.tolerance = 1e-2;
     options.max_iterations = 100;
-    assemble_parts(&p, 0.45, dynamic_mass, SLABS, 1000);
+    assemble_parts(&p, 0.45, dynamic_mass, STIFF_SLABS, 1000);
     multigrid = multigrid_with_moduli(&p, NULL, &result);
     before = iterations(&p, multigrid, 1e-2);
     for (int k = 0; k < 3; k++) {
@@ -1028,7 +1024,7 @@ static void test_jumps_broken(void)
         if (sb_preconditioner_update(multigrid, &p.a, NULL, NULL) == SB_OK)
             CHECK(sb_pcg_solve(&p.a, multigrid, p.rhs, p.x, &options, &p.workspace, &info) != SB_OK ||
                   residual_of(&p) <= 1.1e-2);
-        assemble_parts(&p, 0.45, dynamic_mass, SLABS, 1000);
+        assemble_parts(&p, 0.45, dynamic_mass, STIFF_SLABS, 1000);
         CHECK_INT(iterations(&p, multigrid, 1e-2), before);
     }
     sb_preconditioner_free(multigrid);
@@ -1041,7 +1037,7 @@ static void test_jumps_broken(void)
  * then those of the bad matrix: 12; 32. */
 static void test_jumps_indefinite(void)
 {
-    static const stiff_parts parts[2] = {SHEET, INCLUSIONS};
+    static const stiff_parts parts[2] = {STIFF_SHEET, STIFF_INCLUSIONS};
     static const int most[2] = {8, 12};
     problem p = problem_beam(7, 0.15);
     for (int t = 0; t < 2; t++) {
@@ -1151,7 +1147,7 @@ static void name_parts(sb_mesh *mesh, stiff_parts parts)
 {
     for (int t = 0; t < mesh->element_count; t++) {
         const int *tet = mesh->elements + 4 * (size_t)t;
-        mesh->regions[t] = parts == SLABS ? (int)(6 * (double)mesh->nodes[tet[0]].x / 0.18) % 2
+        mesh->regions[t] = parts == STIFF_SLABS ? (int)(6 * (double)mesh->nodes[tet[0]].x / 0.18) % 2
                                           : modulus_of(mesh, tet, 0.06, parts, 1000) > 1e6;
     }
 }
@@ -1211,8 +1207,8 @@ static void test_bodies_choose(void)
     sb_mesh large = scene_box(SB_TET4, 48, 15, 15, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
     small.regions = (int *)calloc((size_t)small.element_count, sizeof(int));
     large.regions = (int *)calloc((size_t)large.element_count, sizeof(int));
-    name_parts(&small, SLABS);
-    name_parts(&large, SLABS);
+    name_parts(&small, STIFF_SLABS);
+    name_parts(&large, STIFF_SLABS);
     check_choice(&small, &large, 1000, !SB_REAL_IS_FLOAT);
     if (SB_REAL_IS_FLOAT)
         check_choice(&small, &large, 30, 1);
@@ -1264,7 +1260,7 @@ static void test_body_jumps(void)
     sb_mesh mesh = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
     mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
     for (int k = 0; k < 2; k++) {
-        name_parts(&mesh, k ? INCLUSIONS : SLABS);
+        name_parts(&mesh, k ? STIFF_INCLUSIONS : STIFF_SLABS);
         check_body_of_parts(&mesh);
     }
     sb_mesh_free(&mesh);

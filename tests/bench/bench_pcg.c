@@ -67,13 +67,13 @@ static void beam_mesh(beam *b, const int *n, int corners)
 /* Linear elasticity: M / dt^2 + (1 + beta / dt) K with lumped masses, gravity on the right. */
 static void beam_assemble(beam *b, double young, double poisson)
 {
-    const elastic_material material = {young, poisson, NULL, 0};
+    const elastic_system system = {young, poisson, NULL, 0};
     sb_error error;
     if (sb_matrix_create(b->nodes, b->tets, b->corners, NULL, b->cells, NULL, &b->matrix, &error))
         exit(1);
     b->rhs = (sb_real *)calloc(3 * (size_t)b->nodes, sizeof(sb_real));
     b->x = (sb_real *)calloc(3 * (size_t)b->nodes, sizeof(sb_real));
-    elastic_assemble(b->positions, b->cells, b->tets, b->corners, &material, &b->matrix, b->rhs);
+    elastic_assemble(b->positions, b->cells, b->tets, b->corners, &system, &b->matrix, b->rhs);
     sb_matrix_constrain(&b->matrix, b->mask, NULL, b->rhs);
 }
 

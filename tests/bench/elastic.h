@@ -47,7 +47,7 @@ static inline void elastic_shapes(int corners, double g[4][3], int q, double out
 
 /* block += factor (lambda a b^T + mu b a^T + mu a.b I) */
 static inline void elastic_add(sb_real *block, const double *a, const double *b, double factor, double lambda,
-                      double mu)
+                               double mu)
 {
     double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     for (int r = 0; r < 3; r++)
@@ -56,22 +56,22 @@ static inline void elastic_add(sb_real *block, const double *a, const double *b,
                 (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
 }
 
-typedef struct elastic_material {
-    double young, poisson; /* Pa, 1 */
+typedef struct elastic_system {
+    double young, poisson;  /* Pa, 1 */
     const sb_real *factors; /* [tets] of Young's modulus, or NULL: 1 */
-    int at_rest;            /* K alone */
-} elastic_material;
+    int at_rest;            /* K alone, without masses and damping */
+} elastic_system;
 
-/* M / dt^2 + (1 + beta / dt) K of a material with 1000 kg/m^3, dt = 0.01 s and beta = 0.02 s, lumped masses, and
- * gravity on the right. cells [tets][corners], corners 4 or 10; the matrix has their pattern. */
+/* M / dt^2 + (1 + beta / dt) K, or K at rest, of a material with 1000 kg/m^3, dt = 0.01 s and beta = 0.02 s, lumped
+ * masses, and gravity on the right. cells [tets][corners], corners 4 or 10; the matrix has their pattern. */
 static inline void elastic_assemble(const sb_vec3 *positions, const int *cells, int tets, int corners,
-                                    const elastic_material *material, sb_matrix *matrix, sb_real *rhs)
+                                    const elastic_system *system, sb_matrix *matrix, sb_real *rhs)
 {
-    const double density = 1000, dt = 0.01, beta = 0.02, nu = material->poisson;
-    const double inertia = material->at_rest ? 0 : density / (dt * dt), damped = material->at_rest ? 1 : 1 + beta / dt;
+    const double density = 1000, dt = 0.01, beta = 0.02, nu = system->poisson;
+    const double inertia = system->at_rest ? 0 : density / (dt * dt), damped = system->at_rest ? 1 : 1 + beta / dt;
     for (int t = 0; t < tets; t++) {
         const int *tet = cells + (size_t)corners * (size_t)t;
-        double young = material->young * (material->factors ? (double)material->factors[t] : 1);
+        double young = system->young * (system->factors ? (double)system->factors[t] : 1);
         double lambda = young * nu / ((1 + nu) * (1 - 2 * nu)), mu = young / (2 * (1 + nu));
         double g[4][3], shape[10][3], volume = elastic_gradients(positions, tet, g);
         for (int q = 0; q < 4; q++) {

@@ -1,11 +1,11 @@
 #!/bin/sh
 # race.sh FOLDER: the solvers of softbody.h against CHOLMOD, Eigen and hypre on the same systems. Builds the racers
-# whose libraries are installed (Debian: libsuitesparse-dev libopenblas-dev libeigen3-dev libhypre-dev openmpi-bin), runs
-# all on one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. What is compared
-# with itself, whole steps on one core and on two and multigrid on small systems and large, takes turns before, between
-# and after: a machine whose neighbours come and go is another one ten minutes later. Jumps of the modulus come last.
-# Run by `make race` from the root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems: the tables
-# and plots then stay in FOLDER, and there are neither turns nor jumps.
+# whose libraries are installed (Debian: libsuitesparse-dev libopenblas-dev libeigen3-dev libhypre-dev openmpi-bin),
+# runs all on one core and on two, and writes the tables to tests/bench/race.md and the plots beside it. What is
+# compared with itself, whole steps on one core and on two and multigrid on small systems and large, takes turns before,
+# between and after: a machine whose neighbours come and go is another one ten minutes later. Jumps of the modulus come
+# last. Run by `make race` from the root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems:
+# there are neither turns nor jumps then, and the tables and plots stay in FOLDER, as they do when nobody else runs.
 set -eu
 folder=$1
 here=$(dirname "$0")
@@ -26,13 +26,13 @@ build() {
 
 own() { # own NAME: one of our programs
     if [ ! -x "$folder/$1" ] ||
-        [ -n "$(find "$here" softbody.h examples/plot.h tests/bench/elastic.h -newer "$folder/$1")" ]; then
+        [ -n "$(find "$here" softbody.h examples/plot.h tests/bench/*.h -newer "$folder/$1")" ]; then
         # shellcheck disable=SC2086
         $CC $CFLAGS -I. "$here/$1.c" -lm -o "$folder/$1"
     fi
 }
 
-racers=race_ours
+racers=race_ours # and those that build adds
 for program in race_write race_ours race_machine race_plot; do
     own "$program"
 done
@@ -44,7 +44,8 @@ build race_hypre 'libhypre-dev, with openmpi-bin,' mpicc -O3 -std=gnu11 -I/usr/i
 systems='beam_tet4_13k beam_tet4_100k beam_tet10_9k beam_tet10_9k_49 series_5k series_13k series_137k series_310k'
 systems=${RACE_SYSTEMS:-$systems}
 if [ ! -f "$folder/written" ] || [ "$folder/race_write" -nt "$folder/written" ]; then
-    "$folder/race_write" "$folder" && touch "$folder/written"
+    "$folder/race_write" "$folder"
+    touch "$folder/written"
 fi
 files=
 for system in $systems; do
@@ -56,7 +57,8 @@ keep() {
     kept=$1
     shift
     "$@" >"$folder/lines.txt" 2>"$folder/complaints.txt" ||
-        echo "skip: $* ended badly on $RACE_THREADS core(s): $(tail -n 1 "$folder/complaints.txt")" >>"$folder/lines.txt"
+        echo "skip: $* ended badly on $RACE_THREADS core(s): $(tail -n 1 "$folder/complaints.txt")" \
+            >>"$folder/lines.txt"
     cat "$folder/lines.txt"
     cat "$folder/lines.txt" >>"$kept"
 }
@@ -83,16 +85,14 @@ take_turn() {
         series="$series $folder/$system.system"
     done
     for part in series steps series steps; do
-        if [ $part = series ]; then
-            echo "# turn" >>"$folder/series.txt"
-        fi
-        for count in 1 2; do
-            threads $count
+        echo "# turn" >>"$folder/$part.txt"
+        for turn_cores in 1 2; do
+            threads $turn_cores
             if [ $part = series ]; then
                 # shellcheck disable=SC2086
                 keep "$folder/series.txt" env OMP_PROC_BIND=true RACE_SOLVER=ours-multigrid "$folder/race_ours" $series
             else
-                echo "# threads $count" >>"$folder/steps.txt"
+                echo "# threads $turn_cores" >>"$folder/steps.txt"
                 keep "$folder/steps.txt" env OMP_PROC_BIND=true build/bench/bench_step
             fi
         done
@@ -100,8 +100,8 @@ take_turn() {
 }
 
 take_turn
-for count in 1 2; do
-    threads $count
+for cores in 1 2; do
+    threads $cores
     # shellcheck disable=SC2086
     keep "$folder/machine.txt" "$folder/race_machine" $files
     for racer in $racers; do
@@ -120,9 +120,11 @@ for count in 1 2; do
 done
 
 target=tests/bench
-if [ -n "${RACE_SYSTEMS:-}" ]; then
+if [ -n "${RACE_SYSTEMS:-}" ] || [ "$racers" = race_ours ]; then
     target=$folder
-else
+fi
+if [ -z "${RACE_SYSTEMS:-}" ]; then
+    threads 2
     keep "$folder/jumps.txt" env OMP_PROC_BIND=true build/bench/bench_jumps
 fi
 "$folder/race_plot" "$folder/times.txt" "$folder/machine.txt" "$folder/steps.txt" "$folder/series.txt" \

@@ -1,6 +1,7 @@
-/* race_plot TIMES MACHINE STEPS SERIES JUMPS FOLDER: what race.sh measured, as tables (race.md) and pictures (race_time.svg,
- * race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine, bench_step and
- * bench_jumps print. Of steps and results that come more than once, the least counts. */
+/* race_plot TIMES MACHINE STEPS SERIES JUMPS FOLDER: what race.sh measured, as tables (race.md) and pictures
+ * (race_time.svg, race_phases.svg, race_roofline.svg) in a folder. Lines are those that the racers, race_machine,
+ * bench_step and bench_jumps print, "# turn" and "# threads" those of race.sh. Of steps and results that come more than
+ * once, the least counts. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,7 +33,7 @@ typedef struct machine {
 
 typedef struct step {
     char name[NAME];
-    int threads;
+    int threads, turn;
     double tolerance, iterations;
     double total, phases[5]; /* ms; the last is the rest */
 } step;
@@ -52,10 +53,10 @@ static result_list race, series;    /* of all racers; of multigrid on the series
 static result_list turns[MOST_TURNS]; /* and what each turn found */
 static int turn_count;
 static product products[MOST_RESULTS];
-static step steps[MOST_RESULTS];
+static step steps[MOST_RESULTS], all_steps[MOST_RESULTS]; /* the least of all turns; all */
 static jump jumps[MOST_RESULTS];
 static machine machines[3]; /* by threads */
-static int product_count, step_count, jump_count;
+static int product_count, step_count, all_step_count, step_turn_count, jump_count;
 
 /* ---- reading ---- */
 
@@ -78,11 +79,16 @@ static int merged_with(const result *a, const result *b)
 
 static void keep_result(result_list *list, result r)
 {
+    if (!(r.residual < 2 * r.tolerance)) {
+        fprintf(stderr, "race_plot: %s of %s to %g left out: residual %g\n", r.solver, r.system, r.tolerance,
+                r.residual);
+        return;
+    }
     if (strncmp(r.solver, "hypre", 5) == 0)
         strcpy(r.solver, "hypre-best");
     for (int k = 0; k < list->count; k++)
         if (merged_with(list->items + k, &r)) {
-            if (r.residual < 2 * r.tolerance && r.setup + r.solve < list->items[k].setup + list->items[k].solve)
+            if (r.setup + r.solve < list->items[k].setup + list->items[k].solve)
                 list->items[k] = r;
             return;
         }
@@ -144,21 +150,25 @@ static void read_machine(const char *path)
     fclose(file);
 }
 
-static step *find_step(const char *name, int threads, double tolerance)
+/* The like of a step on some threads in a list; turn 0: in any. */
+static step *find_step(step *list, int count, const step *like, int threads, int turn)
 {
-    for (int k = 0; k < step_count; k++)
-        if (strcmp(steps[k].name, name) == 0 && steps[k].threads == threads && steps[k].tolerance == tolerance)
-            return steps + k;
+    for (int k = 0; k < count; k++)
+        if (strcmp(list[k].name, like->name) == 0 && list[k].threads == threads &&
+            list[k].tolerance == like->tolerance && (turn == 0 || list[k].turn == turn))
+            return list + k;
     return NULL;
 }
 
 static void keep_step(step s)
 {
-    step *known = find_step(s.name, s.threads, s.tolerance);
+    step *known = find_step(steps, step_count, &s, s.threads, 0);
     if (known && s.total < known->total)
         *known = s;
     else if (!known && step_count < MOST_RESULTS)
         steps[step_count++] = s;
+    if (all_step_count < MOST_RESULTS)
+        all_steps[all_step_count++] = s;
 }
 
 /* Their medians. */
@@ -170,11 +180,13 @@ static void read_steps(const char *path)
     while (fgets(line, sizeof line, file)) {
         step s;
         const char *bar = strchr(line, '|');
+        step_turn_count += strcmp(line, "# turn\n") == 0;
         if (sscanf(line, "# threads %d", &threads) == 1 || !bar || line[0] == '#' ||
             sscanf(line, "%63s %lf %*d %lf %*f %*f %lf", s.name, &s.tolerance, &s.total, &s.iterations) != 4 ||
             sscanf(bar, "| %lf %lf %lf %lf", s.phases, s.phases + 1, s.phases + 2, s.phases + 3) != 4)
             continue;
         s.threads = threads;
+        s.turn = step_turn_count;
         s.phases[4] = fmax(0, s.total - s.phases[0] - s.phases[1] - s.phases[2] - s.phases[3]);
         keep_step(s);
     }
@@ -330,14 +342,23 @@ static double spread(const result_list *list, int threads, double tolerance)
     return most / least;
 }
 
+/* 0: not measured. */
+static void write_ratio(FILE *file, double ratio)
+{
+    if (ratio > 0)
+        fprintf(file, " %.2f", ratio);
+    else
+        fputs(" -", file);
+}
+
 static void write_series(FILE *file)
 {
     if (turn_count == 0)
         return;
     fprintf(file,
             "\n## ours-multigrid by turns\n\nThe series alone, %d times over the whole race: iterations, and "
-            "microseconds per unknown (set-up and solve), the least\nof all turns; the largest of a row over its least; "
-            "and the same of each turn by itself.\n\n| cores, residual |",
+            "microseconds per unknown (set-up and solve), the\nleast of all turns; the largest of a row over its "
+            "least; and the same of each turn by itself.\n\n| cores, residual |",
             turn_count);
     for (int k = 0; k < SERIES; k++)
         fprintf(file, " %s |", series_names[k]);
@@ -353,9 +374,10 @@ static void write_series(FILE *file)
             else
                 fprintf(file, " |");
         }
-        fprintf(file, " %.2f |", spread(&series, threads, tolerance));
+        write_ratio(file, spread(&series, threads, tolerance));
+        fputs(" |", file);
         for (int t = 0; t < turn_count; t++)
-            fprintf(file, " %.2f", spread(turns + t, threads, tolerance));
+            write_ratio(file, spread(turns + t, threads, tolerance));
         fprintf(file, " |\n");
     }
 }
@@ -364,13 +386,23 @@ static void write_steps(FILE *file)
 {
     if (step_count == 0)
         return;
-    fprintf(file, "\n## Whole steps of moving bodies by turns\n\nMedians in ms (mean iterations) of `bench_step`, the "
-                  "least of the turns.\n\n| body, residual | one core | two cores | gain |\n|---|---|---|---|\n");
+    fprintf(file,
+            "\n## Whole steps of moving bodies by turns\n\nMedians in ms (mean iterations) of `bench_step`, the least "
+            "of %d turns; what the second core gains by them, and\nby each turn's own.\n\n"
+            "| body, residual | one core | two cores | gain | turns |\n|---|---|---|---|---|\n",
+            step_turn_count);
     for (int k = 0; k < step_count; k++) {
-        const step *one = steps + k, *two = find_step(one->name, 2, one->tolerance);
-        if (one->threads == 1 && two)
-            fprintf(file, "| %s, %.0e | %.2f (%.1f) | %.2f (%.1f) | %.2f |\n", one->name, one->tolerance, one->total,
-                    one->iterations, two->total, two->iterations, one->total / two->total);
+        const step *one = steps + k, *two = find_step(steps, step_count, one, 2, 0);
+        if (one->threads != 1 || !two)
+            continue;
+        fprintf(file, "| %s, %.0e | %.2f (%.1f) | %.2f (%.1f) | %.2f |", one->name, one->tolerance, one->total,
+                one->iterations, two->total, two->iterations, one->total / two->total);
+        for (int t = 1; t <= step_turn_count; t++) {
+            const step *own = find_step(all_steps, all_step_count, one, 1, t);
+            two = find_step(all_steps, all_step_count, one, 2, t);
+            write_ratio(file, own && two ? own->total / two->total : 0);
+        }
+        fputs(" |\n", file);
     }
 }
 
@@ -378,7 +410,8 @@ static void write_steps(FILE *file)
 static const jump *find_jump(const jump *column, const char *parts)
 {
     for (const jump *j = column; j < jumps + jump_count; j++)
-        if (strcmp(j->parts, parts) == 0 && j->unknowns == column->unknowns && strcmp(j->state, column->state) == 0)
+        if (strcmp(j->parts, parts) == 0 && strcmp(j->mesh, column->mesh) == 0 && j->unknowns == column->unknowns &&
+            strcmp(j->state, column->state) == 0)
             return j;
     return NULL;
 }
@@ -388,10 +421,12 @@ static int starts_column(const jump *j) { return strcmp(j->parts, jumps[0].parts
 static void write_jumps(FILE *file)
 {
     double most[2] = {0, 0};
+    int missing = 0;
     if (jump_count == 0)
         return;
-    fprintf(file, "\n## ours-multigrid where the modulus jumps by 1:1000\n\nIterations to 1e-2 / 1e-6 of beams with stiff "
-                  "parts, from a zero start (`bench_jumps`).\n\n| stiff parts |");
+    fprintf(file, "\n## Multigrid where the modulus jumps by 1:1000\n\nIterations to 1e-2 / 1e-6 of beams with stiff "
+                  "parts, nu 0.45, multigrid told the moduli, from a zero start\n(`bench_jumps`). Moving: dt 10 ms, "
+                  "damped with beta 0.02 s.\n\n| stiff parts |");
     for (int k = 0; k < jump_count; k++)
         if (starts_column(jumps + k))
             fprintf(file, " %s, %d, %s |", jumps[k].mesh, jumps[k].unknowns,
@@ -403,15 +438,23 @@ static void write_jumps(FILE *file)
     for (const jump *row = jumps; row == jumps || (row < jumps + jump_count && !starts_column(row)); row++) {
         fprintf(file, "\n| %s |", row->parts);
         for (int k = 0; k < jump_count; k++) {
-            const jump *j = starts_column(jumps + k) ? find_jump(jumps + k, row->parts) : NULL;
+            const jump *j = find_jump(jumps + k, row->parts);
+            if (!starts_column(jumps + k))
+                continue;
             if (j)
                 fprintf(file, " %d / %d |", j->iterations[0], j->iterations[1]);
+            else
+                fputs(" |", file);
+            missing += !j;
         }
     }
     for (int k = 0; k < jump_count; k++)
         for (int t = 0; t < 2; t++)
             most[t] = jumps[k].ratios[t] > most[t] ? jumps[k].ratios[t] : most[t];
-    fprintf(file, "\n\nAt most %.2f and %.2f times those of the even beam.\n", most[0], most[1]);
+    if (missing == 0)
+        fprintf(file, "\n\nAt most %.2f and %.2f times those of the even beam.\n", most[0], most[1]);
+    else
+        fprintf(file, "\n\nNot all were measured.\n");
 }
 
 static void write_tables(const char *folder)
@@ -568,6 +611,10 @@ int main(int argc, char **argv)
     read_steps(argv[3]);
     read_series(argv[4]);
     read_jumps(argv[5]);
+    if (race.count == 0) {
+        fprintf(stderr, "race_plot: %s holds no results\n", argv[1]);
+        return 1;
+    }
     write_tables(argv[6]);
     draw_times(argv[6]);
     draw_phases(argv[6]);

@@ -45,7 +45,7 @@ static void save(const char *folder, const char *name, double poisson, const sb_
 
 static void write_beam(const char *folder, const char *name, sb_element_type type, const int *n, double poisson)
 {
-    const elastic_material material = {50e3, poisson, NULL, 0};
+    const elastic_system system = {50e3, poisson, NULL, 0};
     sb_mesh mesh;
     sb_matrix a;
     unsigned char *mask;
@@ -61,7 +61,7 @@ static void write_beam(const char *folder, const char *name, sb_element_type typ
         exit(1);
     for (int i = 0; i < mesh.node_count; i++)
         mask[i] = mesh.nodes[i].x < 1e-6 ? SB_XYZ : 0;
-    elastic_assemble(mesh.nodes, mesh.elements, mesh.element_count, corners, &material, &a, rhs);
+    elastic_assemble(mesh.nodes, mesh.elements, mesh.element_count, corners, &system, &a, rhs);
     sb_matrix_constrain(&a, mask, NULL, rhs);
     save(folder, name, poisson, &mesh, &a, rhs);
     printf("# %s: %d unknowns, %d blocks\n", name, 3 * mesh.node_count, a.block_count);
