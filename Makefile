@@ -1,6 +1,6 @@
 # The products are the headers here at the root, generated from src/; everything else is built into build/.
 #
-#   make            the examples                     make bench      benchmarks, one core and all cores, and the race
+#   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
 #   make test       the tests in double              make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -249,7 +249,7 @@ bench: $(BENCHES:tests/bench/%.c=build/bench/%)
 	    echo "# $$bench, OMP_NUM_THREADS=$$threads" && OMP_NUM_THREADS=$$threads $$bench || exit 1; done; done
 	@$(MAKE) --no-print-directory race
 
-# The tables and plots of tests/bench/race.md, or, where nobody else takes part, in build/race. Half an hour.
+# The tables and plots of tests/bench/race.md, or, unless all racers take part, in build/race. Half an hour.
 # RACE_SYSTEMS="beam_tet4_13k ..." tries some systems only.
 race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 	CC='$(CC)' CXX='$(CXX)' CFLAGS='$(BENCH_CFLAGS)' tests/bench/race/race.sh build/race

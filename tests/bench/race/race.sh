@@ -5,7 +5,7 @@
 # compared with itself, whole steps on one core and on two and multigrid on small systems and large, takes turns before,
 # between and after: a machine whose neighbours come and go is another one ten minutes later. Jumps of the modulus come
 # last. Run by `make race` from the root, with CC, CXX and CFLAGS. RACE_SYSTEMS="beam_tet4_13k ..." picks systems:
-# there are neither turns nor jumps then, and the tables and plots stay in FOLDER, as they do when nobody else runs.
+# there are neither turns nor jumps then, and the tables and plots stay in FOLDER, as they do unless all run.
 set -eu
 folder=$1
 here=$(dirname "$0")
@@ -120,7 +120,7 @@ for cores in 1 2; do
 done
 
 target=tests/bench
-if [ -n "${RACE_SYSTEMS:-}" ] || [ "$racers" = race_ours ]; then
+if [ -n "${RACE_SYSTEMS:-}" ] || [ "$racers" != 'race_ours race_cholmod race_eigen race_hypre' ]; then
     target=$folder
 fi
 if [ -z "${RACE_SYSTEMS:-}" ]; then
