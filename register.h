@@ -887,17 +887,18 @@ typedef struct reg_match_info {
 } reg_match_info;
 
 /* Makes a match; the body is not touched. SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no
- * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements), what
- * reg_field_create says of the target and sb_embedding_create of the surface (points far outside included),
- * SB_ERROR_MEMORY; *match is then untouched. All memory that steps need is taken here. */
+ * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements, or one
+ * that is being recorded), what reg_field_create says of the target and sb_embedding_create of the surface (points far
+ * outside included), SB_ERROR_MEMORY; *match is then untouched. All memory that steps need is taken here. */
 REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, sb_error *error);
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
 
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
  * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
- * surface is near the target. Allocates nothing. The same bits for any number of threads. Landmarks and supports
- * may move between steps: matching then follows them. */
+ * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints or is being recorded. Allocates
+ * nothing. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
+ * follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
  * which. Errors as of a step. */
@@ -1053,7 +1054,8 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalt
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for
+ * quarter or more than four times its volume, SB_ERROR_UNSUPPORTED while the body is being recorded, and what
+ * sb_body_solve_static says. Allocates nothing. The same bits for
  * any number of threads. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
@@ -1180,9 +1182,10 @@ typedef struct reg_loads_info {
  * forces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL
  * info    or NULL
  * Returns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,
- * mappings or constraints), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED,
- * SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the body is then as before and
- * forces are untouched. All memory is taken at the beginning and released at the end. Deterministic. */
+ * mappings or constraints, or one that is being recorded), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE,
+ * SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the
+ * body is then as before and forces are untouched. All memory is taken at the beginning and released at the end.
+ * Deterministic. */
 REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_loads_info *info);
 
 #endif /* REG_LOADS_H */
@@ -6054,7 +6057,9 @@ static sb_result regi_match_check(const reg_match_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body with constraints cannot be matched");
     if (def->body->domain.element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be matched");
-    result = regi_match_check_numbers(def, error);
+    result = sbi_body_check_unrecorded(def->body, error);
+    if (result == SB_OK)
+        result = regi_match_check_numbers(def, error);
     return result == SB_OK ? regi_match_check_landmarks(def, error) : result;
 }
 
@@ -6876,6 +6881,8 @@ REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info)
     if (match->body->elimination)
         result = sbi_fail(&match->info.error, SB_ERROR_UNSUPPORTED, "the body has constraints now");
     else
+        result = sbi_body_check_unrecorded(match->body, &match->info.error);
+    if (result == SB_OK)
         result = regi_match_try(match);
     match->info.seconds += regi_match_now(match) - begin;
     if (result != SB_OK)
@@ -7107,14 +7114,14 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs either a target or target_points");
     if (def->body->domain.element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
-    if (def->body->observe)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
     if (def->grid && (def->grid->body_mesh.node_count != def->body->domain.node_count ||
                       def->grid->body_mesh.element_count != def->body->domain.cell_count))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
-    result = regi_nicp_check_numbers(def, error);
+    result = sbi_body_check_unrecorded(def->body, error);
+    if (result == SB_OK)
+        result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
         result = regi_nicp_check_rules(def, error);
     return result == SB_OK ? regi_nicp_check_landmarks(def, error) : result;
@@ -8035,8 +8042,9 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     double begin = regi_nicp_now(nicp), paired;
     sb_real stiffness = regi_nicp_stiffness(nicp);
     sb_result result;
-    if (nicp->body->observe) /* a replay would not know of the lines */
-        return sbi_fail(&nicp->info.error, SB_ERROR_UNSUPPORTED, "the body is being recorded now");
+    result = sbi_body_check_unrecorded(nicp->body, &nicp->info.error); /* a replay would not know of the lines */
+    if (result != SB_OK)
+        return result;
     regi_nicp_read_landmarks(nicp);
     result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
     if (result == SB_OK)
@@ -8209,7 +8217,7 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (def->match->body->load_count > 0 || def->match->body->elimination)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
-    return SB_OK;
+    return sbi_body_check_unrecorded(def->match->body, error);
 }
 
 static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }

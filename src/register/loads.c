@@ -113,7 +113,7 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (def->match->body->load_count > 0 || def->match->body->elimination)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
-    return SB_OK;
+    return sbi_body_check_unrecorded(def->match->body, error);
 }
 
 static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }

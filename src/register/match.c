@@ -91,7 +91,9 @@ static sb_result regi_match_check(const reg_match_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body with constraints cannot be matched");
     if (def->body->domain.element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be matched");
-    result = regi_match_check_numbers(def, error);
+    result = sbi_body_check_unrecorded(def->body, error);
+    if (result == SB_OK)
+        result = regi_match_check_numbers(def, error);
     return result == SB_OK ? regi_match_check_landmarks(def, error) : result;
 }
 

@@ -416,6 +416,8 @@ REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info)
     if (match->body->elimination)
         result = sbi_fail(&match->info.error, SB_ERROR_UNSUPPORTED, "the body has constraints now");
     else
+        result = sbi_body_check_unrecorded(match->body, &match->info.error);
+    if (result == SB_OK)
         result = regi_match_try(match);
     match->info.seconds += regi_match_now(match) - begin;
     if (result != SB_OK)

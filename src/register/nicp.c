@@ -105,14 +105,14 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs either a target or target_points");
     if (def->body->domain.element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
-    if (def->body->observe)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
     if (def->grid && (def->grid->body_mesh.node_count != def->body->domain.node_count ||
                       def->grid->body_mesh.element_count != def->body->domain.cell_count))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
-    result = regi_nicp_check_numbers(def, error);
+    result = sbi_body_check_unrecorded(def->body, error);
+    if (result == SB_OK)
+        result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
         result = regi_nicp_check_rules(def, error);
     return result == SB_OK ? regi_nicp_check_landmarks(def, error) : result;

@@ -126,7 +126,8 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalt
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for
+ * quarter or more than four times its volume, SB_ERROR_UNSUPPORTED while the body is being recorded, and what
+ * sb_body_solve_static says. Allocates nothing. The same bits for
  * any number of threads. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are

@@ -344,8 +344,9 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     double begin = regi_nicp_now(nicp), paired;
     sb_real stiffness = regi_nicp_stiffness(nicp);
     sb_result result;
-    if (nicp->body->observe) /* a replay would not know of the lines */
-        return sbi_fail(&nicp->info.error, SB_ERROR_UNSUPPORTED, "the body is being recorded now");
+    result = sbi_body_check_unrecorded(nicp->body, &nicp->info.error); /* a replay would not know of the lines */
+    if (result != SB_OK)
+        return result;
     regi_nicp_read_landmarks(nicp);
     result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
     if (result == SB_OK)

@@ -51,6 +51,13 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
         body->observe(body->observer, command);
 }
 
+SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
+{
+    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
+                                    "a replay would not know of it")
+                         : SB_OK;
+}
+
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
     const sb_real moduli[SBI_MATERIAL_MODULI] = {

@@ -229,6 +229,9 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
                            const sb_real *reals, size_t real_count);
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
+/* SB_ERROR_UNSUPPORTED for a body that is being recorded: for callers that move a body by other ways than calls on it,
+ * which no replay could repeat. */
+SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error);
 
 /* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
 SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,

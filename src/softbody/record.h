@@ -8,7 +8,8 @@
 /* A recording holds a body's state at its start, then every call that changed the body with its arguments, and of every
  * step and static solve the result and a hash of the state it led to. So a session can be played again: on another
  * machine, with another number of threads, or with a library that was meant to compute the same. It works by telling:
- * a body that is not recorded pays one comparison with NULL per call.
+ * a body that is not recorded pays one comparison with NULL per call. register.h refuses to move a body that is being
+ * recorded (SB_ERROR_UNSUPPORTED); its final displacements can be recorded by sb_body_set_displacements.
  *
  * Memory: 32 bytes per call and its arguments; 136 more per step. With positions_every = k every k-th step also keeps
  * the displacements (24 bytes per node, in float 12). A sb_body_state_load counts with the whole state it loads. */
@@ -63,8 +64,8 @@ typedef struct sb_recording_report {
     sb_error error;              /* why the call failed */
 } sb_recording_report;
 
-/* Plays a recording on a body made from the same mesh with the same kinds of elements and mass (what else the def says
- * comes with the recording): loads the state it began with, then repeats the calls.
+/* Plays a recording on a body made from the same mesh with the same kinds of elements, mass and preconditioner (what
+ * else the def says comes with the recording): loads the state it began with, then repeats the calls.
  * SB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body
  * is as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the
  * body is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an
