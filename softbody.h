@@ -285,8 +285,9 @@
  *
  * THREADS
  *
- * No globals. Different objects may be used from different threads; one object by one thread at a time. A body's own
- * loops spread over the threads behind def.jobs: give it your job system's run function, or sb_jobs_openmp().
+ * No globals (but one record per thread that calls sb_jobs_openmp()'s loops). Different objects may be used from
+ * different threads; one object by one thread at a time. A body's own loops spread over the threads behind def.jobs: give
+ * it your job system's run function, or sb_jobs_openmp(), whose comment names the environment variables that matter.
  *
  * DETERMINISM
  *
@@ -756,7 +757,9 @@ typedef struct sb_allocator {
  * when all calls have returned. A jobs of zeros ({0}) does the work inline. The result does not depend on how
  * the calls are spread: every task owns its outputs. The time does: give each thread the same stretch of [0, count) in
  * every run, so that it finds in its cache what it wrote in the last one, and let threads that are done help the
- * others; this saves a tenth of a step. */
+ * others; this saves a tenth of a step. A step has a hundred runs and more, many of a few microseconds: let the caller
+ * work too, wait only for tasks that a thread has begun, and never spin for long for a thread that another process may
+ * keep off its processor. */
 typedef void (*sb_task)(void *task_user, int index);
 typedef struct sb_jobs {
     void (*run)(void *user, sb_task task, void *task_user, int count);
@@ -764,9 +767,22 @@ typedef struct sb_jobs {
 } sb_jobs;
 
 #if defined(SB_USE_OPENMP)
-/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). Start the program with OMP_PROC_BIND=true in its
- * environment where nothing else binds threads to cores: without it two of them may share a core for a whole run, which
- * then takes twice as long. */
+/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). An OpenMP loop waits for each of its threads, ten
+ * milliseconds and more for one that another process keeps off its processor. Each calling thread therefore notes what its
+ * loops lose by that; where they lose more than they gain it works alone, ten times as long as the loss or longer, and
+ * then tries the threads again. Beside busy processes steps then take about as long as with one thread; results are
+ * the same bits in any case. What is noted is a threadprivate record of 32 bytes, the library's only memory outside of
+ * objects.
+ *
+ * Variables of the environment that matter, read when the program starts:
+ *   OMP_NUM_THREADS          threads, at most 64 are used. Default: all processors. Fewer where other work runs beside.
+ *   OMP_PROC_BIND=true       binds threads to processors. Set it where nothing else computes: without it two threads may
+ *                            share a processor for a whole run, which then takes twice as long. Leave it out where
+ *                            other programs compute: bound threads cannot step aside.
+ *   OMP_WAIT_POLICY=passive  threads sleep between loops instead of spinning (gcc: GOMP_SPINCOUNT=N turns first, clang:
+ *                            KMP_BLOCKTIME=N milliseconds first). Leaves processors to others, makes short loops slower.
+ *                            Default: a few milliseconds of spinning, then sleep. OMP_WAIT_POLICY=active never sleeps:
+ *                            only for a machine that does nothing else. */
 SB_API sb_jobs sb_jobs_openmp(void);
 #endif
 
@@ -6021,16 +6037,42 @@ SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int cou
         task(task_user, i);
 }
 
-#if defined(SB_USE_OPENMP)
-#if defined(_OPENMP) && _OPENMP >= 201107 /* 3.1: atomic capture */
-enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
+#if defined(SB_USE_OPENMP) && !defined(_OPENMP)
+static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
+{
+    (void)user;
+    sbi_run(NULL, task, task_user, count);
+}
+#elif defined(SB_USE_OPENMP)
+/* An OpenMP loop ends when each thread has come by, also one that another process keeps off its processor for ten
+ * milliseconds or more while no task is left for it. The caller cannot leave without it, so it counts what such loops
+ * lose against doing all tasks alone, and where they lose, works alone for several times as long before it tries again.
+ * On a machine with nothing else to do no loop loses; on any other the losses stay a small share. */
+enum {
+    SBI_OPENMP_RANGES = 64, /* and threads at most */
+    SBI_OPENMP_ALONE = 10   /* seconds of work alone for each second lost */
+};
+static const double sbi_openmp_slice = 1e-3; /* s, shorter than what a system lets one process run before the next */
+static const double sbi_openmp_longest = 1;  /* s of work alone at most, unless one loss was worth more */
+
+/* What one calling thread has seen, in seconds. The only thing this library remembers outside of objects. */
+typedef struct sbi_openmp_pace {
+    double lost;   /* by loops on threads against loops alone, never below 0 */
+    double helped; /* of loops on threads since work alone ended */
+    double alone;  /* of work that is left to be done alone; 0 or less: threads work */
+    double pause;  /* what alone began with when it was last set */
+} sbi_openmp_pace;
+static sbi_openmp_pace sbi_openmp_pace_of_thread;
+#pragma omp threadprivate(sbi_openmp_pace_of_thread)
 
 /* Tasks that a thread has first claim to, a cache line apart from those of others. */
 typedef struct sbi_openmp_range {
+    double busy; /* seconds that the thread spent on tasks, of any range */
     int next, end;
-    char apart[64 - 2 * sizeof(int)];
+    char apart[64 - sizeof(double) - 2 * sizeof(int)];
 } sbi_openmp_range;
 
+#if _OPENMP >= 201107 /* 3.1: atomic capture */
 /* The next task of a range, or -1. */
 static int sbi_openmp_take(sbi_openmp_range *range)
 {
@@ -6041,18 +6083,10 @@ static int sbi_openmp_take(sbi_openmp_range *range)
 }
 
 /* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
- * the next; whoever is done helps the others. There are as many threads however few tasks there are: a runtime ends
- * those that one loop does not need, and starts them anew for the next. */
-static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
+ * the next; whoever is done helps the others. */
+static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task, void *task_user, int count)
 {
-    sbi_openmp_range ranges[SBI_OPENMP_RANGES];
-    int threads = sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES);
-    (void)user;
-    for (int k = 0; k < threads; k++) {
-        ranges[k].next = (int)((int64_t)count * k / threads);
-        ranges[k].end = (int)((int64_t)count * (k + 1) / threads);
-    }
-#pragma omp parallel num_threads(threads) if (threads > 1)
+    (void)count;
     for (int k = 0; k < threads; k++) {
         sbi_openmp_range *range = ranges + (omp_get_thread_num() + k) % threads;
         for (int i = sbi_openmp_take(range); i >= 0; i = sbi_openmp_take(range))
@@ -6060,15 +6094,81 @@ static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
     }
 }
 #else
-static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
+static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task, void *task_user, int count)
 {
-    (void)user;
-#pragma omp parallel for schedule(dynamic, 1)
-    for (int i = 0; i < count; i++)
+    int i;
+    (void)ranges;
+    (void)threads;
+#pragma omp for schedule(dynamic, 1) nowait
+    for (i = 0; i < count; i++)
         task(task_user, i);
 }
 #endif
 
+/* Does the tasks on all threads. Returns the seconds lost against doing them alone; gains are negative. There are as many
+ * threads however few tasks there are: a runtime ends those that one loop does not need, and starts them anew for the
+ * next. */
+static double sbi_openmp_share(int threads, sb_task task, void *task_user, int count)
+{
+    sbi_openmp_range ranges[SBI_OPENMP_RANGES];
+    double started = omp_get_wtime(), alone, most;
+    for (int k = 0; k < threads; k++) {
+        ranges[k].busy = 0;
+        ranges[k].next = (int)((int64_t)count * k / threads);
+        ranges[k].end = (int)((int64_t)count * (k + 1) / threads);
+    }
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    {
+        double begun = omp_get_wtime();
+        sbi_openmp_work(ranges, threads, task, task_user, count);
+        ranges[omp_get_thread_num()].busy = omp_get_wtime() - begun;
+    }
+    alone = ranges[0].busy;
+    most = 4 * ranges[0].busy + sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
+    for (int k = 1; k < threads; k++)
+        alone += ranges[k].busy < most ? ranges[k].busy : most;
+    return omp_get_wtime() - started - alone;
+}
+
+/* Takes note of a loop on threads. A gain counts for no more than a slice: while the caller itself is kept off its
+ * processor, threads seem to gain a lot. */
+static void sbi_openmp_note(sbi_openmp_pace *pace, double took, double lost)
+{
+    pace->helped += took;
+    pace->lost += lost > -sbi_openmp_slice ? lost : -sbi_openmp_slice;
+    if (pace->lost < 0)
+        pace->lost = 0;
+    if (pace->lost <= 2 * sbi_openmp_slice)
+        return;
+    pace->alone = SBI_OPENMP_ALONE * pace->lost;
+    if (pace->helped < pace->pause && pace->alone < 2 * pace->pause) /* lost again at once: wait longer each time */
+        pace->alone = 2 * pace->pause < sbi_openmp_longest ? 2 * pace->pause : sbi_openmp_longest;
+    pace->pause = pace->alone;
+    pace->lost = pace->helped = 0;
+}
+
+static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
+{
+    sbi_openmp_pace *pace = &sbi_openmp_pace_of_thread;
+    int threads = sbi_min_int(omp_get_max_threads(), SBI_OPENMP_RANGES);
+    double started;
+    (void)user;
+    if (threads < 2 || count < 2) {
+        sbi_run(NULL, task, task_user, count);
+        return;
+    }
+    started = omp_get_wtime();
+    if (pace->alone > 0) {
+        sbi_run(NULL, task, task_user, count);
+        pace->alone -= omp_get_wtime() - started;
+    } else {
+        double lost = sbi_openmp_share(threads, task, task_user, count);
+        sbi_openmp_note(pace, omp_get_wtime() - started, lost);
+    }
+}
+#endif
+
+#if defined(SB_USE_OPENMP)
 SB_API sb_jobs sb_jobs_openmp(void)
 {
     sb_jobs jobs;

@@ -3,6 +3,10 @@
 
 #include "check.h"
 
+#if defined(SB_USE_OPENMP)
+#include <omp.h>
+#endif
+
 static const sb_result all_results[] = {
     SB_OK,
     SB_ERROR_MEMORY,
@@ -89,7 +93,83 @@ static void test_openmp_jobs(void)
     for (int i = 0; i <= TASKS; i++)
         CHECK_INT(calls[i], i < TASKS);
 }
-#define OPENMP_TEST {"openmp jobs", test_openmp_jobs},
+
+static void wait_for(double seconds)
+{
+    double started = omp_get_wtime();
+    while (omp_get_wtime() - started < seconds)
+        continue;
+}
+
+/* A thread that comes late: its tasks take a hundred times as long as the caller's, which notes whether it runs alone. */
+static void late_task(void *user, int index)
+{
+    (void)index;
+    if (omp_get_thread_num() == 0) {
+        wait_for(2e-4);
+        *(int *)user = omp_in_parallel();
+    } else {
+        wait_for(2e-2);
+    }
+}
+
+/* Where threads keep the caller waiting it works alone, and tries them again later. */
+static void test_openmp_late_threads(void)
+{
+    sb_jobs jobs = sb_jobs_openmp();
+    int usual = omp_get_max_threads(), together = 0, again = 0;
+    omp_set_num_threads(2);
+    for (int k = 0; k < 50; k++) {
+        int shared = 0;
+        jobs.run(jobs.user, late_task, &shared, 2);
+        together += shared;
+    }
+    CHECK(together < 25);
+    for (double started = omp_get_wtime(); !again && omp_get_wtime() - started < 60;)
+        jobs.run(jobs.user, late_task, &again, 2);
+    CHECK(again);
+    omp_set_num_threads(usual);
+}
+
+typedef struct nested {
+    sb_jobs jobs;
+    int *calls;
+    int each;
+} nested;
+
+static void nested_task(void *user, int index)
+{
+    const nested *n = (const nested *)user;
+    n->jobs.run(n->jobs.user, count_call, n->calls + index * n->each, n->each);
+}
+
+/* More threads than processors, loops within loops, and two callers at once, a few hundred times: each task once. */
+static void test_openmp_stress(void)
+{
+    enum { CALLERS = 2, OUTER = 8, EACH = 5, ROUNDS = 200 };
+    static int calls[CALLERS * OUTER * EACH];
+    int usual = omp_get_max_threads(), levels = omp_get_max_active_levels();
+    sb_jobs jobs = sb_jobs_openmp();
+    memset(calls, 0, sizeof calls);
+    omp_set_num_threads(7);
+    omp_set_max_active_levels(2);
+    for (int round = 0; round < ROUNDS; round++) {
+#pragma omp parallel for num_threads(CALLERS)
+        for (int caller = 0; caller < CALLERS; caller++) {
+            nested n;
+            n.jobs = jobs;
+            n.calls = calls + caller * OUTER * EACH;
+            n.each = EACH;
+            jobs.run(jobs.user, nested_task, &n, OUTER);
+        }
+    }
+    for (int i = 0; i < CALLERS * OUTER * EACH; i++)
+        CHECK_INT(calls[i], ROUNDS);
+    omp_set_max_active_levels(levels);
+    omp_set_num_threads(usual);
+}
+#define OPENMP_TEST \
+    {"openmp jobs", test_openmp_jobs}, {"openmp late threads", test_openmp_late_threads}, {"openmp stress", test_openmp_stress},
 #else
 #define OPENMP_TEST
 #endif

@@ -147,7 +147,9 @@ typedef struct sb_allocator {
  * when all calls have returned. A jobs of zeros ({0}) does the work inline. The result does not depend on how
  * the calls are spread: every task owns its outputs. The time does: give each thread the same stretch of [0, count) in
  * every run, so that it finds in its cache what it wrote in the last one, and let threads that are done help the
- * others; this saves a tenth of a step. */
+ * others; this saves a tenth of a step. A step has a hundred runs and more, many of a few microseconds: let the caller
+ * work too, wait only for tasks that a thread has begun, and never spin for long for a thread that another process may
+ * keep off its processor. */
 typedef void (*sb_task)(void *task_user, int index);
 typedef struct sb_jobs {
     void (*run)(void *user, sb_task task, void *task_user, int count);
@@ -155,9 +157,22 @@ typedef struct sb_jobs {
 } sb_jobs;
 
 #if defined(SB_USE_OPENMP)
-/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). Start the program with OMP_PROC_BIND=true in its
- * environment where nothing else binds threads to cores: without it two of them may share a core for a whole run, which
- * then takes twice as long. */
+/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). An OpenMP loop waits for each of its threads, ten
+ * milliseconds and more for one that another process keeps off its processor. Each calling thread therefore notes what its
+ * loops lose by that; where they lose more than they gain it works alone, ten times as long as the loss or longer, and
+ * then tries the threads again. Beside busy processes steps then take about as long as with one thread; results are
+ * the same bits in any case. What is noted is a threadprivate record of 32 bytes, the library's only memory outside of
+ * objects.
+ *
+ * Variables of the environment that matter, read when the program starts:
+ *   OMP_NUM_THREADS          threads, at most 64 are used. Default: all processors. Fewer where other work runs beside.
+ *   OMP_PROC_BIND=true       binds threads to processors. Set it where nothing else computes: without it two threads may
+ *                            share a processor for a whole run, which then takes twice as long. Leave it out where
+ *                            other programs compute: bound threads cannot step aside.
+ *   OMP_WAIT_POLICY=passive  threads sleep between loops instead of spinning (gcc: GOMP_SPINCOUNT=N turns first, clang:
+ *                            KMP_BLOCKTIME=N milliseconds first). Leaves processors to others, makes short loops slower.
+ *                            Default: a few milliseconds of spinning, then sleep. OMP_WAIT_POLICY=active never sleeps:
+ *                            only for a machine that does nothing else. */
 SB_API sb_jobs sb_jobs_openmp(void);
 #endif
 

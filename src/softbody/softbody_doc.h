@@ -280,8 +280,9 @@
  *
  * THREADS
  *
- * No globals. Different objects may be used from different threads; one object by one thread at a time. A body's own
- * loops spread over the threads behind def.jobs: give it your job system's run function, or sb_jobs_openmp().
+ * No globals (but one record per thread that calls sb_jobs_openmp()'s loops). Different objects may be used from
+ * different threads; one object by one thread at a time. A body's own loops spread over the threads behind def.jobs: give
+ * it your job system's run function, or sb_jobs_openmp(), whose comment names the environment variables that matter.
  *
  * DETERMINISM
  *
