@@ -3,6 +3,9 @@
  *     tests [FILTER...]     a FILTER is a suite (`dense`), the start of suite/test (`dense/inverse`) or the start of
  *                           a test in any suite (`/golden`); with a minus before it, it leaves tests out
  *
+ * With CHECK_TRAPS (make test-traps) an operation that overflows, is invalid or divides by zero ends its test as failed, as
+ * in a host that unmasks these exceptions; the addresses printed are for addr2line.
+ *
  * suites.h is written by the Makefile: one line SUITE(name) for each CHECK_SUITE in tests/test_*.c. */
 #include <time.h>
 
@@ -50,12 +53,53 @@ static int is_selected(const check_suite *suite, const check_case *test, int fil
     return wanted;
 }
 
+#if defined(CHECK_TRAPS)
+#include <execinfo.h>
+#include <fenv.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <unistd.h>
+
+static sigjmp_buf after_trap;
+
+static void trapped(int signal_number, siginfo_t *info, void *context)
+{
+    void *frames[12];
+    (void)signal_number;
+    (void)context;
+    printf("[%s] floating-point exception: %s\n", check.test,
+           info->si_code == FPE_FLTOVF ? "overflow" : info->si_code == FPE_FLTDIV ? "division by zero" : "invalid operation");
+    fflush(stdout);
+    backtrace_symbols_fd(frames, backtrace(frames, 12), STDOUT_FILENO);
+    siglongjmp(after_trap, 1);
+}
+
+static void run_body(const check_case *test)
+{
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_sigaction = trapped;
+    action.sa_flags = SA_SIGINFO;
+    sigaction(SIGFPE, &action, NULL);
+    if (sigsetjmp(after_trap, 1) == 0) {
+        feenableexcept(FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW);
+        test->run();
+    } else {
+        check.failures++;
+    }
+    fedisableexcept(FE_ALL_EXCEPT);
+    feclearexcept(FE_ALL_EXCEPT);
+}
+#else
+static void run_body(const check_case *test) { test->run(); }
+#endif
+
 static void run_test(const check_suite *suite, const check_case *test, totals *sum)
 {
     check.failures = 0;
     check.skips = 0;
     check.test = test->name;
-    test->run();
+    run_body(test);
     if (check.failures) {
         printf("FAILED: %s/%s\n", suite->name, test->name);
         sum->failed++;

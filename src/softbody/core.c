@@ -155,10 +155,8 @@ static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
  * milliseconds or more while no task is left for it. The caller cannot leave without it, so it counts what such loops
  * lose against doing all tasks alone, and where they lose, works alone for several times as long before it tries again.
  * On a machine with nothing else to do no loop loses; on any other the losses stay a small share. */
-enum {
-    SBI_OPENMP_RANGES = 64, /* and threads at most */
-    SBI_OPENMP_ALONE = 10   /* seconds of work alone for each second lost */
-};
+enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
+static const double sbi_openmp_alone = 10;   /* seconds of work alone for each second lost */
 static const double sbi_openmp_slice = 1e-3; /* s, shorter than what a system lets one process run before the next */
 static const double sbi_openmp_longest = 1;  /* s of work alone at most, unless one loss was worth more */
 
@@ -247,7 +245,7 @@ static void sbi_openmp_note(sbi_openmp_pace *pace, double took, double lost)
         pace->lost = 0;
     if (pace->lost <= 2 * sbi_openmp_slice)
         return;
-    pace->alone = SBI_OPENMP_ALONE * pace->lost;
+    pace->alone = sbi_openmp_alone * pace->lost;
     if (pace->helped < pace->pause && pace->alone < 2 * pace->pause) /* lost again at once: wait longer each time */
         pace->alone = 2 * pace->pause < sbi_openmp_longest ? 2 * pace->pause : sbi_openmp_longest;
     pace->pause = pace->alone;
