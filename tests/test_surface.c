@@ -1143,7 +1143,8 @@ static sb_vec3 turned_ring(int i, int n, double radius, double height)
  * caps. Nothing is wrong with them; one triangle pushed through its neighbours is found. */
 static void test_check_large_fans(void)
 {
-    const int N = sizeof(sb_real) == 4 ? 300 : 3000; /* slivers that have a side also in float */
+    const int N = sizeof(sb_real) == 4 ? 300 : 3000; /* slivers that have two sides also in float */
+    const double H = sizeof(sb_real) == 4 ? 2 : 40;
     for (int k = 0; k < 2; k++) {
         sb_mesh mesh = crowd_make(k == 0 ? 2 * N : 4 * N);
         sb_surface_report report;
@@ -1151,18 +1152,18 @@ static void test_check_large_fans(void)
         for (int i = 0; i < N; i++) {
             int j = (i + 1) % N, *e = mesh.elements + (k == 0 ? 6 : 12) * i;
             int side[12] = {0, 2 + i, 2 + j, 1, 2 + j, 2 + i, N + 2 + i, 2 + j, 2 + i, N + 2 + i, N + 2 + j, 2 + j};
-            mesh.nodes[2 + i] = turned_ring(i, N, 1, k == 0 ? 0 : 40);
+            mesh.nodes[2 + i] = turned_ring(i, N, 1, k == 0 ? 0 : H);
             if (k == 1)
-                mesh.nodes[N + 2 + i] = turned_ring(i, N, 1, -40), side[4] = N + 2 + j, side[5] = N + 2 + i;
+                mesh.nodes[N + 2 + i] = turned_ring(i, N, 1, -H), side[4] = N + 2 + j, side[5] = N + 2 + i;
             memcpy(e, side, sizeof(int) * (k == 0 ? 6 : 12));
         }
-        mesh.nodes[0] = turned_ring(0, N, 0, k == 0 ? 2 : 40);
-        mesh.nodes[1] = turned_ring(0, N, 0, k == 0 ? -2 : -40);
+        mesh.nodes[0] = turned_ring(0, N, 0, k == 0 ? 2 : H);
+        mesh.nodes[1] = turned_ring(0, N, 0, k == 0 ? -2 : -H);
         CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
         CHECK_INT(report.findings, 0);
-        CHECK_NEAR(report.volume, k == 0 ? 4 * SURFACE_PI / 3 : 80 * SURFACE_PI, 1e-3 * (double)report.volume);
-        mesh.nodes[2 + N / 2] = turned_ring(N / 2 + 7, N, 0.9995, k == 0 ? 0 : 40);
-        mesh.nodes[3 + N / 2] = turned_ring(N / 2 + 9, N, 1.0005, k == 0 ? 0 : 40);
+        CHECK_NEAR(report.volume, k == 0 ? 4 * SURFACE_PI / 3 : 2 * H * SURFACE_PI, 1e-3 * (double)report.volume);
+        mesh.nodes[2 + N / 2] = turned_ring(N / 2 + 7, N, 0.9995, k == 0 ? 0 : H);
+        mesh.nodes[3 + N / 2] = turned_ring(N / 2 + 9, N, 1.0005, k == 0 ? 0 : H);
         CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
         CHECK(report.findings & SB_SURFACE_SELF_CROSSING);
         CHECK_INT(report.crossings_partial, 0);
