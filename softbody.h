@@ -397,6 +397,8 @@
 #define sb_mesh_cylinder sb_mesh_cylinder_f32
 #define sb_mesh_ellipsoid sb_mesh_ellipsoid_f32
 #define sb_mesh_organ sb_mesh_organ_f32
+#define sb_mesh_sets_free sb_mesh_sets_free_f32
+#define sb_mesh_sets_find sb_mesh_sets_find_f32
 #define sb_default_load_options sb_default_load_options_f32
 #define sb_mesh_load sb_mesh_load_f32
 #define sb_mesh_load_memory sb_mesh_load_memory_f32
@@ -2620,7 +2622,9 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
  * | format     | read                                                         | written              |
  * |------------|--------------------------------------------------------------|----------------------|
  * | VTK legacy | 2.0 to 5.1, ASCII and binary, UNSTRUCTURED_GRID and POLYDATA | 3.0, ASCII, binary   |
- * | gmsh       | 2.x and 4.1, ASCII and binary                                |                      |
+ * | VTU, VTP   | VTK's XML, UnstructuredGrid and PolyData: ASCII, base64, appended, zlib-compressed | |
+ * | gmsh       | 1, 2.x, 3, 4.0 and 4.1, ASCII and binary                     |                      |
+ * | Medit      | .mesh and .meshb, versions 1 to 4                            |                      |
  * | TetGen     | .node with .ele                                              |                      |
  * | OBJ        | vertices and faces                                           | ASCII                |
  * | STL        | ASCII and binary                                             | binary               |
@@ -2643,8 +2647,12 @@ typedef enum sb_file_format {
     SB_FILE_OBJ = 4,
     SB_FILE_STL = 5,
     SB_FILE_PLY = 6,
-    SB_FILE_OFF = 7
+    SB_FILE_OFF = 7,
+    SB_FILE_VTU = 8,
+    SB_FILE_MEDIT = 9
 } sb_file_format;
+
+enum { SB_MESH_SET_NAME = 64, SB_LOAD_NOTES = 10, SB_LOAD_NOTE_LENGTH = 192 };
 
 /* What a successful load did besides copying numbers. */
 typedef struct sb_load_report {
@@ -2652,22 +2660,55 @@ typedef struct sb_load_report {
     int file_cells;         /* cells, elements or faces in the file */
     int skipped_cells;      /* left out, because their dimension is lower than the mesh's */
     int split_polygons;     /* faces of 4 or more corners, and strips, that were cut into triangles */
+    int split_cells;        /* pyramids, wedges and hexahedra that were cut into tets */
     int merged_vertices;    /* STL: corners that were found to be a vertex met before */
     int flipped_elements;   /* renumbered, because they were inverted */
     int unreferenced_nodes; /* nodes of no element; kept, so that node numbers stay those of the file */
+    int ignored;            /* fields, sections and the like of the file that were not taken; notes name them */
+    int note_count;         /* sentences on what was taken, converted and left out beyond a plain copy */
+    char notes[SB_LOAD_NOTES][SB_LOAD_NOTE_LENGTH]; /* each ends in 0, in UTF-8 */
 } sb_load_report;
+
+/* A group of a file: gmsh's physical groups, Medit's references, the regions of VTK files. */
+typedef struct sb_mesh_set {
+    char name[SB_MESH_SET_NAME]; /* as the file has it, cut where it is longer; "": the group has a number only */
+    int number;                  /* of the group in the file */
+    int dimension;               /* of its cells in the file: 0 points, 1 lines, 2 faces, 3 volumes */
+    int element_count;
+    int *elements; /* [element_count] elements of the mesh, ascending; when dimension is that of the mesh */
+    int face_count, face_corners;
+    int *faces;    /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
+                    * is 2 and the mesh a volume: those of the file that have the shape of the mesh's faces (3 corners
+                    * for tets, 4 for hexahedra), and quadrilaterals of files whose cells were cut into tets cut alike */
+    int node_count;
+    int *nodes; /* [node_count] nodes of all its cells, ascending */
+} sb_mesh_set;
+
+/* All groups of a file, ascending by dimension and number. Zero-initialise; release with sb_mesh_sets_free. */
+typedef struct sb_mesh_sets {
+    int count;
+    sb_mesh_set *sets;
+    sb_allocator allocator;
+} sb_mesh_sets;
+
+/* Releases the arrays and zeroes the struct. Safe on {0} and on NULL. */
+SB_API void sb_mesh_sets_free(sb_mesh_sets *sets);
+/* The first set with the name (whole, case matters) and dimension (-1: any), or NULL. O(sets). */
+SB_API const sb_mesh_set *sb_mesh_sets_find(const sb_mesh_sets *sets, const char *name, int dimension);
 
 /* How to load. Start from sb_default_load_options(). */
 typedef struct sb_load_options {
     sb_real scale;          /* > 0, multiplies every coordinate; 1; files in millimetres: 0.001 */
     int fix_orientation;    /* 0: an element that is inverted among others that are not is an error. 1: it is
-                             * turned; surfaces are oriented by sb_mesh_orient_surface */
+                             * turned; surfaces are oriented by sb_mesh_orient_surface; tet10 with gmsh's node order in
+                             * a file of another program are put in order */
     sb_allocator allocator; /* for the mesh and while loading; zeros: malloc */
     sb_load_report *report; /* filled on success; NULL: not wanted */
+    sb_mesh_sets *sets;     /* the groups of the file, overwritten on success; NULL: not wanted */
     int cookie;             /* set by sb_default_load_options; tells options that were never initialised */
 } sb_load_options;
 
-/* Scale 1, nothing is repaired, malloc, no report. */
+/* Scale 1, nothing is repaired, malloc, no report, no sets. */
 SB_API sb_load_options sb_default_load_options(void);
 
 /* Reads a mesh from a file.
@@ -2681,16 +2722,24 @@ SB_API sb_load_options sb_default_load_options(void);
  *          and the node or element: the cell of the file, counted from 0, or with SB_ERROR_MESH the element
  *          of the mesh it would have become
  *
- * The cells of the highest dimension become the mesh, and must be of one type: tet4, tet10, hex8, hex20, hex27, or for
- * surfaces tri3, tri6, quad4, quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and
- * POLYDATA, become tri3; polygons are cut into a fan at their first corner, which is right for convex ones.
- * Node orders of gmsh and TetGen are turned into VTK's. Regions come from the cell field `region` (VTK), the
- * first physical group of the volume (gmsh; of the surface in a surface file) or the first attribute
- * (TetGen); regions is NULL when all are 0.
+ * The cells of the highest dimension become the mesh: tet4, tet10, hex8, hex20, hex27, or for surfaces tri3, tri6, quad4,
+ * quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and POLYDATA, become tri3; polygons
+ * are cut into a fan at their first corner, which is right for convex ones. Pyramids, wedges, and hexahedra that are
+ * mixed with other volume cells, are cut into tets that fit: each quadrilateral along the diagonal from its lowest node.
+ * Linear cells give tet4, quadratic ones (tet10, hex20, hex27, wedge15, wedge18, pyramid13, pyramid14) tet10, whose
+ * nodes on diagonals that are not in the file are new, behind those of the file. Linear cells mixed with quadratic
+ * ones, and a quadrilateral against triangles that are cut along its other diagonal, are SB_ERROR_UNSUPPORTED.
+ *
+ * Node orders of gmsh and TetGen are turned into VTK's. Regions come from the cell field `region` (VTK, VTU), else
+ * `material`, `MaterialIds`, `gmsh:physical`, `medit:ref`, `CellEntityIds` or their like (the report names it), the
+ * first physical group of the volume (gmsh; of the surface in a surface file), the reference (Medit) or the first
+ * attribute (TetGen); regions is NULL when all are 0. VTU: pieces are joined as they are, see sb_mesh_merge_nodes.
  *
  * A volume mesh is checked with sb_mesh_validate. When all its elements are inverted, that is the file's
  * convention: they are turned and counted in the report. A surface is loaded as it is, since scans are seldom
  * perfect: look at it with sb_mesh_check.
+ *
+ * Not read: VTK's files that are compressed with LZ4 or LZMA, parallel files (.pvtu: load their pieces), polyhedra.
  *
  * SB_ERROR_ARGUMENT (null pointer, options), _FILE (cannot be read), _FORMAT, _NOT_FINITE (coordinate, also
  * one too large for sb_real), _INDEX (node that does not exist), _MESH (inverted or flat elements, no
@@ -2889,16 +2938,14 @@ typedef enum sb_surface_finding {
     SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
     SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
     SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
-    SB_SURFACE_SEVERAL_PARTS = 1024,   /* parts that share no node: nothing wrong in itself */
-    SB_SURFACE_CROWDED = 2048          /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
-                                        * size, and that do not cross those looked at: the rest were not looked at */
+    SB_SURFACE_SEVERAL_PARTS = 1024    /* parts that share no node: nothing wrong in itself */
 } sb_surface_finding;
 
 enum {
-    SB_SURFACE_FINDING_COUNT = 12,
+    SB_SURFACE_FINDING_COUNT = 11,
     /* What leaves it open which points are inside. */
     SB_SURFACE_NOT_SOLID = SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED | SB_SURFACE_NONMANIFOLD_EDGES |
-                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING | SB_SURFACE_CROWDED
+                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING
 };
 
 /* How often something was found, and the first place; -1 where that has no element or node. */
@@ -2910,9 +2957,7 @@ typedef struct sb_surface_place {
 
 typedef struct sb_surface_report {
     int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
-    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; number 10: parts beyond the first */
-    int crossings_partial;                         /* 1: more pairs may cross than were counted. Counting ends at 16
-                                                    * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
     int parts;                                     /* parts that share no node */
     sb_real volume;                                /* m^3 enclosed; meaningful when closed */
     sb_real area;                                  /* m^2 */
@@ -2920,8 +2965,7 @@ typedef struct sb_surface_report {
 
 /* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
  * does, and then leaves *report alone. Faces count as the mesh has them; crossings are looked for between the triangles
- * they are cut into. Triangles that only touch do not cross. O(faces log faces), also where all faces coincide, share a
- * node or are stacked; about 0.4 s for 100,000 triangles. */
+ * they are cut into. Triangles that only touch do not cross. O(faces log faces), about 0.4 s for 100,000 triangles. */
 SB_API sb_result sb_surface_check(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface_report *report,
                                   sb_error *error);
 /* One sentence that names the finding, e.g. "edges of one face only"; "unknown finding" for no single one. Static. */
@@ -5661,8 +5705,8 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 
 /* ==== src/softbody/surface.h, internal ==== */
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
- * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
- * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
+ * the nearest, only the winding number tells the sign. Returns 1 when triangles cross, else all are 0. Some 2 us for each
+ * triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
 
 /* ==== src/softbody/material.h, internal ==== */
@@ -9878,6 +9922,35 @@ SBI_API double sbi_decode_float(const sbi_reader *reader, const unsigned char *b
 typedef int (*sbi_before)(const void *context, int a, int b);
 SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context);
 
+/* ---- XML (meshio_xml) ------------------------------------------------------------------------------
+ * Elements and attributes as they stand in the file, one after the other: no entities, no document type definitions
+ * (which is where XML files hide what unfolds into gigabytes), no CDATA. */
+enum { SBI_XML_DEPTH = 64, SBI_XML_ATTRIBUTES = 32 };
+
+typedef enum sbi_xml_event {
+    SBI_XML_START = 0, /* <name ...>; <name .../> is a start and then an end */
+    SBI_XML_STOP = 1,  /* </name> */
+    SBI_XML_END = 2    /* of the file */
+} sbi_xml_event;
+
+typedef struct sbi_xml {
+    sbi_reader *reader; /* behind the tag: at an element's text */
+    sbi_xml_event event;
+    sbi_word name;
+    int attribute_count;
+    sbi_word attributes[SBI_XML_ATTRIBUTES], values[SBI_XML_ATTRIBUTES];
+    int depth;
+    sbi_word open[SBI_XML_DEPTH]; /* names of the elements that are open */
+    int stop_next;                /* the element just begun ends at once */
+} sbi_xml;
+
+/* Steps to the next tag. Tags must be closed in order. */
+SBI_API sb_result sbi_xml_next(sbi_xml *xml);
+/* An attribute of the element just begun; 0: it has none of that name. */
+SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *value);
+/* 1 when the word is `text`, case and all. */
+SBI_API int sbi_word_equals(sbi_word word, const char *text);
+
 /* ---- cells ---------------------------------------------------------------------------------------- */
 
 /* Rows of the table of cell kinds that the code names; the others are found by a format's own number. */
@@ -9889,8 +9962,19 @@ typedef enum sbi_node_order {
     SBI_ORDER_PIXEL = 1, /* VTK's pixel: rows instead of round */
     SBI_ORDER_VOXEL = 2,
     SBI_ORDER_GMSH_TET10 = 3, /* the last two mid-edge nodes exchanged */
-    SBI_ORDER_GMSH_HEX = 4    /* hex20 and hex27: edges by their lower corner, faces z- y- x- x+ y+ z+ */
+    SBI_ORDER_GMSH_HEX = 4,   /* hex20 and hex27: edges by their lower corner, faces z- y- x- x+ y+ z+ */
+    SBI_ORDER_GMSH_WEDGE = 5, /* wedge15 and wedge18, pyramid13 and pyramid14: edges by their lower corner */
+    SBI_ORDER_GMSH_PYRAMID = 6
 } sbi_node_order;
+
+/* Volume cells that can be cut into tets. */
+typedef enum sbi_cell_shape {
+    SBI_SHAPE_NONE = 0,
+    SBI_SHAPE_TET = 1,
+    SBI_SHAPE_PYRAMID = 2,
+    SBI_SHAPE_WEDGE = 3,
+    SBI_SHAPE_HEX = 4
+} sbi_cell_shape;
 
 /* A kind of cell that some format knows. New element types: fill in `type` (and the order, if it is not
  * VTK's). */
@@ -9901,6 +9985,7 @@ typedef struct sbi_cell_kind {
     int nodes;     /* 0: any number */
     int vtk, gmsh; /* number of the kind in these formats; -1: none */
     sbi_node_order vtk_order, gmsh_order;
+    sbi_cell_shape shape;
 } sbi_cell_kind;
 SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind);
 /* Row of a format's number, or -1. */
@@ -9914,7 +9999,20 @@ typedef struct sbi_cell {
     int kind;
     int source; /* its number in the file; several triangles may come from one polygon */
     int region;
+    int groups; /* where its list of groups begins in loader->groups; 0: none */
 } sbi_cell;
+
+/* A name that the file gives to a group of cells. */
+typedef struct sbi_group_name {
+    int dimension; /* of the cells; -1: any */
+    int number;
+    char text[SB_MESH_SET_NAME];
+} sbi_group_name;
+
+/* A node on the diagonal between two corners. */
+typedef struct sbi_diagonal_node {
+    int low, high, node;
+} sbi_diagonal_node;
 
 /* Everything gathered from a file. */
 typedef struct sbi_loader {
@@ -9925,7 +10023,7 @@ typedef struct sbi_loader {
     size_t node_count, node_capacity;
     int *indices;
     size_t index_count, index_capacity;
-    sbi_cell *cells; /* surface and volume cells of supported types */
+    sbi_cell *cells; /* surface and volume cells of supported types; points and lines when keep_low */
     size_t cell_count, cell_capacity;
     int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
     sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
@@ -9938,6 +10036,22 @@ typedef struct sbi_loader {
     int kind_line[SBI_CELL_KINDS]; /* where the kind was met first */
     int kind_first[SBI_CELL_KINDS];
     int split_polygons, merged_vertices, skipped_cells;
+    int split_cells, split_tets, flipped_tets; /* volume cells that were cut, into how many tets, how many turned */
+    sbi_diagonal_node *diagonals;              /* [diagonal_count] of quadratic cells, ascending by low and high */
+    int diagonal_count, diagonal_nodes;        /* diagonal_nodes: how many of them are new */
+    int pieces;                                /* VTU: parts of the file that were joined */
+    /* groups and what becomes regions */
+    int keep_low;         /* points and lines are kept as well: sets are wanted */
+    int *groups;          /* lists of groups: their count, then their numbers; [0] is an empty one */
+    size_t group_count, group_capacity;
+    int cell_groups;      /* list of the cell being read, see sbi_cell */
+    sbi_group_name *names;
+    size_t name_count, name_capacity;
+    int region_rank;      /* of the field in source_regions, see sbi_region_field_rank; 0: none */
+    int region_cells;     /* cells of source_regions */
+    char region_field[SB_MESH_SET_NAME];
+    int ignored_count;    /* fields, sections and the like that were stepped over */
+    char ignored[120];    /* their names */
 } sbi_loader;
 
 SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options, sb_error *error);
@@ -9962,14 +10076,57 @@ SBI_API sb_result sbi_loader_read_node(sbi_loader *loader);
 SBI_API void sbi_loader_begin_cell(sbi_loader *loader);
 SBI_API sb_result sbi_loader_cell_node(sbi_loader *loader, int64_t number, int64_t base);
 SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_order order, int region);
+/* A list of groups for loader->cell_groups; the same as the list before when the numbers are. */
+SBI_API sb_result sbi_loader_add_groups(sbi_loader *loader, const int *numbers, int count, int *list);
+SBI_API sb_result sbi_loader_add_name(sbi_loader *loader, int dimension, int number, sbi_word text);
+/* Notes something of the file that is not taken. */
+SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name);
+/* How well a cell field of that name fits to be the regions, 1 is worst; 0: it is another field. */
+SBI_API int sbi_region_field_rank(sbi_word name);
+/* Decides whether a cell field becomes the regions; one that does not is noted as ignored, and so is the one that had
+ * been chosen before it. */
+SBI_API int sbi_loader_choose_regions(sbi_loader *loader, sbi_word name, int usable);
+/* Room for the regions of all cells met so far; those that are there stay, new ones are 0. */
+SBI_API sb_result sbi_loader_begin_regions(sbi_loader *loader);
+/* The region of a cell. One that is no integer is an error of the field `region`; another field is dropped. */
+SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int cell, double value);
 /* Ends a cell that is a polygon: one tri3 or a fan of them. */
 SBI_API sb_result sbi_loader_end_polygon(sbi_loader *loader, int region);
+/* Ends a cell of VTK's, whatever its kind. */
+SBI_API sb_result sbi_loader_end_vtk_cell(sbi_loader *loader, int kind);
 /* Ends a cell that is a strip of triangles, each with the last two nodes of the one before. */
 SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region);
 
 /* Makes the mesh of the cells with the highest dimension; its nodes are the loader's. Does not check
  * geometry. */
 SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh);
+/* Elements that a cell of the mesh's dimension became: consecutive ones, in the order of the cells. */
+SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type);
+SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell);
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format, const char *first,
+                                       const char *second);
+
+/* ---- cells cut into tets (meshio_split) ------------------------------------------------------------
+ * 1 when the kinds of volume cells in the file are to become tets; *type then is SB_TET4 or SB_TET10. */
+SBI_API int sbi_split_wanted(const sbi_loader *loader, sb_element_type *type);
+/* Fills mesh->elements, for which there is room, with the tets of all volume cells; appends nodes to the loader. */
+SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh);
+/* Where the diagonal of a quadrilateral begins: at its corner with the lowest number. */
+SBI_API int sbi_split_first_corner(const int *corners, int count);
+/* The node on the diagonal between two corners of quadratic cells that were cut, or -1. */
+SBI_API int sbi_split_diagonal_node(const sbi_loader *loader, int a, int b);
+
+/* ---- sets (meshio_sets) ---------------------------------------------------------------------------- */
+
+/* The groups of the loader's cells as sets of the mesh that was built of them. */
+SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, sb_mesh_sets *sets);
+
+/* ---- compressed data (meshio_inflate) -------------------------------------------------------------- */
+
+/* Unpacks a zlib stream (RFC 1950, 1951) behind *out [*out_size], which grows; at most `limit` bytes are unpacked.
+ * NULL, or what is wrong with the stream; "" for want of memory. */
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity);
 
 /* ---- files ---------------------------------------------------------------------------------------- */
 
@@ -10012,6 +10169,10 @@ SBI_API sb_result sbi_obj_read(sbi_loader *loader);
 SBI_API sb_result sbi_stl_read(sbi_loader *loader);
 SBI_API sb_result sbi_ply_read(sbi_loader *loader);
 SBI_API sb_result sbi_off_read(sbi_loader *loader);
+SBI_API sb_result sbi_vtu_read(sbi_loader *loader);
+SBI_API sb_result sbi_medit_read(sbi_loader *loader);
+/* 1 when the content begins as a binary Medit file does. */
+SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
  * the first node. */
 SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base);
@@ -10469,6 +10630,11 @@ SBI_API int sbi_word_is(sbi_word word, const char *text)
     return i == word.length && !text[i];
 }
 
+SBI_API int sbi_word_equals(sbi_word word, const char *text)
+{
+    return strlen(text) == word.length && memcmp(word.text, text, word.length) == 0;
+}
+
 SBI_API const char *sbi_word_print(sbi_word word, char buffer[32])
 {
     size_t length = word.length < 31 ? word.length : 31;
@@ -10621,61 +10787,61 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
 SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind)
 {
     static const sbi_cell_kind kinds[SBI_CELL_KINDS] = {
-        {"tri3", SB_TRI3, 2, 3, 5, 2, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad4", SB_QUAD4, 2, 4, 9, 3, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet4", SB_TET4, 3, 4, 10, 4, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet10", SB_TET10, 3, 10, 24, 11, SBI_ORDER_SAME, SBI_ORDER_GMSH_TET10},
-        {"hex8", SB_HEX8, 3, 8, 12, 5, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri6", SB_TRI6, 2, 6, 22, 9, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pixel", SB_QUAD4, 2, 4, 8, -1, SBI_ORDER_PIXEL, SBI_ORDER_SAME},
-        {"voxel", SB_HEX8, 3, 8, 11, -1, SBI_ORDER_VOXEL, SBI_ORDER_SAME},
-        {"empty cell", SB_NO_ELEMENT, 0, 0, 0, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"vertex", SB_NO_ELEMENT, 0, 1, 1, 15, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polyvertex", SB_NO_ELEMENT, 0, 0, 2, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line2", SB_NO_ELEMENT, 1, 2, 3, 1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polyline", SB_NO_ELEMENT, 1, 0, 4, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line3", SB_NO_ELEMENT, 1, 3, 21, 8, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line4", SB_NO_ELEMENT, 1, 4, 35, 26, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line5", SB_NO_ELEMENT, 1, 5, -1, 27, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line6", SB_NO_ELEMENT, 1, 6, -1, 28, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange curve", SB_NO_ELEMENT, 1, 0, 68, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"triangle strip", SB_NO_ELEMENT, 2, 0, 6, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polygon", SB_NO_ELEMENT, 2, 0, 7, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri7", SB_NO_ELEMENT, 2, 7, 34, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri9", SB_NO_ELEMENT, 2, 9, -1, 20, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri10", SB_NO_ELEMENT, 2, 10, -1, 21, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri12", SB_NO_ELEMENT, 2, 12, -1, 22, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri15", SB_NO_ELEMENT, 2, 15, -1, 23, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri15 (order 5)", SB_NO_ELEMENT, 2, 15, -1, 24, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri21", SB_NO_ELEMENT, 2, 21, -1, 25, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad6", SB_NO_ELEMENT, 2, 6, 30, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad8", SB_QUAD8, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad9", SB_QUAD9, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quadratic polygon", SB_NO_ELEMENT, 2, 0, 36, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange triangle", SB_NO_ELEMENT, 2, 0, 69, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange quadrilateral", SB_NO_ELEMENT, 2, 0, 70, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet20", SB_NO_ELEMENT, 3, 20, -1, 29, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet35", SB_NO_ELEMENT, 3, 35, -1, 30, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet56", SB_NO_ELEMENT, 3, 56, -1, 31, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex20", SB_HEX20, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
-        {"hex24", SB_NO_ELEMENT, 3, 24, 33, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex27", SB_HEX27, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
-        {"hex64", SB_NO_ELEMENT, 3, 64, -1, 92, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex125", SB_NO_ELEMENT, 3, 125, -1, 93, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge6", SB_NO_ELEMENT, 3, 6, 13, 6, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge12", SB_NO_ELEMENT, 3, 12, 31, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge15", SB_NO_ELEMENT, 3, 15, 26, 18, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge18", SB_NO_ELEMENT, 3, 18, 32, 13, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pyramid5", SB_NO_ELEMENT, 3, 5, 14, 7, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pyramid13", SB_NO_ELEMENT, 3, 13, 27, 19, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pyramid14", SB_NO_ELEMENT, 3, 14, -1, 14, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pentagonal prism", SB_NO_ELEMENT, 3, 10, 15, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hexagonal prism", SB_NO_ELEMENT, 3, 12, 16, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"convex point set", SB_NO_ELEMENT, 3, 0, 41, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polyhedron", SB_NO_ELEMENT, 3, 0, 42, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange tetrahedron", SB_NO_ELEMENT, 3, 0, 71, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange hexahedron", SB_NO_ELEMENT, 3, 0, 72, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange wedge", SB_NO_ELEMENT, 3, 0, 73, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"tri3", SB_TRI3, 2, 3, 5, 2, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad4", SB_QUAD4, 2, 4, 9, 3, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet4", SB_TET4, 3, 4, 10, 4, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_TET},
+        {"tet10", SB_TET10, 3, 10, 24, 11, SBI_ORDER_SAME, SBI_ORDER_GMSH_TET10, SBI_SHAPE_TET},
+        {"hex8", SB_HEX8, 3, 8, 12, 5, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_HEX},
+        {"tri6", SB_TRI6, 2, 6, 22, 9, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"pixel", SB_QUAD4, 2, 4, 8, -1, SBI_ORDER_PIXEL, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"voxel", SB_HEX8, 3, 8, 11, -1, SBI_ORDER_VOXEL, SBI_ORDER_SAME, SBI_SHAPE_HEX},
+        {"empty cell", SB_NO_ELEMENT, 0, 0, 0, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"vertex", SB_NO_ELEMENT, 0, 1, 1, 15, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polyvertex", SB_NO_ELEMENT, 0, 0, 2, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line2", SB_NO_ELEMENT, 1, 2, 3, 1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polyline", SB_NO_ELEMENT, 1, 0, 4, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line3", SB_NO_ELEMENT, 1, 3, 21, 8, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line4", SB_NO_ELEMENT, 1, 4, 35, 26, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line5", SB_NO_ELEMENT, 1, 5, -1, 27, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line6", SB_NO_ELEMENT, 1, 6, -1, 28, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange curve", SB_NO_ELEMENT, 1, 0, 68, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"triangle strip", SB_NO_ELEMENT, 2, 0, 6, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polygon", SB_NO_ELEMENT, 2, 0, 7, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri7", SB_NO_ELEMENT, 2, 7, 34, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri9", SB_NO_ELEMENT, 2, 9, -1, 20, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri10", SB_NO_ELEMENT, 2, 10, -1, 21, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri12", SB_NO_ELEMENT, 2, 12, -1, 22, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri15", SB_NO_ELEMENT, 2, 15, -1, 23, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri15 (order 5)", SB_NO_ELEMENT, 2, 15, -1, 24, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri21", SB_NO_ELEMENT, 2, 21, -1, 25, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad6", SB_NO_ELEMENT, 2, 6, 30, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad8", SB_QUAD8, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad9", SB_QUAD9, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quadratic polygon", SB_NO_ELEMENT, 2, 0, 36, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange triangle", SB_NO_ELEMENT, 2, 0, 69, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange quadrilateral", SB_NO_ELEMENT, 2, 0, 70, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet20", SB_NO_ELEMENT, 3, 20, -1, 29, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet35", SB_NO_ELEMENT, 3, 35, -1, 30, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet56", SB_NO_ELEMENT, 3, 56, -1, 31, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hex20", SB_HEX20, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX, SBI_SHAPE_HEX},
+        {"hex24", SB_NO_ELEMENT, 3, 24, 33, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hex27", SB_HEX27, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX, SBI_SHAPE_HEX},
+        {"hex64", SB_NO_ELEMENT, 3, 64, -1, 92, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hex125", SB_NO_ELEMENT, 3, 125, -1, 93, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"wedge6", SB_NO_ELEMENT, 3, 6, 13, 6, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_WEDGE},
+        {"wedge12", SB_NO_ELEMENT, 3, 12, 31, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"wedge15", SB_NO_ELEMENT, 3, 15, 26, 18, SBI_ORDER_SAME, SBI_ORDER_GMSH_WEDGE, SBI_SHAPE_WEDGE},
+        {"wedge18", SB_NO_ELEMENT, 3, 18, 32, 13, SBI_ORDER_SAME, SBI_ORDER_GMSH_WEDGE, SBI_SHAPE_WEDGE},
+        {"pyramid5", SB_NO_ELEMENT, 3, 5, 14, 7, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_PYRAMID},
+        {"pyramid13", SB_NO_ELEMENT, 3, 13, 27, 19, SBI_ORDER_SAME, SBI_ORDER_GMSH_PYRAMID, SBI_SHAPE_PYRAMID},
+        {"pyramid14", SB_NO_ELEMENT, 3, 14, -1, 14, SBI_ORDER_SAME, SBI_ORDER_GMSH_PYRAMID, SBI_SHAPE_PYRAMID},
+        {"pentagonal prism", SB_NO_ELEMENT, 3, 10, 15, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hexagonal prism", SB_NO_ELEMENT, 3, 12, 16, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"convex point set", SB_NO_ELEMENT, 3, 0, 41, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polyhedron", SB_NO_ELEMENT, 3, 0, 42, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange tetrahedron", SB_NO_ELEMENT, 3, 0, 71, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange hexahedron", SB_NO_ELEMENT, 3, 0, 72, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange wedge", SB_NO_ELEMENT, 3, 0, 73, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
     };
     return &kinds[kind];
 }
@@ -10703,11 +10869,15 @@ static int sbi_node_order_at(sbi_node_order order, int i)
     static const unsigned char gmsh_tet10[10] = {0, 1, 2, 3, 4, 5, 6, 7, 9, 8};
     static const unsigned char gmsh_hex[27] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
                                                19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26};
+    static const unsigned char gmsh_wedge[18] = {0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16};
+    static const unsigned char gmsh_pyramid[14] = {0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12, 13};
     switch (order) {
     case SBI_ORDER_PIXEL:
     case SBI_ORDER_VOXEL: return voxel[i];
     case SBI_ORDER_GMSH_TET10: return gmsh_tet10[i];
     case SBI_ORDER_GMSH_HEX: return gmsh_hex[i];
+    case SBI_ORDER_GMSH_WEDGE: return gmsh_wedge[i];
+    case SBI_ORDER_GMSH_PYRAMID: return gmsh_pyramid[i];
     case SBI_ORDER_SAME: break;
     }
     return i;
@@ -10721,6 +10891,7 @@ SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options,
     sbi_reader_init(&loader->reader, "", 0, "", error);
     loader->allocator = options->allocator;
     loader->scale = (double)options->scale;
+    loader->keep_low = options->sets != NULL;
 }
 
 SBI_API void sbi_loader_free(sbi_loader *loader)
@@ -10731,6 +10902,9 @@ SBI_API void sbi_loader_free(sbi_loader *loader)
     sbi_free(&loader->allocator, loader->cells);
     sbi_free(&loader->allocator, loader->scratch);
     sbi_free(&loader->allocator, loader->source_regions);
+    sbi_free(&loader->allocator, loader->groups);
+    sbi_free(&loader->allocator, loader->names);
+    sbi_free(&loader->allocator, loader->diagonals);
 }
 
 SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader)
@@ -10896,6 +11070,7 @@ static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t
     cell->kind = kind;
     cell->source = loader->source_count;
     cell->region = region;
+    cell->groups = loader->cell_groups;
     for (int i = 0; i < nodes; i++) {
         size_t from = corners ? corners[i] : (size_t)sbi_node_order_at(order, i);
         loader->indices[loader->index_count++] = loader->scratch[from];
@@ -10917,6 +11092,14 @@ static sb_result sbi_loader_count_cell(sbi_loader *loader, int kind)
     return SB_OK;
 }
 
+/* Cells that may become elements, or for the sake of sets points and lines. */
+static int sbi_loader_keeps(const sbi_loader *loader, const sbi_cell_kind *about)
+{
+    if (about->dimension < 2)
+        return loader->keep_low && about->nodes > 0;
+    return about->type != SB_NO_ELEMENT || about->shape != SBI_SHAPE_NONE;
+}
+
 SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_order order, int region)
 {
     const sbi_cell_kind *about = sbi_cell_kind_at(kind);
@@ -10925,7 +11108,7 @@ SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_ord
         return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "cell %d has %llu nodes, but a %s has %d",
                                loader->source_count, (unsigned long long)loader->scratch_count, about->name,
                                about->nodes);
-    if (about->type != SB_NO_ELEMENT)
+    if (sbi_loader_keeps(loader, about))
         result = sbi_loader_push_cell(loader, kind, NULL, order, region);
     return result ? result : sbi_loader_count_cell(loader, kind);
 }
@@ -10959,10 +11142,163 @@ SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region)
     return sbi_loader_end_triangles(loader, region, 1);
 }
 
+SBI_API sb_result sbi_loader_end_vtk_cell(sbi_loader *loader, int kind)
+{
+    const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+    if (about->vtk == 7)
+        return sbi_loader_end_polygon(loader, 0);
+    if (about->vtk == 6)
+        return sbi_loader_end_strip(loader, 0);
+    return sbi_loader_end_cell(loader, kind, about->vtk_order, 0);
+}
+
+/* ---- groups, regions and what is left out ---- */
+
+SBI_API sb_result sbi_loader_add_groups(sbi_loader *loader, const int *numbers, int count, int *list)
+{
+    size_t used = loader->group_count ? loader->group_count : 1, needed = used + (size_t)count + 1;
+    const int *before = loader->cell_groups ? loader->groups + loader->cell_groups : NULL;
+    *list = 0;
+    if (count == 0)
+        return SB_OK;
+    if (before && before[0] == count && memcmp(before + 1, numbers, (size_t)count * sizeof(int)) == 0) {
+        *list = loader->cell_groups;
+        return SB_OK;
+    }
+    if (needed > INT_MAX)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 groups");
+    if (needed > loader->group_capacity) {
+        void *grown = sbi_loader_grow(loader, loader->groups, loader->group_count, &loader->group_capacity, needed,
+                                      sizeof loader->groups[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        loader->groups = (int *)grown;
+    }
+    loader->groups[0] = 0;
+    loader->groups[used] = count;
+    memcpy(loader->groups + used + 1, numbers, (size_t)count * sizeof(int));
+    loader->group_count = needed;
+    *list = (int)used;
+    return SB_OK;
+}
+
+/* Copies a name, cut where it is too long, never within a character of UTF-8. */
+static void sbi_name_copy(char *to, size_t room, sbi_word text)
+{
+    size_t length = text.length < room ? text.length : room - 1;
+    if (length < text.length)
+        while (length > 0 && ((unsigned char)text.text[length] & 0xC0) == 0x80)
+            length--;
+    for (size_t i = 0; i < length; i++)
+        to[i] = (unsigned char)text.text[i] < ' ' || text.text[i] == 127 ? '?' : text.text[i];
+    to[length] = 0;
+}
+
+SBI_API sb_result sbi_loader_add_name(sbi_loader *loader, int dimension, int number, sbi_word text)
+{
+    sbi_group_name *name;
+    if (loader->name_count >= loader->name_capacity) {
+        void *grown = sbi_loader_grow(loader, loader->names, loader->name_count, &loader->name_capacity,
+                                      loader->name_count + 1, sizeof loader->names[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        loader->names = (sbi_group_name *)grown;
+    }
+    name = &loader->names[loader->name_count++];
+    name->dimension = dimension;
+    name->number = number;
+    sbi_name_copy(name->text, sizeof name->text, text);
+    return SB_OK;
+}
+
+SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name)
+{
+    char text[40];
+    size_t used = strlen(loader->ignored), length;
+    sbi_name_copy(text, sizeof text, name);
+    length = strlen(text);
+    if (loader->ignored_count < INT_MAX)
+        loader->ignored_count++;
+    if (used + length + 6 >= sizeof loader->ignored) { /* room for the dots is kept */
+        if (used < 3 || strcmp(loader->ignored + used - 3, "...") != 0)
+            memcpy(loader->ignored + used, used ? ", ..." : "...", used ? 6 : 4);
+        return;
+    }
+    if (used) {
+        memcpy(loader->ignored + used, ", ", 2);
+        used += 2;
+    }
+    memcpy(loader->ignored + used, text, length + 1);
+}
+
+/* The names that programs give to the material of a cell; ours is best. */
+SBI_API int sbi_region_field_rank(sbi_word name)
+{
+    static const char names[][20] = {"region",       "regions",      "region_id",  "RegionId",      "material",
+                                     "materials",    "material_id",  "MaterialId", "MaterialIds",   "mat_id",
+                                     "gmsh:physical", "medit:ref",   "CellEntityIds"};
+    const int count = (int)(sizeof names / sizeof names[0]);
+    for (int i = 0; i < count; i++)
+        if (sbi_word_is(name, names[i]))
+            return count - i;
+    return 0;
+}
+
+SBI_API int sbi_loader_choose_regions(sbi_loader *loader, sbi_word name, int usable)
+{
+    int rank = usable ? sbi_region_field_rank(name) : 0;
+    sbi_word before;
+    if (rank <= loader->region_rank) {
+        sbi_loader_ignore(loader, name);
+        return 0;
+    }
+    before.text = loader->region_field;
+    before.length = strlen(loader->region_field);
+    if (loader->region_rank)
+        sbi_loader_ignore(loader, before);
+    loader->region_rank = rank;
+    sbi_name_copy(loader->region_field, sizeof loader->region_field, name);
+    return 1;
+}
+
+SBI_API sb_result sbi_loader_begin_regions(sbi_loader *loader)
+{
+    size_t count = (size_t)loader->source_count, before = (size_t)loader->region_cells;
+    int *grown;
+    if (loader->source_regions && count == before)
+        return SB_OK;
+    grown = (int *)sbi_alloc_zeroed(&loader->allocator, count, sizeof(int));
+    if (!grown)
+        return sbi_loader_no_memory(loader);
+    if (loader->source_regions && before)
+        memcpy(grown, loader->source_regions, before * sizeof(int));
+    sbi_free(&loader->allocator, loader->source_regions);
+    loader->source_regions = grown;
+    loader->region_cells = loader->source_count;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int cell, double value)
+{
+    if (loader->region_rank == 0)
+        return SB_OK;
+    if (value >= INT_MIN && value <= INT_MAX && value == (double)(int)value) {
+        loader->source_regions[cell] = (int)value;
+        return SB_OK;
+    }
+    if (sbi_word_is(name, "region"))
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the region of cell %d is not an integer: %g", cell,
+                               value);
+    loader->region_rank = 0;
+    memset(loader->source_regions, 0, (size_t)loader->region_cells * sizeof(int));
+    sbi_loader_ignore(loader, name);
+    return SB_OK;
+}
+
 /* ---- from cells to one element type ---- */
 
-static sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
-                                      const char *first, const char *second)
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
+                                       const char *first, const char *second)
 {
     sbi_reader place = loader->reader;
     char message[160];
@@ -11000,47 +11336,70 @@ static sb_result sbi_loader_find_type(const sbi_loader *loader, int dimension, s
         const sbi_cell_kind *about = sbi_cell_kind_at(kind);
         if (!loader->kind_count[kind] || about->dimension != dimension)
             continue;
-        if (about->type == SB_NO_ELEMENT)
+        if (about->type == SB_NO_ELEMENT && about->shape == SBI_SHAPE_NONE)
             return sbi_loader_fail_kind(loader, kind, " elements are not supported", about->name, "");
         if (first < 0) {
             first = kind;
             *type = about->type;
         } else if (sbi_loader_is_flat_pair(*type, about->type)) {
             *type = SB_TRI3;
-        } else if (*type != about->type) {
+        } else if (*type != about->type || *type == SB_NO_ELEMENT) {
             return sbi_loader_fail_kind(loader, kind, " and ", sbi_cell_kind_at(first)->name, about->name);
         }
     }
     return SB_OK;
 }
 
+/* Quadrilaterals among triangles are two; volume cells that are cut are 1, 2, 3 or 6 tets. */
+SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type)
+{
+    static const int tets[5] = {0, 1, 2, 3, 6};
+    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+    if (about->type == type)
+        return 1;
+    return about->dimension == 3 ? tets[about->shape] : 2;
+}
+
+SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell)
+{
+    return loader->source_regions ? loader->source_regions[cell->source] : cell->region;
+}
+
 /* Number of elements the cells make. */
 static int64_t sbi_loader_count_elements(const sbi_loader *loader, int dimension, sb_element_type type)
 {
     int64_t count = 0;
-    for (size_t i = 0; i < loader->cell_count; i++) {
-        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
-        if (about->dimension == dimension)
-            count += about->type == type ? 1 : 2;
-    }
+    for (size_t i = 0; i < loader->cell_count; i++)
+        if (sbi_cell_kind_at(loader->cells[i].kind)->dimension == dimension)
+            count += sbi_cell_elements(&loader->cells[i], type);
     return count;
 }
 
-/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
-static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh, int *regions)
+/* Regions of all elements. */
+static void sbi_loader_copy_regions(const sbi_loader *loader, int dimension, sb_mesh *mesh)
 {
-    int nodes = sb_element_node_count(mesh->element_type), element = 0;
-    const int *from = loader->indices;
+    int element = 0;
     for (size_t i = 0; i < loader->cell_count; i++) {
         const sbi_cell *cell = &loader->cells[i];
-        const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+        if (sbi_cell_kind_at(cell->kind)->dimension != dimension)
+            continue;
+        for (int part = sbi_cell_elements(cell, mesh->element_type); part > 0; part--)
+            mesh->regions[element++] = sbi_cell_region(loader, cell);
+    }
+}
+
+/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
+static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh)
+{
+    int nodes = sb_element_node_count(mesh->element_type);
+    const int *from = loader->indices;
+    int *to = mesh->elements;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
         int parts = about->type == mesh->element_type ? 1 : 2;
-        for (int part = 0; part < parts && about->dimension == dimension; part++) {
-            int *to = mesh->elements + (size_t)element * (size_t)nodes;
+        for (int part = 0; part < parts && about->dimension == dimension; part++, to += nodes)
             for (int a = 0; a < nodes; a++)
                 to[a] = from[a == 0 ? 0 : a + part];
-            regions[element++] = loader->source_regions ? loader->source_regions[cell->source] : cell->region;
-        }
         if (parts == 2 && about->dimension == dimension)
             loader->split_polygons++;
         from += about->nodes;
@@ -11058,14 +11417,17 @@ static int sbi_loader_any_region(const int *regions, int count)
 SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
 {
     int dimension = sbi_loader_find_dimension(loader), nodes;
+    int split = dimension == 3;
     sb_element_type type = SB_NO_ELEMENT;
     int64_t count;
-    sb_result result;
+    sb_result result = SB_OK;
     loader->reader.element = loader->reader.node = -1;
     if (dimension < 2)
         return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
                                "the file has no faces and no volume elements");
-    result = sbi_loader_find_type(loader, dimension, &type);
+    split = split && sbi_split_wanted(loader, &type);
+    if (!split)
+        result = sbi_loader_find_type(loader, dimension, &type);
     if (result)
         return result;
     count = sbi_loader_count_elements(loader, dimension, type);
@@ -11079,7 +11441,13 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     mesh->regions = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
     if (!mesh->elements || !mesh->regions)
         return sbi_loader_no_memory(loader);
-    sbi_loader_copy_cells(loader, dimension, mesh, mesh->regions);
+    if (split)
+        result = sbi_split_cells(loader, mesh);
+    else
+        sbi_loader_copy_cells(loader, dimension, mesh);
+    if (result)
+        return result;
+    sbi_loader_copy_regions(loader, dimension, mesh);
     if (!sbi_loader_any_region(mesh->regions, mesh->element_count)) {
         sbi_free(&loader->allocator, mesh->regions);
         mesh->regions = NULL;
@@ -11096,6 +11464,7 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
 
 #include <float.h>
 #include <limits.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -11205,11 +11574,12 @@ static int sbi_meshio_name_ends_with(const char *name, const char *ending)
 static sb_file_format sbi_meshio_format_of_name(const char *name)
 {
     static const struct {
-        char ending[6];
+        char ending[7];
         sb_file_format format;
     } endings[] = {{".vtk", SB_FILE_VTK},    {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN},
                    {".ele", SB_FILE_TETGEN}, {".obj", SB_FILE_OBJ},  {".stl", SB_FILE_STL},
-                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF}};
+                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF},  {".vtu", SB_FILE_VTU},
+                   {".vtp", SB_FILE_VTU},    {".mesh", SB_FILE_MEDIT}, {".meshb", SB_FILE_MEDIT}};
     for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++)
         if (sbi_meshio_name_ends_with(name, endings[i].ending))
             return endings[i].format;
@@ -11226,8 +11596,14 @@ static sb_file_format sbi_meshio_format_of_content(const sbi_reader *reader)
         return SB_FILE_STL;
     if (sbi_meshio_starts_with(reader, "# vtk DataFile"))
         return SB_FILE_VTK;
+    if (sbi_medit_is_binary(reader->data, reader->size))
+        return SB_FILE_MEDIT;
     if (!sbi_reader_peek(reader, &word))
         return SB_FILE_AUTO;
+    if (word.text[0] == '<')
+        return SB_FILE_VTU;
+    if (word.length >= 20 && memcmp(word.text, "MeshVersionFormatted", 20) == 0)
+        return SB_FILE_MEDIT;
     if (word.length > 1 && word.text[0] == '$' && word.text[1] >= 'A' && word.text[1] <= 'Z')
         return SB_FILE_GMSH;
     if (sbi_word_is(word, "ply"))
@@ -11260,8 +11636,6 @@ SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *form
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
-    if (*format == SB_FILE_AUTO && reader->data[0] == '<')
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "XML files are not read: save as legacy VTK");
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_name(reader->name);
     if (*format == SB_FILE_AUTO && sbi_meshio_looks_like_obj(reader))
@@ -11282,11 +11656,48 @@ SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
     case SB_FILE_STL: return sbi_stl_read(loader);
     case SB_FILE_PLY: return sbi_ply_read(loader);
     case SB_FILE_OFF: return sbi_off_read(loader);
+    case SB_FILE_VTU: return sbi_vtu_read(loader);
+    case SB_FILE_MEDIT: return sbi_medit_read(loader);
     case SB_FILE_TETGEN:
     case SB_FILE_AUTO: break;
     }
     return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT,
                            "this format cannot be read from one piece of memory");
+}
+
+/* Whether every tet10 has its last two mid-edge nodes nearer to the other's edge: gmsh's order in a file that should
+ * have VTK's. */
+static int sbi_meshio_has_gmsh_order(const sb_mesh *mesh)
+{
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *n = mesh->elements + (size_t)e * 10;
+        sb_vec3 a = mesh->nodes[n[8]], b = mesh->nodes[n[9]], d = mesh->nodes[n[3]];
+        sb_vec3 edge13 = sb_v3_scale((sb_real)0.5, sb_v3_add(mesh->nodes[n[1]], d));
+        sb_vec3 edge23 = sb_v3_scale((sb_real)0.5, sb_v3_add(mesh->nodes[n[2]], d));
+        if (!(sb_v3_norm(sb_v3_sub(a, edge23)) < sb_v3_norm(sb_v3_sub(a, edge13)) &&
+              sb_v3_norm(sb_v3_sub(b, edge13)) < sb_v3_norm(sb_v3_sub(b, edge23))))
+            return 0;
+    }
+    return mesh->element_count > 0;
+}
+
+/* Puts gmsh's order right when that was asked for; else says what it is. */
+static sb_result sbi_meshio_mend_order(sb_mesh *mesh, int mend, int *reordered, sb_error *error)
+{
+    if (mesh->element_type != SB_TET10 || !sbi_meshio_has_gmsh_order(mesh))
+        return SB_OK;
+    if (!mend)
+        return sbi_fail_element(error, SB_ERROR_MESH, 0,
+                                "the last two mid-edge nodes of all %d tet10 are exchanged: this is gmsh's node order, "
+                                "not VTK's (fix_orientation puts it right)",
+                                mesh->element_count);
+    for (int e = 0; e < mesh->element_count; e++) {
+        int *n = mesh->elements + (size_t)e * 10, hold = n[8];
+        n[8] = n[9];
+        n[9] = hold;
+    }
+    *reordered = mesh->element_count;
+    return SB_OK;
 }
 
 /* A volume must be one that can be computed with. Elements that are all inverted are a convention of the
@@ -11310,11 +11721,18 @@ static sb_result sbi_meshio_accept_volume(sb_mesh *mesh, int fix_orientation, in
     return result;
 }
 
-static sb_result sbi_meshio_accept(sb_mesh *mesh, int fix_orientation, int *flipped, sb_error *error)
+/* What was changed in the mesh to accept it. */
+typedef struct sbi_meshio_changes {
+    int flipped, reordered;
+} sbi_meshio_changes;
+
+static sb_result sbi_meshio_accept(sb_mesh *mesh, int mend, sbi_meshio_changes *changes, sb_error *error)
 {
+    sb_result result;
     if (sb_element_dimension(mesh->element_type) == 2)
-        return fix_orientation ? sb_mesh_orient_surface(mesh, flipped, error) : SB_OK;
-    return sbi_meshio_accept_volume(mesh, fix_orientation, flipped, error);
+        return mend ? sb_mesh_orient_surface(mesh, &changes->flipped, error) : SB_OK;
+    result = sbi_meshio_mend_order(mesh, mend, &changes->reordered, error);
+    return result ? result : sbi_meshio_accept_volume(mesh, mend, &changes->flipped, error);
 }
 
 /* Nodes that no element uses; -1 without memory. */
@@ -11333,44 +11751,112 @@ static int sbi_meshio_count_unreferenced(const sb_mesh *mesh)
     return count;
 }
 
-static sb_result sbi_meshio_report(const sbi_loader *loader, const sb_mesh *mesh, sb_file_format format,
-                                   int flipped, sb_load_report *report)
+/* Appends a sentence to the report. */
+static void sbi_meshio_note(sb_load_report *report, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 2, 3)))
+#endif
+    ;
+static void sbi_meshio_note(sb_load_report *report, const char *format, ...)
+{
+    va_list arguments;
+    if (report->note_count >= SB_LOAD_NOTES)
+        return;
+    va_start(arguments, format);
+    vsnprintf(report->notes[report->note_count++], SB_LOAD_NOTE_LENGTH, format, arguments);
+    va_end(arguments);
+}
+
+/* Names of groups that nobody asked for. */
+static void sbi_meshio_note_names(const sbi_loader *loader, sb_load_report *report)
+{
+    char text[120];
+    size_t used = 0;
+    for (size_t i = 0; i < loader->name_count && used + 8 < sizeof text; i++) {
+        size_t length = strlen(loader->names[i].text);
+        int fits = used + length + 8 < sizeof text;
+        snprintf(text + used, sizeof text - used, "%s%s", used ? ", " : "", fits ? loader->names[i].text : "...");
+        used = fits ? used + length + (used ? 2 : 0) : sizeof text;
+    }
+    if (loader->name_count)
+        sbi_meshio_note(report, "named groups are in the file, but no sets were asked for: %s", text);
+}
+
+static void sbi_meshio_write_notes(const sbi_loader *loader, const sb_load_options *options, const sb_mesh *mesh,
+                                   const sbi_meshio_changes *changes, sb_load_report *report)
+{
+    if (loader->split_cells)
+        sbi_meshio_note(report, "%d pyramids, wedges or hexahedra were cut into %d %s", loader->split_cells,
+                        loader->split_tets, sb_element_name(mesh->element_type));
+    if (loader->diagonal_nodes)
+        sbi_meshio_note(report, "%d nodes are new, in the middle of diagonals", loader->diagonal_nodes);
+    if (changes->reordered)
+        sbi_meshio_note(report, "%d tet10 had gmsh's node order and were put in VTK's", changes->reordered);
+    if (report->flipped_elements)
+        sbi_meshio_note(report, "%d elements were inside out and were turned", report->flipped_elements);
+    if (loader->region_rank && mesh->regions)
+        sbi_meshio_note(report, "regions are the cell field %s", loader->region_field);
+    if (!options->sets)
+        sbi_meshio_note_names(loader, report);
+    if (loader->pieces > 1)
+        sbi_meshio_note(report, "%d pieces were joined; nodes at the same place in several of them are still several",
+                        loader->pieces);
+    if (loader->skipped_cells && !options->sets)
+        sbi_meshio_note(report, "%d cells of lower dimension are not part of the mesh", loader->skipped_cells);
+    if (loader->ignored_count)
+        sbi_meshio_note(report, "not taken (%d): %s", loader->ignored_count, loader->ignored);
+}
+
+static sb_result sbi_meshio_report(const sbi_loader *loader, const sb_load_options *options, const sb_mesh *mesh,
+                                   sb_file_format format, const sbi_meshio_changes *changes, sb_load_report *report)
 {
     int unreferenced = sbi_meshio_count_unreferenced(mesh);
     if (unreferenced < 0)
         return sbi_loader_no_memory(loader);
+    memset(report, 0, sizeof *report);
     report->format = format;
     report->file_cells = loader->source_count;
     report->skipped_cells = loader->skipped_cells;
     report->split_polygons = loader->split_polygons;
+    report->split_cells = loader->split_cells;
     report->merged_vertices = loader->merged_vertices;
-    report->flipped_elements = flipped;
+    report->flipped_elements = changes->flipped + loader->flipped_tets;
     report->unreferenced_nodes = unreferenced;
+    report->ignored = loader->ignored_count;
+    sbi_meshio_write_notes(loader, options, mesh, changes, report);
     return SB_OK;
 }
 
-/* From the cells of the file to the caller's mesh and report. */
+/* From the cells of the file to the caller's mesh, sets and report. */
 static sb_result sbi_meshio_finish(sbi_loader *loader, const sb_load_options *options, sb_file_format format,
                                    sb_mesh *mesh)
 {
     sb_mesh loaded;
+    sb_mesh_sets sets;
+    sbi_meshio_changes changes = {0, 0};
     sb_error *error = loader->reader.error;
-    int flipped = 0;
     sb_result result;
     memset(&loaded, 0, sizeof loaded);
+    memset(&sets, 0, sizeof sets);
     result = sbi_loader_build(loader, &loaded);
     if (!result) {
-        result = sbi_meshio_accept(&loaded, options->fix_orientation, &flipped, error);
+        result = sbi_meshio_accept(&loaded, options->fix_orientation, &changes, error);
         if (result && error)
             sbi_error_set_file(error, loader->reader.name);
     }
+    if (!result && options->sets)
+        result = sbi_sets_make(loader, &loaded, &sets);
     if (!result && options->report)
-        result = sbi_meshio_report(loader, &loaded, format, flipped, options->report);
-    if (result)
+        result = sbi_meshio_report(loader, options, &loaded, format, &changes, options->report);
+    if (result) {
         sb_mesh_free(&loaded);
-    else
-        *mesh = loaded;
-    return result;
+        sb_mesh_sets_free(&sets);
+        return result;
+    }
+    *mesh = loaded;
+    if (options->sets)
+        *options->sets = sets;
+    return SB_OK;
 }
 
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name)
@@ -11393,7 +11879,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
         return result;
     if (!mesh || (!data && size))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", mesh ? "data" : "mesh");
-    if ((int)format < SB_FILE_AUTO || (int)format > SB_FILE_OFF)
+    if ((int)format < SB_FILE_AUTO || (int)format > SB_FILE_MEDIT)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is not a file format", (int)format);
     sbi_loader_init(&loader, &resolved, error);
     sbi_loader_set_content(&loader, size ? (const char *)data : "", size, name);
@@ -12247,18 +12733,11 @@ static sb_result sbi_vtk_cell_list(sbi_vtk *vtk)
 /* Hands cell i of the list to the loader. */
 static sb_result sbi_vtk_commit_cell(sbi_vtk *vtk, int i, int kind)
 {
-    const sbi_cell_kind *about = sbi_cell_kind_at(kind);
     sb_result result = SB_OK;
     sbi_loader_begin_cell(vtk->loader);
     for (int k = i ? vtk->ends[i - 1] : 0; k < vtk->ends[i] && !result; k++)
         result = sbi_loader_cell_node(vtk->loader, vtk->nodes[k], 0);
-    if (result)
-        return result;
-    if (about->vtk == 7)
-        return sbi_loader_end_polygon(vtk->loader, 0);
-    if (about->vtk == 6)
-        return sbi_loader_end_strip(vtk->loader, 0);
-    return sbi_loader_end_cell(vtk->loader, kind, about->vtk_order, 0);
+    return result ? result : sbi_loader_end_vtk_cell(vtk->loader, kind);
 }
 
 static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
@@ -12319,27 +12798,22 @@ static sb_result sbi_vtk_poly_cells(sbi_vtk *vtk, int category, int vtk_type)
 
 /* ---- data arrays ---- */
 
-static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, const sbi_vtk_type *type)
+static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type)
 {
-    sbi_loader *loader = vtk->loader;
-    sb_result result = SB_OK;
+    sb_result result;
     if (vtk->out_of_order)
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
                                "regions of polydata whose sections are not in the order of VTK");
-    if (type->class_ == 'b' || type->class_ == 's')
-        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "regions of type %s", type->name);
-    loader->source_regions = (int *)sbi_alloc(&loader->allocator, (size_t)loader->source_count, sizeof(int));
-    if (!loader->source_regions)
-        return sbi_loader_no_memory(loader);
+    result = sbi_loader_begin_regions(vtk->loader);
+    if (result)
+        return result;
     sbi_vtk_start_data(vtk);
-    for (int i = 0; i < loader->source_count && !result; i++) {
+    for (int i = 0; i < vtk->loader->source_count && !result; i++) {
         double value = 0;
         vtk->reader->element = i;
         result = sbi_vtk_real(vtk, type, "region", &value);
-        if (!result && !(value >= INT_MIN && value <= INT_MAX && value == (double)(int)value))
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "the region of cell %d is not an integer: %g", i, value);
-        loader->source_regions[i] = (int)value;
+        if (!result)
+            result = sbi_loader_set_region(vtk->loader, name, i, value);
     }
     vtk->reader->element = -1;
     return result;
@@ -12349,15 +12823,20 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, const sbi_vtk_type *type)
 static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                int64_t tuples)
 {
+    int of_cells = vtk->in_cell_data && vtk->data_count >= 0, is_number = type->class_ != 'b' && type->class_ != 's';
+    int usable = is_number && components == 1 && tuples == vtk->loader->source_count;
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
                                (long long)tuples, (long long)components);
-    if (vtk->in_cell_data && sbi_word_is(name, "region") && !vtk->loader->source_regions) {
-        if (components != 1 || tuples != vtk->loader->source_count)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "the field region must have one value per cell");
-        return sbi_vtk_read_regions(vtk, type);
-    }
+    if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the field region must have one value per cell");
+    if (of_cells && sbi_word_is(name, "region") && !is_number)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "regions of type %s", type->name);
+    usable = usable && (!vtk->out_of_order || sbi_word_is(name, "region"));
+    if (of_cells && name.length && sbi_loader_choose_regions(vtk->loader, name, usable))
+        return sbi_vtk_read_regions(vtk, name, type);
+    if (vtk->data_count >= 0 && !of_cells && name.length)
+        sbi_loader_ignore(vtk->loader, name);
     return sbi_vtk_skip_values(vtk, type, components * tuples);
 }
 
@@ -12607,23 +13086,803 @@ SBI_API sb_result sbi_vtk_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== src/softbody/meshio_gmsh.c ==== */
-/* meshio_gmsh: reads gmsh meshes, versions 2.x and 4.1, ASCII and binary of either byte order.
- * Source of the format: Gmsh Reference Manual, "MSH file format" and "Legacy formats". */
+/* ==== src/softbody/meshio_split.c ==== */
+/* meshio_split: volume cells of several kinds, or of kinds that are no elements of ours, cut into tets.
+ *
+ *        3-----2          A cell is cut by pulling its corner v of the lowest number: the faces without v are cut into
+ *       /|    /|          triangles, a quadrilateral along the diagonal from its lowest corner, and each triangle makes
+ *      7-----6 |          a tet with v. The faces with v are cut by v's diagonals, so every quadrilateral is cut from
+ *      | v---|-1          its lowest corner whichever cell looks at it: the tets of neighbours fit. A pyramid gives 2
+ *      |/    |/           tets, a wedge 3, a hexahedron 6. (Dompierre, Labbe, Vallet, Camarero: How to subdivide
+ *      4-----5            pyramids, prisms and hexahedra into tetrahedra, 1999, with the pulling of De Loera et al.)
+ *
+ * Quadratic cells become tet10: their mid-edge nodes stay, diagonals get the node in the middle of the face or cell
+ * where there is one, and else a new one on the cell's own (serendipity) surface, shared by both sides. */
 
 #include <limits.h>
 #include <string.h>
 
-/* The first physical group of a geometric entity (4.1). */
+/* Corners, faces and edges in VTK's order. The node in the middle of edge i is number corners + i, and that of face i,
+ * when the cell has it, number corners + edges + i; only the first `quads` faces have four corners. */
+typedef struct sbi_split_shape {
+    int corners, edges, faces, quads;
+    signed char face[6][4];
+    signed char edge[12][2];
+} sbi_split_shape;
+
+static const sbi_split_shape *sbi_split_shape_of(sbi_cell_shape shape)
+{
+    static const sbi_split_shape shapes[5] = {
+        {0, 0, 0, 0, {{0}}, {{0}}},
+        {4, 6, 4, 0, {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
+         {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}},
+        {5, 8, 5, 1, {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
+         {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}},
+        {6, 9, 5, 3, {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
+         {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}}},
+        {8, 12, 6, 6,
+         {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 3, 2, 1}, {4, 5, 6, 7}},
+         {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}}};
+    return &shapes[shape];
+}
+
+/* An edge that no cell has: a diagonal of a face or of a hexahedron, in one place of one tet. */
+typedef struct sbi_split_diagonal {
+    int low, high; /* corner nodes */
+    int node;      /* in its middle; -1: to be made, at: */
+    sb_vec3 middle;
+    size_t place; /* in mesh->elements */
+} sbi_split_diagonal;
+
+typedef struct sbi_split {
+    sbi_loader *loader;
+    int *elements; /* of the mesh */
+    int width;     /* 4 or 10 */
+    size_t tet_count;
+    unsigned char mirrored[SBI_CELL_KINDS]; /* all cells of the kind are inside out: a convention of the file */
+    sbi_split_diagonal *diagonals;
+    size_t diagonal_count, diagonal_capacity;
+} sbi_split;
+
+SBI_API int sbi_split_first_corner(const int *corners, int count)
+{
+    int first = 0;
+    for (int i = 1; i < count; i++)
+        if (corners[i] < corners[first])
+            first = i;
+    return first;
+}
+
+SBI_API int sbi_split_wanted(const sbi_loader *loader, sb_element_type *type)
+{
+    int linear = 0, quadratic = 0, mixed = 0;
+    sb_element_type only = SB_NO_ELEMENT;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+        if (!loader->kind_count[kind] || about->dimension != 3)
+            continue;
+        if (about->shape == SBI_SHAPE_NONE)
+            return 0;
+        if (about->nodes == sbi_split_shape_of(about->shape)->corners)
+            linear = 1;
+        else
+            quadratic = 1;
+        mixed |= about->type == SB_NO_ELEMENT || (only != SB_NO_ELEMENT && only != about->type);
+        only = about->type;
+    }
+    if (!mixed || (linear && quadratic))
+        return 0;
+    *type = linear ? SB_TET4 : SB_TET10;
+    return 1;
+}
+
+/* ---- one cell ---- */
+
+/* The tets of a cell as its corners 0, 1, ..., positive when the cell is; returns how many. */
+static int sbi_split_tets(const sbi_split_shape *shape, const int *nodes, signed char tets[6][4])
+{
+    int apex = sbi_split_first_corner(nodes, shape->corners), count = 0;
+    for (int f = 0; f < shape->faces; f++) {
+        const signed char *face = shape->face[f];
+        int corners = f < shape->quads ? 4 : 3, touches = 0, numbers[4], first;
+        for (int i = 0; i < corners; i++) {
+            touches |= face[i] == apex;
+            numbers[i] = nodes[face[i]];
+        }
+        if (touches)
+            continue;
+        first = corners == 4 ? sbi_split_first_corner(numbers, 4) : 0;
+        for (int part = 0; part < corners - 2; part++) {
+            signed char *tet = tets[count++]; /* seen from the apex, the face goes round the other way */
+            tet[0] = face[first];
+            tet[1] = face[(first + part + 2) % corners];
+            tet[2] = face[(first + part + 1) % corners];
+            tet[3] = (signed char)apex;
+        }
+    }
+    return count;
+}
+
+/* Six times the volume of a cell with straight edges, by its tets. */
+static double sbi_split_volume(const sb_vec3 *x, const int *nodes, signed char tets[6][4], int count)
+{
+    double volume = 0;
+    for (int t = 0; t < count; t++) {
+        sb_vec3 a = x[nodes[tets[t][0]]], b = x[nodes[tets[t][1]]], c = x[nodes[tets[t][2]]], d = x[nodes[tets[t][3]]];
+        volume += (double)sb_v3_dot(sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a)), sb_v3_sub(d, a));
+    }
+    return volume;
+}
+
+/* Local number of the node in the middle of the edge between two corners, or -1. */
+static int sbi_split_edge_node(const sbi_split_shape *shape, int a, int b)
+{
+    for (int i = 0; i < shape->edges; i++)
+        if ((shape->edge[i][0] == a && shape->edge[i][1] == b) || (shape->edge[i][0] == b && shape->edge[i][1] == a))
+            return shape->corners + i;
+    return -1;
+}
+
+/* The face of four corners across which a and b lie; -1: they lie across the cell. */
+static int sbi_split_face_of(const sbi_split_shape *shape, int a, int b)
+{
+    for (int f = 0; f < shape->quads; f++) {
+        const signed char *face = shape->face[f];
+        for (int i = 0; i < 2; i++)
+            if ((face[i] == a && face[i + 2] == b) || (face[i] == b && face[i + 2] == a))
+                return f;
+    }
+    return -1;
+}
+
+/* The middle of the serendipity face (half the sum of its mid-edge nodes less a quarter of that of its corners) or
+ * hexahedron (a quarter of each sum). */
+static sb_vec3 sbi_split_middle(const sbi_split_shape *shape, const int *nodes, const sb_vec3 *x, int face)
+{
+    sb_vec3 corners = sb_v3(0, 0, 0), edges = corners;
+    if (face < 0) {
+        for (int i = 0; i < shape->corners; i++)
+            corners = sb_v3_add(corners, x[nodes[i]]);
+        for (int i = 0; i < shape->edges; i++)
+            edges = sb_v3_add(edges, x[nodes[shape->corners + i]]);
+        return sb_v3_sub(sb_v3_scale((sb_real)0.25, edges), sb_v3_scale((sb_real)0.25, corners));
+    }
+    for (int i = 0; i < 4; i++) {
+        int a = shape->face[face][i], b = shape->face[face][(i + 1) % 4];
+        corners = sb_v3_add(corners, x[nodes[a]]);
+        edges = sb_v3_add(edges, x[nodes[sbi_split_edge_node(shape, a, b)]]);
+    }
+    return sb_v3_sub(sb_v3_scale((sb_real)0.5, edges), sb_v3_scale((sb_real)0.25, corners));
+}
+
+static sb_result sbi_split_add_diagonal(sbi_split *split, const sbi_cell_kind *about, const int *nodes, int a, int b,
+                                        size_t place)
+{
+    const sbi_split_shape *shape = sbi_split_shape_of(about->shape);
+    sbi_loader *loader = split->loader;
+    int face = sbi_split_face_of(shape, a, b), middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
+    sbi_split_diagonal *diagonal;
+    if (split->diagonal_count >= split->diagonal_capacity) {
+        void *grown = sbi_loader_grow(loader, split->diagonals, split->diagonal_count, &split->diagonal_capacity,
+                                      split->diagonal_count + 1, sizeof split->diagonals[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        split->diagonals = (sbi_split_diagonal *)grown;
+    }
+    diagonal = &split->diagonals[split->diagonal_count++];
+    diagonal->low = nodes[a] < nodes[b] ? nodes[a] : nodes[b];
+    diagonal->high = nodes[a] < nodes[b] ? nodes[b] : nodes[a];
+    diagonal->node = middle < about->nodes ? nodes[middle] : -1;
+    diagonal->middle = diagonal->node < 0 ? sbi_split_middle(shape, nodes, loader->nodes, face) : sb_v3(0, 0, 0);
+    diagonal->place = place;
+    return SB_OK;
+}
+
+/* Writes the tets of a cell; where the node of a diagonal is to be, that is noted. */
+static sb_result sbi_split_cell(sbi_split *split, const sbi_cell *cell, const int *nodes)
+{
+    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+    const sbi_split_shape *shape = sbi_split_shape_of(about->shape), *tet = sbi_split_shape_of(SBI_SHAPE_TET);
+    signed char tets[6][4];
+    int count = about->shape == SBI_SHAPE_TET ? 1 : sbi_split_tets(shape, nodes, tets);
+    sb_result result = SB_OK;
+    for (int k = 0; k < 4 && about->shape == SBI_SHAPE_TET; k++)
+        tets[0][k] = (signed char)k;
+    for (int t = 0; t < count && !result; t++) {
+        int *to = split->elements + split->tet_count++ * (size_t)split->width;
+        signed char *own = tets[t], hold = own[0];
+        if (split->mirrored[cell->kind]) {
+            own[0] = own[1];
+            own[1] = hold;
+            split->loader->flipped_tets++;
+        }
+        for (int k = 0; k < 4; k++)
+            to[k] = nodes[own[k]];
+        for (int k = 0; k < 6 && split->width == 10 && !result; k++) {
+            int a = own[tet->edge[k][0]], b = own[tet->edge[k][1]], middle = sbi_split_edge_node(shape, a, b);
+            to[4 + k] = middle < 0 ? 0 : nodes[middle];
+            if (middle < 0)
+                result = sbi_split_add_diagonal(split, about, nodes, a, b, (size_t)(to + 4 + k - split->elements));
+        }
+    }
+    if (about->shape != SBI_SHAPE_TET) {
+        split->loader->split_cells++;
+        split->loader->split_tets += count;
+    }
+    return result;
+}
+
+/* ---- all cells ---- */
+
+/* Kinds whose cells are all inside out: VTK's own wedge is the mirror image of everybody else's. */
+static void sbi_split_find_mirrored(sbi_split *split)
+{
+    const sbi_loader *loader = split->loader;
+    const int *nodes = loader->indices;
+    memset(split->mirrored, 1, sizeof split->mirrored);
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
+        if (about->dimension == 3 && split->mirrored[loader->cells[i].kind]) {
+            signed char tets[6][4];
+            int count = sbi_split_tets(sbi_split_shape_of(about->shape), nodes, tets);
+            if (!(sbi_split_volume(loader->nodes, nodes, tets, count) < 0))
+                split->mirrored[loader->cells[i].kind] = 0;
+        }
+        nodes += about->nodes;
+    }
+}
+
+static int sbi_split_diagonal_before(const void *context, int a, int b)
+{
+    const sbi_split_diagonal *d = (const sbi_split_diagonal *)context;
+    return d[a].low != d[b].low ? d[a].low < d[b].low : d[a].high < d[b].high;
+}
+
+/* One node for all diagonals between the same corners: one that is there, else a new one. */
+static sb_result sbi_split_place_run(sbi_split *split, const int *order, int begin, int end)
+{
+    sbi_loader *loader = split->loader;
+    sbi_diagonal_node *kept;
+    int node = -1;
+    for (int i = begin; i < end; i++) {
+        int own = split->diagonals[order[i]].node;
+        if (own >= 0 && (node < 0 || own < node))
+            node = own;
+    }
+    if (node < 0) {
+        sb_result result = loader->node_count >= INT_MAX
+                               ? sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes")
+                               : sbi_loader_reserve_nodes(loader, 1);
+        if (result)
+            return result;
+        node = (int)loader->node_count++;
+        loader->nodes[node] = split->diagonals[order[begin]].middle;
+        loader->diagonal_nodes++;
+    }
+    for (int i = begin; i < end; i++)
+        split->elements[split->diagonals[order[i]].place] = node;
+    kept = &loader->diagonals[loader->diagonal_count++];
+    kept->low = split->diagonals[order[begin]].low;
+    kept->high = split->diagonals[order[begin]].high;
+    kept->node = node;
+    return SB_OK;
+}
+
+static sb_result sbi_split_place_diagonals(sbi_split *split)
+{
+    const sb_allocator *allocator = &split->loader->allocator;
+    int count = (int)split->diagonal_count, *order, *scratch;
+    sb_result result = SB_OK;
+    if (split->diagonal_count > INT_MAX)
+        return sbi_reader_fail(&split->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 diagonals");
+    order = (int *)sbi_alloc(allocator, split->diagonal_count, sizeof(int));
+    scratch = (int *)sbi_alloc(allocator, split->diagonal_count, sizeof(int));
+    split->loader->diagonals =
+        (sbi_diagonal_node *)sbi_alloc(allocator, split->diagonal_count, sizeof split->loader->diagonals[0]);
+    if (!order || !scratch || !split->loader->diagonals)
+        result = sbi_loader_no_memory(split->loader);
+    for (int i = 0; i < count && !result; i++)
+        order[i] = i;
+    if (!result)
+        sbi_merge_sort(order, scratch, count, sbi_split_diagonal_before, split->diagonals);
+    for (int begin = 0, end; begin < count && !result; begin = end) {
+        end = begin + 1;
+        while (end < count && !sbi_split_diagonal_before(split->diagonals, order[begin], order[end]))
+            end++;
+        result = sbi_split_place_run(split, order, begin, end);
+    }
+    sbi_free(allocator, order);
+    sbi_free(allocator, scratch);
+    return result;
+}
+
+SBI_API int sbi_split_diagonal_node(const sbi_loader *loader, int a, int b)
+{
+    int low = a < b ? a : b, high = a < b ? b : a, begin = 0, end = loader->diagonal_count;
+    while (begin < end) {
+        int middle = begin + (end - begin) / 2;
+        const sbi_diagonal_node *d = &loader->diagonals[middle];
+        if (d->low == low && d->high == high)
+            return d->node;
+        if (d->low < low || (d->low == low && d->high < high))
+            begin = middle + 1;
+        else
+            end = middle;
+    }
+    return -1;
+}
+
+/* ---- triangles of the file against the diagonals ---- */
+
+/* A triangle that the file's own cells have as a face, or that a quadrilateral would have if it were cut along its
+ * other diagonal. */
+typedef struct sbi_split_triangle {
+    int corner[3]; /* ascending */
+    int cell, other;
+} sbi_split_triangle;
+
+static int sbi_split_compare_triangles(const sbi_split_triangle *a, const sbi_split_triangle *b)
+{
+    for (int i = 0; i < 3; i++)
+        if (a->corner[i] != b->corner[i])
+            return a->corner[i] < b->corner[i] ? -1 : 1;
+    return 0;
+}
+
+static int sbi_split_triangle_before(const void *context, int a, int b)
+{
+    const sbi_split_triangle *t = (const sbi_split_triangle *)context;
+    return sbi_split_compare_triangles(&t[a], &t[b]) < 0;
+}
+
+static void sbi_split_set_triangle(sbi_split_triangle *to, int a, int b, int c, int cell, int other)
+{
+    int low = a < b ? a : b, high = a < b ? b : a;
+    to->corner[0] = c < low ? c : low;
+    to->corner[1] = c < low ? low : c < high ? c : high;
+    to->corner[2] = c < high ? high : c;
+    to->cell = cell;
+    to->other = other;
+}
+
+/* Triangles of all faces: see sbi_split_triangle; to NULL: only counts. */
+static size_t sbi_split_list_triangles(const sbi_loader *loader, sbi_split_triangle *to)
+{
+    const int *nodes = loader->indices;
+    size_t count = 0;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
+        const sbi_split_shape *shape = sbi_split_shape_of(about->shape);
+        for (int f = 0; f < shape->faces; f++) {
+            int parts = f < shape->quads ? 2 : 1, corner[4], first = 0;
+            for (int k = 0; k < parts + 2 && to; k++)
+                corner[k] = nodes[shape->face[f][k]];
+            if (to && parts == 2)
+                first = sbi_split_first_corner(corner, 4) + 1; /* the other diagonal begins at the next corner */
+            for (int part = 0; part < parts && to; part++)
+                sbi_split_set_triangle(&to[count + (size_t)part], corner[first % (parts + 2)],
+                                       corner[(first + part + 1) % (parts + 2)],
+                                       corner[(first + part + 2) % (parts + 2)], loader->cells[i].source, parts == 2);
+            count += (size_t)parts;
+        }
+        nodes += about->nodes;
+    }
+    return count;
+}
+
+/* Where a quadrilateral lies against two triangles that are cut the other way, tets would not fit. */
+static sb_result sbi_split_check_triangles(sbi_split *split)
+{
+    sbi_loader *loader = split->loader;
+    const sb_allocator *allocator = &loader->allocator;
+    size_t count = sbi_split_list_triangles(loader, NULL);
+    sbi_split_triangle *triangles;
+    int *order, *scratch;
+    sb_result result = SB_OK;
+    if (count > INT_MAX)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 faces");
+    triangles = (sbi_split_triangle *)sbi_alloc(allocator, count, sizeof *triangles);
+    order = (int *)sbi_alloc(allocator, count, sizeof(int));
+    scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
+    if (!triangles || !order || !scratch) {
+        result = sbi_loader_no_memory(loader);
+    } else {
+        sbi_split_list_triangles(loader, triangles);
+        for (int i = 0; i < (int)count; i++)
+            order[i] = i;
+        sbi_merge_sort(order, scratch, (int)count, sbi_split_triangle_before, triangles);
+    }
+    for (int i = 1; i < (int)count && !result; i++) {
+        const sbi_split_triangle *a = &triangles[order[i - 1]], *b = &triangles[order[i]];
+        if (a->other != b->other && sbi_split_compare_triangles(a, b) == 0) {
+            sbi_reader place = loader->reader; /* behind the cells: its line tells nothing */
+            place.binary = place.line = 0;
+            place.element = a->other ? a->cell : b->cell;
+            result = sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED,
+                                     "a quadrilateral of cell %d lies against triangles of cell %d that are cut along "
+                                     "its other diagonal: the cells cannot be split into tets that fit",
+                                     place.element, a->other ? b->cell : a->cell);
+        }
+    }
+    sbi_free(allocator, triangles);
+    sbi_free(allocator, order);
+    sbi_free(allocator, scratch);
+    return result;
+}
+
+SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh)
+{
+    sbi_split split;
+    const int *nodes = loader->indices;
+    sb_result result;
+    memset(&split, 0, sizeof split);
+    split.loader = loader;
+    split.elements = mesh->elements;
+    split.width = sb_element_node_count(mesh->element_type);
+    sbi_split_find_mirrored(&split);
+    result = sbi_split_check_triangles(&split);
+    for (size_t i = 0; i < loader->cell_count && !result; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
+        if (about->dimension == 3)
+            result = sbi_split_cell(&split, &loader->cells[i], nodes);
+        nodes += about->nodes;
+    }
+    if (!result)
+        result = sbi_split_place_diagonals(&split);
+    sbi_free(&loader->allocator, split.diagonals);
+    return result;
+}
+
+/* ==== src/softbody/meshio_sets.c ==== */
+/* meshio_sets: the groups of a file's cells as sets of elements, faces and nodes of the mesh. */
+
+#include <limits.h>
+#include <string.h>
+
+SB_API void sb_mesh_sets_free(sb_mesh_sets *sets)
+{
+    if (!sets)
+        return;
+    for (int i = 0; i < sets->count; i++) {
+        sbi_free(&sets->allocator, sets->sets[i].elements);
+        sbi_free(&sets->allocator, sets->sets[i].faces);
+        sbi_free(&sets->allocator, sets->sets[i].nodes);
+    }
+    sbi_free(&sets->allocator, sets->sets);
+    memset(sets, 0, sizeof *sets);
+}
+
+SB_API const sb_mesh_set *sb_mesh_sets_find(const sb_mesh_sets *sets, const char *name, int dimension)
+{
+    for (int i = 0; sets && name && i < sets->count; i++)
+        if ((dimension < 0 || sets->sets[i].dimension == dimension) && strcmp(sets->sets[i].name, name) == 0)
+            return &sets->sets[i];
+    return NULL;
+}
+
+/* A cell in a group, or (cell -1) the name of a group. */
+typedef struct sbi_set_member {
+    int dimension, number;
+    int cell;
+    int element; /* the first that the cell became */
+    size_t at;   /* its nodes in loader->indices; a name: its place in loader->names */
+} sbi_set_member;
+
+typedef struct sbi_set_maker {
+    const sbi_loader *loader;
+    const sb_mesh *mesh;
+    int dimension;    /* of the mesh */
+    int face_corners; /* of a volume mesh */
+    sbi_set_member *members;
+    size_t count, capacity;
+    int *order; /* members by dimension and number, names first, then cells as in the file */
+    int *stamp; /* [nodes] last set that took the node */
+    sb_mesh_sets *sets;
+} sbi_set_maker;
+
+static sb_result sbi_sets_add(sbi_set_maker *maker, const sbi_set_member *member)
+{
+    if (maker->count >= maker->capacity) {
+        void *grown = sbi_loader_grow(maker->loader, maker->members, maker->count, &maker->capacity, maker->count + 1,
+                                      sizeof maker->members[0]);
+        if (!grown)
+            return sbi_loader_no_memory(maker->loader);
+        maker->members = (sbi_set_member *)grown;
+    }
+    maker->members[maker->count++] = *member;
+    return SB_OK;
+}
+
+static sb_result sbi_sets_add_cell(sbi_set_maker *maker, sbi_set_member *member)
+{
+    const sbi_loader *loader = maker->loader;
+    const sbi_cell *cell = &loader->cells[member->cell];
+    const int *groups = cell->groups ? loader->groups + cell->groups : NULL;
+    sb_result result = SB_OK;
+    member->dimension = sbi_cell_kind_at(cell->kind)->dimension;
+    for (int i = 0; groups && i < groups[0] && !result; i++) {
+        member->number = groups[1 + i];
+        result = sbi_sets_add(maker, member);
+    }
+    member->number = groups ? 0 : sbi_cell_region(loader, cell);
+    return result || member->number == 0 ? result : sbi_sets_add(maker, member);
+}
+
+/* Names first: a name without a dimension counts for the mesh's. */
+static sb_result sbi_sets_gather(sbi_set_maker *maker)
+{
+    const sbi_loader *loader = maker->loader;
+    sbi_set_member member = {0, 0, -1, 0, 0};
+    sb_result result = SB_OK;
+    for (size_t i = 0; i < loader->name_count && !result; i++) {
+        member.dimension = loader->names[i].dimension < 0 ? maker->dimension : loader->names[i].dimension;
+        member.number = loader->names[i].number;
+        member.at = i;
+        result = sbi_sets_add(maker, &member);
+    }
+    member.at = 0;
+    for (size_t i = 0; i < loader->cell_count && !result; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
+        member.cell = (int)i;
+        result = sbi_sets_add_cell(maker, &member);
+        if (about->dimension == maker->dimension)
+            member.element += sbi_cell_elements(&loader->cells[i], maker->mesh->element_type);
+        member.at += (size_t)about->nodes;
+    }
+    return result;
+}
+
+static int sbi_sets_before(const void *context, int a, int b)
+{
+    const sbi_set_member *m = (const sbi_set_member *)context;
+    return m[a].dimension != m[b].dimension ? m[a].dimension < m[b].dimension : m[a].number < m[b].number;
+}
+
+static sb_result sbi_sets_sort(sbi_set_maker *maker)
+{
+    const sb_allocator *allocator = &maker->loader->allocator;
+    int *scratch;
+    if (maker->count > INT_MAX)
+        return sbi_reader_fail(&maker->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 cells in groups");
+    scratch = (int *)sbi_alloc(allocator, maker->count, sizeof(int));
+    maker->order = (int *)sbi_alloc(allocator, maker->count, sizeof(int));
+    if (!scratch || !maker->order) {
+        sbi_free(allocator, scratch);
+        return sbi_loader_no_memory(maker->loader);
+    }
+    for (size_t i = 0; i < maker->count; i++)
+        maker->order[i] = (int)i;
+    sbi_merge_sort(maker->order, scratch, (int)maker->count, sbi_sets_before, maker->members);
+    sbi_free(allocator, scratch);
+    return SB_OK;
+}
+
+/* ---- one set ---- */
+
+/* Elements that a member became; 0: it is of a lower dimension. */
+static int sbi_sets_elements_of(const sbi_set_maker *maker, const sbi_set_member *member)
+{
+    if (member->dimension != maker->dimension)
+        return 0;
+    return sbi_cell_elements(&maker->loader->cells[member->cell], maker->mesh->element_type);
+}
+
+/* Triangles of the cell's corners as faces of the mesh, or 1 quadrilateral; 0: the mesh has no such faces. */
+static int sbi_sets_faces_of(const sbi_set_maker *maker, const sbi_set_member *member, int corners)
+{
+    sb_element_type type = sbi_cell_kind_at(maker->loader->cells[member->cell].kind)->type;
+    int own = sb_element_corner_count(type);
+    if (member->dimension != 2 || maker->dimension != 3)
+        return 0;
+    if (own == corners)
+        return 1;
+    return own == 4 && maker->loader->split_cells ? 2 : 0;
+}
+
+static void sbi_sets_put_faces(const sbi_set_maker *maker, const sbi_set_member *member, sb_mesh_set *set)
+{
+    const int *nodes = maker->loader->indices + member->at;
+    int parts = sbi_sets_faces_of(maker, member, set->face_corners);
+    int first = parts == 2 ? sbi_split_first_corner(nodes, 4) : 0;
+    for (int part = 0; part < parts; part++) {
+        int *to = set->faces + (size_t)set->face_count++ * (size_t)set->face_corners;
+        for (int k = 0; k < set->face_corners; k++)
+            to[k] = parts == 1 ? nodes[k] : nodes[(first + (k == 0 ? 0 : part + k)) % 4];
+    }
+}
+
+static int sbi_sets_node_before(const void *context, int a, int b)
+{
+    const int *nodes = (const int *)context;
+    return nodes[a] < nodes[b];
+}
+
+/* The set's nodes, so far as they were met, ascending. */
+static sb_result sbi_sets_sort_nodes(const sbi_set_maker *maker, sb_mesh_set *set)
+{
+    const sb_allocator *allocator = &maker->loader->allocator;
+    size_t count = (size_t)set->node_count;
+    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)), *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
+    sb_result result = order && scratch ? SB_OK : sbi_loader_no_memory(maker->loader);
+    if (!result) {
+        for (int i = 0; i < set->node_count; i++)
+            order[i] = i;
+        sbi_merge_sort(order, scratch, set->node_count, sbi_sets_node_before, set->nodes);
+        for (size_t i = 0; i < count; i++)
+            scratch[i] = set->nodes[order[i]];
+        memcpy(set->nodes, scratch, count * sizeof(int));
+    }
+    sbi_free(allocator, order);
+    sbi_free(allocator, scratch);
+    return result;
+}
+
+/* Room for what the members [begin, end) of the order hold; nodes as often as cells have them, at most all. */
+static sb_result sbi_sets_count(const sbi_set_maker *maker, int begin, int end, sb_mesh_set *set)
+{
+    int64_t nodes = 0, elements = 0, faces = 0;
+    for (int i = begin; i < end; i++) {
+        const sbi_set_member *member = &maker->members[maker->order[i]];
+        int parts, width;
+        if (member->cell < 0)
+            continue;
+        parts = sbi_sets_elements_of(maker, member);
+        width = sbi_cell_kind_at(maker->loader->cells[member->cell].kind)->nodes + 1; /* 1: on its diagonal */
+        nodes += parts ? parts * sb_element_node_count(maker->mesh->element_type) : width;
+        elements += parts;
+        faces += sbi_sets_faces_of(maker, member, set->face_corners);
+    }
+    if (elements > INT_MAX || faces > INT_MAX)
+        return sbi_reader_fail(&maker->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 faces in a group");
+    set->node_count = nodes < maker->mesh->node_count ? (int)nodes : maker->mesh->node_count;
+    set->element_count = (int)elements;
+    set->face_count = (int)faces;
+    return SB_OK;
+}
+
+static int sbi_sets_allocate(const sbi_set_maker *maker, sb_mesh_set *set)
+{
+    const sb_allocator *allocator = &maker->loader->allocator;
+    size_t corners = (size_t)set->face_corners;
+    if (set->node_count)
+        set->nodes = (int *)sbi_alloc(allocator, (size_t)set->node_count, sizeof(int));
+    if (set->element_count)
+        set->elements = (int *)sbi_alloc(allocator, (size_t)set->element_count, sizeof(int));
+    if (set->face_count)
+        set->faces = (int *)sbi_alloc(allocator, (size_t)set->face_count, corners * sizeof(int));
+    return (set->nodes || !set->node_count) && (set->elements || !set->element_count) &&
+           (set->faces || !set->face_count);
+}
+
+static void sbi_sets_put_nodes(sbi_set_maker *maker, const int *nodes, int count, sb_mesh_set *set)
+{
+    int mark = maker->sets->count + 1;
+    for (int k = 0; k < count; k++)
+        if (maker->stamp[nodes[k]] != mark) {
+            maker->stamp[nodes[k]] = mark;
+            set->nodes[set->node_count++] = nodes[k];
+        }
+}
+
+/* Nodes of the elements that a cell became, or of a cell of lower dimension with that on the diagonal where it was cut:
+ * who holds a set shall hold every node of its elements and faces. */
+static void sbi_sets_put_cell(sbi_set_maker *maker, const sbi_set_member *member, sb_mesh_set *set)
+{
+    const sbi_cell_kind *about = sbi_cell_kind_at(maker->loader->cells[member->cell].kind);
+    const int *nodes = maker->loader->indices + member->at;
+    int parts = sbi_sets_elements_of(maker, member), width = sb_element_node_count(maker->mesh->element_type);
+    for (int part = 0; part < parts; part++) {
+        int element = member->element + part;
+        set->elements[set->element_count++] = element;
+        sbi_sets_put_nodes(maker, maker->mesh->elements + (size_t)element * (size_t)width, width, set);
+    }
+    if (parts)
+        return;
+    sbi_sets_put_nodes(maker, nodes, about->nodes, set);
+    if (about->type == SB_QUAD8 || about->type == SB_QUAD9) {
+        int first = sbi_split_first_corner(nodes, 4);
+        int middle = sbi_split_diagonal_node(maker->loader, nodes[first], nodes[(first + 2) % 4]);
+        if (middle >= 0)
+            sbi_sets_put_nodes(maker, &middle, 1, set);
+    }
+    sbi_sets_put_faces(maker, member, set);
+}
+
+/* The set of the members [begin, end) of the order; maker->sets->count counts it once its arrays may be freed. */
+static sb_result sbi_sets_fill(sbi_set_maker *maker, int begin, int end)
+{
+    sb_mesh_set *set = &maker->sets->sets[maker->sets->count];
+    const sbi_set_member *first = &maker->members[maker->order[begin]];
+    sb_result result;
+    set->dimension = first->dimension;
+    set->number = first->number;
+    if (first->cell < 0)
+        memcpy(set->name, maker->loader->names[first->at].text, sizeof set->name);
+    set->face_corners = first->dimension == 2 && maker->dimension == 3 ? maker->face_corners : 0;
+    result = sbi_sets_count(maker, begin, end, set);
+    if (!result && !sbi_sets_allocate(maker, set))
+        result = sbi_loader_no_memory(maker->loader);
+    set->node_count = set->element_count = set->face_count = 0;
+    for (int i = begin; i < end && !result; i++)
+        if (maker->members[maker->order[i]].cell >= 0)
+            sbi_sets_put_cell(maker, &maker->members[maker->order[i]], set);
+    if (!result && set->node_count)
+        result = sbi_sets_sort_nodes(maker, set);
+    maker->sets->count++;
+    return result;
+}
+
+/* ---- all sets ---- */
+
+static sb_result sbi_sets_fill_all(sbi_set_maker *maker)
+{
+    const sb_allocator *allocator = &maker->loader->allocator;
+    int count = (int)maker->count, runs = 0;
+    sb_result result = SB_OK;
+    for (int i = 0; i < count; i++)
+        runs += i == 0 || sbi_sets_before(maker->members, maker->order[i - 1], maker->order[i]);
+    maker->stamp = (int *)sbi_alloc_zeroed(allocator, (size_t)maker->mesh->node_count, sizeof(int));
+    maker->sets->sets = (sb_mesh_set *)sbi_alloc_zeroed(allocator, (size_t)runs, sizeof(sb_mesh_set));
+    if (!maker->stamp || !maker->sets->sets)
+        return sbi_loader_no_memory(maker->loader);
+    for (int begin = 0, end; begin < count && !result; begin = end) {
+        end = begin + 1;
+        while (end < count && !sbi_sets_before(maker->members, maker->order[begin], maker->order[end]))
+            end++;
+        result = sbi_sets_fill(maker, begin, end);
+    }
+    return result;
+}
+
+SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, sb_mesh_sets *sets)
+{
+    sbi_set_maker maker;
+    sb_result result;
+    memset(&maker, 0, sizeof maker);
+    memset(sets, 0, sizeof *sets);
+    sets->allocator = loader->allocator;
+    maker.loader = loader;
+    maker.mesh = mesh;
+    maker.dimension = sb_element_dimension(mesh->element_type);
+    maker.face_corners = sb_element_straight(mesh->element_type) == SB_TET4 ? 3 : 4;
+    maker.sets = sets;
+    result = sbi_sets_gather(&maker);
+    if (!result && maker.count)
+        result = sbi_sets_sort(&maker);
+    if (!result && maker.count)
+        result = sbi_sets_fill_all(&maker);
+    sbi_free(&loader->allocator, maker.members);
+    sbi_free(&loader->allocator, maker.order);
+    sbi_free(&loader->allocator, maker.stamp);
+    return result;
+}
+
+/* ==== src/softbody/meshio_gmsh.c ==== */
+/* meshio_gmsh: reads gmsh meshes, versions 1, 2.x, 3, 4.0 and 4.1, ASCII and binary of either byte order.
+ * Source of the format: Gmsh Reference Manual, "MSH file format" and "Legacy formats"; version 3, which the manual does
+ * not have, as gmsh 4.8 writes it.
+ *
+ * | version | an element's line                                             | physical groups                  |
+ * |---------|---------------------------------------------------------------|----------------------------------|
+ * | 1       | number, type, physical, elementary, count, nodes              | of the element; no names         |
+ * | 2       | number, type, count of tags, physical, elementary ..., nodes  | of the element                   |
+ * | 3       | number, type, entity, count, nodes and other data             | of the entity                    |
+ * | 4       | blocks of one entity and type: number, nodes                  | of the entity                    | */
+
+#include <limits.h>
+#include <string.h>
+
+/* The physical groups of a geometric entity (3 and 4). */
 typedef struct sbi_gmsh_entity {
     int64_t dimension, tag;
-    int region;
+    int region; /* the first group */
+    int groups; /* list of all, see sbi_loader_add_groups */
 } sbi_gmsh_entity;
 
 typedef struct sbi_gmsh {
     sbi_loader *loader;
     sbi_reader *reader;
-    int version;            /* 2 or 4 */
+    int version;            /* 10, 20, 30, 40 or 41; 0: not known yet */
     int binary, size_bytes; /* bytes of a size_t in binary files */
     int has_nodes, has_elements;
     int64_t *tags; /* [nodes] number of each node in the file, any order and gaps */
@@ -12632,6 +13891,8 @@ typedef struct sbi_gmsh {
     sbi_gmsh_entity *entities;
     size_t entity_count, entity_capacity;
     int *entity_order; /* [entities] ascending by dimension and tag */
+    int *numbers;      /* groups of the entity being read */
+    size_t number_capacity;
 } sbi_gmsh;
 
 /* ---- values: the same code reads text and binary ---- */
@@ -12648,7 +13909,7 @@ static sb_result sbi_gmsh_integer(sbi_gmsh *gmsh, const char *what, int64_t *val
     return SB_OK;
 }
 
-/* A size_t of version 4.1: counts and tags of nodes and elements. */
+/* A count of version 4, or the tag of a node or element in 4.1. */
 static sb_result sbi_gmsh_size(sbi_gmsh *gmsh, const char *what, int64_t *value)
 {
     const unsigned char *bytes;
@@ -12664,6 +13925,14 @@ static sb_result sbi_gmsh_size(sbi_gmsh *gmsh, const char *what, int64_t *value)
     *value = (int64_t)bits;
     return SB_OK;
 }
+
+/* The tag of a node or element: a size_t in 4.1, an int before. */
+static sb_result sbi_gmsh_tag(sbi_gmsh *gmsh, const char *what, int64_t *value)
+{
+    return gmsh->version == 41 ? sbi_gmsh_size(gmsh, what, value) : sbi_gmsh_integer(gmsh, what, value);
+}
+
+static int sbi_gmsh_tag_bytes(const sbi_gmsh *gmsh) { return gmsh->version == 41 ? gmsh->size_bytes : 4; }
 
 /* A count of things that take at least `bytes` bytes in a binary file, and two per number in a text. */
 static sb_result sbi_gmsh_count(sbi_gmsh *gmsh, const char *what, size_t bytes, size_t numbers, int *count)
@@ -12789,15 +14058,27 @@ static sb_result sbi_gmsh_node_tag(sbi_gmsh *gmsh, int node)
 {
     sb_result result;
     gmsh->reader->node = node;
-    result = gmsh->version == 2 ? sbi_gmsh_integer(gmsh, "node number", &gmsh->tags[node])
-                                : sbi_gmsh_size(gmsh, "node number", &gmsh->tags[node]);
+    result = sbi_gmsh_tag(gmsh, "node number", &gmsh->tags[node]);
     if (!result && gmsh->tags[node] < 0)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a negative node number: %lld",
                                (long long)gmsh->tags[node]);
     return result;
 }
 
-/* 2.x: count, then per line a number and three coordinates. The count is text also in binary files. */
+/* 3: the entity of a node, and where that is not 0 its dimension and as many parameters. */
+static sb_result sbi_gmsh_skip_parameters(sbi_gmsh *gmsh)
+{
+    int64_t entity = 0, dimension = 0;
+    sb_result result = sbi_gmsh_integer(gmsh, "entity", &entity);
+    if (result || entity == 0)
+        return result;
+    result = sbi_gmsh_integer(gmsh, "dimension", &dimension);
+    if (!result && (dimension < 0 || dimension > 3))
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "an entity of dimension %lld", (long long)dimension);
+    return result ? result : sbi_gmsh_skip_reals(gmsh, (size_t)dimension);
+}
+
+/* 1 to 3: count, then per line a number and three coordinates. The count is text also in binary files. */
 static sb_result sbi_gmsh_nodes_2(sbi_gmsh *gmsh)
 {
     int count = 0;
@@ -12810,40 +14091,45 @@ static sb_result sbi_gmsh_nodes_2(sbi_gmsh *gmsh)
         result = sbi_gmsh_node_tag(gmsh, i);
         if (!result)
             result = sbi_gmsh_node(gmsh);
+        if (!result && gmsh->version == 30)
+            result = sbi_gmsh_skip_parameters(gmsh);
     }
     return result;
 }
 
-/* One block of 4.1: dimension, tag, parametric, count; the numbers; the coordinates. */
+/* One block: dimension and tag (4.0: tag and dimension), parametric, count; 4.1: all numbers, then all coordinates;
+ * 4.0: number and coordinates of each node. */
 static sb_result sbi_gmsh_node_block(sbi_gmsh *gmsh)
 {
-    int64_t header[3] = {0, 0, 0};
-    int count = 0, first = (int)gmsh->loader->node_count;
+    int64_t header[3] = {0, 0, 0}, dimension;
+    int count = 0, first = (int)gmsh->loader->node_count, apart = gmsh->version == 41;
     sb_result result = SB_OK;
     for (int i = 0; i < 3 && !result; i++)
         result = sbi_gmsh_integer(gmsh, "header of a block of nodes", &header[i]);
-    if (!result && (header[0] < 0 || header[0] > 3))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "an entity of dimension %lld",
-                               (long long)header[0]);
+    dimension = gmsh->version == 41 ? header[0] : header[1];
+    if (!result && (dimension < 0 || dimension > 3))
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "an entity of dimension %lld", (long long)dimension);
     if (!result)
         result =
-            sbi_gmsh_count(gmsh, "the number of nodes of a block", (size_t)gmsh->size_bytes + 24, 4, &count);
+            sbi_gmsh_count(gmsh, "the number of nodes of a block", (size_t)sbi_gmsh_tag_bytes(gmsh) + 24, 4, &count);
     if (!result && count > INT_MAX - first)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes");
     if (!result)
         result = sbi_gmsh_reserve_nodes(gmsh, count);
-    for (int i = 0; i < count && !result; i++)
+    for (int i = 0; i < count && apart && !result; i++)
         result = sbi_gmsh_node_tag(gmsh, first + i);
     for (int i = 0; i < count && !result; i++) {
-        result = sbi_gmsh_node(gmsh);
+        result = apart ? SB_OK : sbi_gmsh_node_tag(gmsh, first + i);
+        if (!result)
+            result = sbi_gmsh_node(gmsh);
         if (!result && header[2])
-            result = sbi_gmsh_skip_reals(gmsh, (size_t)header[0]); /* parameters on the entity */
+            result = sbi_gmsh_skip_reals(gmsh, (size_t)dimension); /* parameters on the entity */
     }
     gmsh->reader->node = -1;
     return result;
 }
 
-/* 4.1: numbers of blocks and nodes, lowest and highest tag; blocks. */
+/* 4: numbers of blocks and nodes; 4.1: lowest and highest tag; blocks. */
 static sb_result sbi_gmsh_nodes_4(sbi_gmsh *gmsh)
 {
     int blocks = 0, count = 0;
@@ -12851,8 +14137,8 @@ static sb_result sbi_gmsh_nodes_4(sbi_gmsh *gmsh)
     sb_result result =
         sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
     if (!result)
-        result = sbi_gmsh_count(gmsh, "the number of nodes", 24 + (size_t)gmsh->size_bytes, 4, &count);
-    for (int i = 0; i < 2 && !result; i++)
+        result = sbi_gmsh_count(gmsh, "the number of nodes", 24 + (size_t)sbi_gmsh_tag_bytes(gmsh), 4, &count);
+    for (int i = 0; i < 2 && gmsh->version == 41 && !result; i++)
         result = sbi_gmsh_size(gmsh, "node number", &unused);
     if (!result)
         result = sbi_gmsh_reserve_nodes(gmsh, count);
@@ -12870,13 +14156,13 @@ static sb_result sbi_gmsh_nodes(sbi_gmsh *gmsh)
     if (gmsh->has_nodes)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a second $Nodes section");
     gmsh->has_nodes = 1;
-    result = gmsh->version == 2 ? sbi_gmsh_nodes_2(gmsh) : sbi_gmsh_nodes_4(gmsh);
+    result = gmsh->version < 40 ? sbi_gmsh_nodes_2(gmsh) : sbi_gmsh_nodes_4(gmsh);
     if (!result && gmsh->loader->node_count == 0)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_MESH, "the file has no nodes");
     return result ? result : sbi_gmsh_sort_tags(gmsh);
 }
 
-/* ---- entities (4.1) ---- */
+/* ---- entities (3 and 4) ---- */
 
 static int sbi_gmsh_compare_entities(const sbi_gmsh_entity *a, int64_t dimension, int64_t tag)
 {
@@ -12891,9 +14177,10 @@ static int sbi_gmsh_entity_before(const void *context, int a, int b)
     return sbi_gmsh_compare_entities(&entities[a], entities[b].dimension, entities[b].tag) < 0;
 }
 
-static sb_result sbi_gmsh_add_entity(sbi_gmsh *gmsh, int dimension, int64_t tag, int region)
+static sb_result sbi_gmsh_add_entity(sbi_gmsh *gmsh, int dimension, int64_t tag, int groups)
 {
     sbi_gmsh_entity *entity;
+    sb_result result;
     if (gmsh->entity_count == INT_MAX)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 entities");
     if (gmsh->entity_count == gmsh->entity_capacity) {
@@ -12907,30 +14194,71 @@ static sb_result sbi_gmsh_add_entity(sbi_gmsh *gmsh, int dimension, int64_t tag,
     entity = &gmsh->entities[gmsh->entity_count++];
     entity->dimension = dimension;
     entity->tag = tag;
-    entity->region = region;
-    return SB_OK;
+    entity->region = gmsh->numbers[0];
+    result = sbi_loader_add_groups(gmsh->loader, gmsh->numbers, groups, &entity->groups);
+    gmsh->loader->cell_groups = 0;
+    return result;
 }
 
-/* Tag, box (points: place), physical groups, and but for points the entities that bound it. */
+/* Numbers of an entity line: text in version 3 also in binary files. */
+static sb_result sbi_gmsh_entity_integer(sbi_gmsh *gmsh, const char *what, int64_t *value)
+{
+    return gmsh->version == 30 ? sbi_reader_integer(gmsh->reader, what, value) : sbi_gmsh_integer(gmsh, what, value);
+}
+
+static sb_result sbi_gmsh_entity_count(sbi_gmsh *gmsh, const char *what, size_t bytes, size_t numbers, int *count)
+{
+    return gmsh->version == 30 ? sbi_reader_count(gmsh->reader, what, 2 * numbers, count)
+                               : sbi_gmsh_count(gmsh, what, bytes, numbers, count);
+}
+
+/* The count and numbers of the entity's physical groups. */
+static sb_result sbi_gmsh_entity_groups(sbi_gmsh *gmsh, int *groups)
+{
+    int64_t group = 0;
+    sb_result result = sbi_gmsh_entity_count(gmsh, "the number of physical groups", 4, 1, groups);
+    if (!result && (size_t)*groups > gmsh->number_capacity) {
+        void *grown =
+            sbi_loader_grow(gmsh->loader, gmsh->numbers, 0, &gmsh->number_capacity, (size_t)*groups, sizeof(int));
+        if (!grown)
+            return sbi_loader_no_memory(gmsh->loader);
+        gmsh->numbers = (int *)grown;
+    }
+    for (int i = 0; i < *groups && !result; i++) {
+        result = sbi_gmsh_entity_integer(gmsh, "physical group", &group);
+        if (!result)
+            result = sbi_gmsh_region(gmsh, group, &gmsh->numbers[i]);
+    }
+    return result;
+}
+
+/* The entities that bound it. */
+static sb_result sbi_gmsh_entity_bounds(sbi_gmsh *gmsh)
+{
+    int bounds = 0;
+    int64_t bound = 0;
+    sb_result result = sbi_gmsh_entity_count(gmsh, "the number of bounding entities", 4, 1, &bounds);
+    for (int i = 0; i < bounds && !result; i++)
+        result = sbi_gmsh_entity_integer(gmsh, "bounding entity", &bound);
+    return result;
+}
+
+/* Tag, box (points of 4.1: place), physical groups, and but for points the entities that bound it. Version 3 has no
+ * box, and the groups come last. */
 static sb_result sbi_gmsh_entity_line(sbi_gmsh *gmsh, int dimension)
 {
-    int64_t tag = 0, group = 0;
-    int groups = 0, bounds = 0, region = 0;
-    sb_result result = sbi_gmsh_integer(gmsh, "entity", &tag);
+    int64_t tag = 0;
+    int groups = 0;
+    sb_result result = sbi_gmsh_entity_integer(gmsh, "entity", &tag);
+    if (!result && gmsh->version != 30)
+        result = sbi_gmsh_skip_reals(gmsh, dimension == 0 && gmsh->version == 41 ? 3 : 6);
+    if (!result && gmsh->version == 30 && dimension > 0)
+        result = sbi_gmsh_entity_bounds(gmsh);
     if (!result)
-        result = sbi_gmsh_skip_reals(gmsh, dimension == 0 ? 3 : 6);
-    if (!result)
-        result = sbi_gmsh_count(gmsh, "the number of physical groups", 4, 1, &groups);
-    for (int i = 0; i < groups && !result; i++) {
-        result = sbi_gmsh_integer(gmsh, "physical group", &group);
-        if (!result && i == 0)
-            result = sbi_gmsh_region(gmsh, group, &region);
-    }
-    if (!result && dimension > 0)
-        result = sbi_gmsh_count(gmsh, "the number of bounding entities", 4, 1, &bounds);
-    for (int i = 0; i < bounds && !result; i++)
-        result = sbi_gmsh_integer(gmsh, "bounding entity", &group);
-    return result || groups == 0 ? result : sbi_gmsh_add_entity(gmsh, dimension, tag, region);
+        result = sbi_gmsh_entity_groups(gmsh, &groups);
+    if (!result && gmsh->version != 30 && dimension > 0)
+        result = sbi_gmsh_entity_bounds(gmsh);
+    return result || groups == 0 ? result : sbi_gmsh_add_entity(gmsh, dimension, tag, groups);
 }
 
 static sb_result sbi_gmsh_entities(sbi_gmsh *gmsh)
@@ -12941,7 +14269,7 @@ static sb_result sbi_gmsh_entities(sbi_gmsh *gmsh)
     if (gmsh->entity_order)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a second $Entities section");
     for (int i = 0; i < 4 && !result; i++)
-        result = sbi_gmsh_count(gmsh, "the number of entities", 28, 5, &counts[i]);
+        result = sbi_gmsh_entity_count(gmsh, "the number of entities", 28, 2, &counts[i]);
     for (int dimension = 0; dimension < 4; dimension++)
         for (int i = 0; i < counts[dimension] && !result; i++)
             result = sbi_gmsh_entity_line(gmsh, dimension);
@@ -12961,16 +14289,19 @@ static sb_result sbi_gmsh_entities(sbi_gmsh *gmsh)
     return result;
 }
 
-/* Region of an entity; 0 when it is in no physical group. */
-static int sbi_gmsh_entity_region(const sbi_gmsh *gmsh, int64_t dimension, int64_t tag)
+/* Makes the entity's groups those of the next cells, and returns its region; 0 when it is in no physical group. */
+static int sbi_gmsh_enter_entity(sbi_gmsh *gmsh, int64_t dimension, int64_t tag)
 {
     int low = 0, high = (int)gmsh->entity_count;
+    gmsh->loader->cell_groups = 0;
     while (low < high) {
         int middle = low + (high - low) / 2;
         const sbi_gmsh_entity *entity = &gmsh->entities[gmsh->entity_order[middle]];
         int compared = sbi_gmsh_compare_entities(entity, dimension, tag);
-        if (compared == 0)
+        if (compared == 0) {
+            gmsh->loader->cell_groups = entity->groups;
             return entity->region;
+        }
         if (compared < 0)
             low = middle + 1;
         else
@@ -12991,6 +14322,20 @@ static sb_result sbi_gmsh_find_kind(const sbi_gmsh *gmsh, int64_t number, int *k
     return SB_OK;
 }
 
+/* The nodes of an element and its end. */
+static sb_result sbi_gmsh_element_nodes(sbi_gmsh *gmsh, int kind, int region)
+{
+    const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+    int64_t value = 0;
+    sb_result result = SB_OK;
+    for (int i = 0; i < about->nodes && !result; i++) {
+        result = sbi_gmsh_tag(gmsh, "node number", &value);
+        if (!result)
+            result = sbi_gmsh_cell_node(gmsh, value);
+    }
+    return result ? result : sbi_loader_end_cell(gmsh->loader, kind, about->gmsh_order, region);
+}
+
 /* 2.x after the type is known: tags (the first is the physical group), then nodes. */
 static sb_result sbi_gmsh_element_2(sbi_gmsh *gmsh, int kind, int tags)
 {
@@ -13002,29 +14347,67 @@ static sb_result sbi_gmsh_element_2(sbi_gmsh *gmsh, int kind, int tags)
         if (!result && i == 0)
             result = sbi_gmsh_region(gmsh, value, &region);
     }
-    for (int i = 0; i < sbi_cell_kind_at(kind)->nodes && !result; i++) {
-        result = sbi_gmsh_integer(gmsh, "node number", &value);
-        if (!result)
-            result = sbi_gmsh_cell_node(gmsh, value);
-    }
-    return result ? result
-                  : sbi_loader_end_cell(gmsh->loader, kind, sbi_cell_kind_at(kind)->gmsh_order, region);
+    if (!result)
+        result = sbi_loader_add_groups(gmsh->loader, &region, region != 0, &gmsh->loader->cell_groups);
+    return result ? result : sbi_gmsh_element_nodes(gmsh, kind, region);
 }
 
-/* A text line: number, type, number of tags, tags, nodes. */
-static sb_result sbi_gmsh_text_element(sbi_gmsh *gmsh)
+/* 1 after the type is known: physical group, entity, count of nodes, nodes. */
+static sb_result sbi_gmsh_element_1(sbi_gmsh *gmsh, int kind)
+{
+    int64_t header[3] = {0, 0, 0};
+    int region = 0;
+    sb_result result = SB_OK;
+    for (int i = 0; i < 3 && !result; i++)
+        result = sbi_gmsh_integer(gmsh, "element tag", &header[i]);
+    if (!result && header[2] != sbi_cell_kind_at(kind)->nodes)
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "element %d has %lld nodes, but a %s has %d",
+                               gmsh->loader->source_count, (long long)header[2], sbi_cell_kind_at(kind)->name,
+                               sbi_cell_kind_at(kind)->nodes);
+    if (!result)
+        result = sbi_gmsh_region(gmsh, header[0], &region);
+    if (!result)
+        result = sbi_loader_add_groups(gmsh->loader, &region, region != 0, &gmsh->loader->cell_groups);
+    return result ? result : sbi_gmsh_element_nodes(gmsh, kind, region);
+}
+
+/* 3 after the type is known: entity, count of data, the nodes, other data (parent, partition). */
+static sb_result sbi_gmsh_element_3(sbi_gmsh *gmsh, int kind)
+{
+    const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+    int64_t entity = 0, data = 0, unused = 0;
+    sb_result result = sbi_gmsh_integer(gmsh, "entity", &entity);
+    if (!result)
+        result = sbi_gmsh_integer(gmsh, "the number of data", &data);
+    if (!result && data < about->nodes)
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "element %d has %lld nodes, but a %s has %d",
+                               gmsh->loader->source_count, (long long)data, about->name, about->nodes);
+    if (!result)
+        result = sbi_gmsh_element_nodes(gmsh, kind, sbi_gmsh_enter_entity(gmsh, about->dimension, entity));
+    for (int64_t i = about->nodes; i < data && !result; i++)
+        result = sbi_gmsh_integer(gmsh, "element data", &unused);
+    return result;
+}
+
+/* A line of a text, or of a binary file of version 3: number, type, and what its version has next. */
+static sb_result sbi_gmsh_element_line(sbi_gmsh *gmsh)
 {
     int64_t number = 0, type = 0;
     int tags = 0, kind = 0;
     sb_result result;
     sbi_loader_begin_cell(gmsh->loader);
-    result = sbi_reader_integer(gmsh->reader, "element number", &number);
+    result = sbi_gmsh_integer(gmsh, "element number", &number);
     if (!result)
-        result = sbi_reader_integer(gmsh->reader, "element type", &type);
+        result = sbi_gmsh_integer(gmsh, "element type", &type);
     if (!result)
         result = sbi_gmsh_find_kind(gmsh, type, &kind);
-    if (!result)
-        result = sbi_reader_count(gmsh->reader, "the number of tags", 2, &tags);
+    if (result)
+        return result;
+    if (gmsh->version == 10)
+        return sbi_gmsh_element_1(gmsh, kind);
+    if (gmsh->version == 30)
+        return sbi_gmsh_element_3(gmsh, kind);
+    result = sbi_reader_count(gmsh->reader, "the number of tags", 2, &tags);
     return result ? result : sbi_gmsh_element_2(gmsh, kind, tags);
 }
 
@@ -13063,15 +14446,17 @@ static sb_result sbi_gmsh_elements_2(sbi_gmsh *gmsh)
     if (!result && gmsh->binary)
         sbi_reader_next_line(gmsh->reader);
     for (int i = 0; i < count && !result; i += block)
-        result = gmsh->binary ? sbi_gmsh_binary_block(gmsh, count - i, &block) : sbi_gmsh_text_element(gmsh);
+        result = gmsh->binary && gmsh->version == 20 ? sbi_gmsh_binary_block(gmsh, count - i, &block)
+                                                     : sbi_gmsh_element_line(gmsh);
     return result;
 }
 
-/* 4.1: dimension and tag of the entity, type, count; elements with number and nodes. */
+/* 4: dimension and tag of the entity (4.0: tag and dimension), type, count; elements with number and nodes. */
 static sb_result sbi_gmsh_element_block(sbi_gmsh *gmsh)
 {
     int64_t header[3] = {0, 0, 0}, value = 0;
-    int count = 0, kind = 0, region, nodes;
+    int count = 0, kind = 0, region, first = gmsh->version == 41 ? 0 : 1;
+    size_t numbers;
     sb_result result = SB_OK;
     for (int i = 0; i < 3 && !result; i++)
         result = sbi_gmsh_integer(gmsh, "header of a block of elements", &header[i]);
@@ -13079,20 +14464,15 @@ static sb_result sbi_gmsh_element_block(sbi_gmsh *gmsh)
         result = sbi_gmsh_find_kind(gmsh, header[2], &kind);
     if (result)
         return result;
-    nodes = sbi_cell_kind_at(kind)->nodes;
-    result = sbi_gmsh_count(gmsh, "the number of elements of a block",
-                            (size_t)(1 + nodes) * (size_t)gmsh->size_bytes, (size_t)(1 + nodes), &count);
-    region = sbi_gmsh_entity_region(gmsh, header[0], header[1]);
+    numbers = 1 + (size_t)sbi_cell_kind_at(kind)->nodes;
+    result = sbi_gmsh_count(gmsh, "the number of elements of a block", numbers * (size_t)sbi_gmsh_tag_bytes(gmsh),
+                            numbers, &count);
+    region = sbi_gmsh_enter_entity(gmsh, header[first], header[1 - first]);
     for (int i = 0; i < count && !result; i++) {
         sbi_loader_begin_cell(gmsh->loader);
-        result = sbi_gmsh_size(gmsh, "element number", &value);
-        for (int k = 0; k < nodes && !result; k++) {
-            result = sbi_gmsh_size(gmsh, "node number", &value);
-            if (!result)
-                result = sbi_gmsh_cell_node(gmsh, value);
-        }
+        result = sbi_gmsh_tag(gmsh, "element number", &value);
         if (!result)
-            result = sbi_loader_end_cell(gmsh->loader, kind, sbi_cell_kind_at(kind)->gmsh_order, region);
+            result = sbi_gmsh_element_nodes(gmsh, kind, region);
     }
     return result;
 }
@@ -13104,8 +14484,8 @@ static sb_result sbi_gmsh_elements_4(sbi_gmsh *gmsh)
     sb_result result =
         sbi_gmsh_count(gmsh, "the number of blocks of elements", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
     if (!result)
-        result = sbi_gmsh_count(gmsh, "the number of elements", 2 * (size_t)gmsh->size_bytes, 2, &count);
-    for (int i = 0; i < 2 && !result; i++)
+        result = sbi_gmsh_count(gmsh, "the number of elements", 2 * (size_t)sbi_gmsh_tag_bytes(gmsh), 2, &count);
+    for (int i = 0; i < 2 && gmsh->version == 41 && !result; i++)
         result = sbi_gmsh_size(gmsh, "element number", &unused);
     for (int i = 0; i < blocks && !result; i++)
         result = sbi_gmsh_element_block(gmsh);
@@ -13122,14 +14502,24 @@ static sb_result sbi_gmsh_elements(sbi_gmsh *gmsh)
     if (gmsh->has_elements)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a second $Elements section");
     gmsh->has_elements = 1;
-    return gmsh->version == 2 ? sbi_gmsh_elements_2(gmsh) : sbi_gmsh_elements_4(gmsh);
+    return gmsh->version < 40 ? sbi_gmsh_elements_2(gmsh) : sbi_gmsh_elements_4(gmsh);
 }
 
-/* ---- file ---- */
+/* ---- sections ---- */
 
-static int sbi_gmsh_same_text(const char *text, sbi_word word)
+/* 1 when the word is the end of the section: "$End" and its name, in capitals in version 1. */
+static int sbi_gmsh_is_end(sbi_word word, sbi_word name)
 {
-    return memcmp(text, word.text, word.length) == 0;
+    sbi_word start = word, rest = word;
+    char text[32];
+    if (word.length != name.length + 4 || name.length >= sizeof text)
+        return 0;
+    start.length = 4;
+    rest.text += 4;
+    rest.length -= 4;
+    memcpy(text, name.text, name.length);
+    text[name.length] = 0;
+    return sbi_word_is(start, "$End") && sbi_word_is(rest, text);
 }
 
 /* Steps behind "$End" + name of the section, wherever it is: for sections whose content is of no interest. */
@@ -13141,7 +14531,7 @@ static sb_result sbi_gmsh_skip_section(sbi_gmsh *gmsh, sbi_word name)
         const char *here = reader->data + reader->at;
         if (*here == '\n' && reader->line < INT_MAX)
             reader->line++;
-        if (*here == '$' && memcmp(here, "$End", 4) == 0 && sbi_gmsh_same_text(here + 4, name)) {
+        if (*here == '$' && memcmp(here, "$End", 4) == 0 && memcmp(here + 4, name.text, name.length) == 0) {
             reader->at += name.length + 4;
             return SB_OK;
         }
@@ -13153,10 +14543,73 @@ static sb_result sbi_gmsh_expect_end(sbi_gmsh *gmsh, sbi_word name)
 {
     sbi_word word;
     char text[32];
-    if (sbi_reader_word(gmsh->reader, &word) && word.length == name.length + 4 &&
-        memcmp(word.text, "$End", 4) == 0 && sbi_gmsh_same_text(word.text + 4, name))
+    if (sbi_reader_word(gmsh->reader, &word) && sbi_gmsh_is_end(word, name))
         return SB_OK;
     return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "$End%s is missing", sbi_word_print(name, text));
+}
+
+/* ---- names ---- */
+
+/* The rest of the line between quotation marks; 0: there are none. */
+static int sbi_gmsh_quoted(sbi_reader *reader, sbi_word *text)
+{
+    size_t end;
+    if (sbi_reader_at_line_end(reader) || reader->data[reader->at] != '"')
+        return 0;
+    end = ++reader->at;
+    while (end < reader->size && reader->data[end] != '"' && reader->data[end] != '\n' && reader->data[end] != '\r')
+        end++;
+    if (end >= reader->size || reader->data[end] != '"')
+        return 0;
+    text->text = reader->data + reader->at;
+    text->length = end - reader->at;
+    reader->at = end + 1;
+    return 1;
+}
+
+/* $PhysicalNames, text in binary files too: count; dimension (not in 2.0), number, "name". */
+static sb_result sbi_gmsh_names(sbi_gmsh *gmsh)
+{
+    sbi_reader *reader = gmsh->reader;
+    int count = 0;
+    sb_result result = sbi_reader_count(reader, "the number of physical names", 4, &count);
+    for (int i = 0; i < count && !result; i++) {
+        int64_t first = 0, number = 0;
+        sbi_word text;
+        int with_dimension;
+        result = sbi_reader_integer(reader, "dimension", &first);
+        if (result)
+            return result;
+        with_dimension = !sbi_reader_at_line_end(reader) && reader->data[reader->at] != '"';
+        if (with_dimension)
+            result = sbi_reader_integer(reader, "physical group", &number);
+        else
+            number = first;
+        if (result)
+            return result;
+        if (number < -INT_MAX || number > INT_MAX || (with_dimension && (first < 0 || first > 3)))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "physical group %lld of dimension %lld", (long long)number,
+                                   (long long)first);
+        if (!sbi_gmsh_quoted(reader, &text))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the name of physical group %lld is not between quotation "
+                                                            "marks",
+                                   (long long)number);
+        result = sbi_loader_add_name(gmsh->loader, with_dimension ? (int)first : -1, (int)number, text);
+    }
+    return result;
+}
+
+/* ---- file ---- */
+
+/* 2, 2.x, 3, 3.x, 4, 4.0 or 4.1; 0: none of them. */
+static int sbi_gmsh_version(sbi_word text)
+{
+    int major = text.length > 0 ? text.text[0] - '0' : 0;
+    if (sbi_word_is(text, "4.1"))
+        return 41;
+    if (sbi_word_is(text, "4") || sbi_word_is(text, "4.0"))
+        return 40;
+    return (major == 2 || major == 3) && (text.length == 1 || text.text[1] == '.') ? 10 * major : 0;
 }
 
 /* $MeshFormat: version, 0 text or 1 binary, bytes of a number; in binary files the integer 1, telling byte
@@ -13172,20 +14625,17 @@ static sb_result sbi_gmsh_format(sbi_gmsh *gmsh)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a second $MeshFormat section");
     if (!sbi_reader_word(gmsh->reader, &version))
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "the version number is missing");
-    if (sbi_word_is(version, "4.1"))
-        gmsh->version = 4;
-    else if (version.length >= 1 && version.text[0] == '2' && (version.length == 1 || version.text[1] == '.'))
-        gmsh->version = 2;
-    else
+    gmsh->version = sbi_gmsh_version(version);
+    if (!gmsh->version)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "gmsh version %s is not supported: 2.x and 4.1 are",
+                               "gmsh version %s is not supported: 1, 2.x, 3, 4.0 and 4.1 are",
                                sbi_word_print(version, text));
     result = sbi_reader_integer(gmsh->reader, "file type", &binary);
     if (!result)
         result = sbi_reader_integer(gmsh->reader, "data size", &bytes);
     if (result)
         return result;
-    if (binary < 0 || binary > 1 || (bytes != 8 && !(bytes == 4 && gmsh->version == 4)))
+    if (binary < 0 || binary > 1 || (bytes != 8 && !(bytes == 4 && gmsh->version >= 40)))
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "file type %lld with data size %lld",
                                (long long)binary, (long long)bytes);
     gmsh->size_bytes = (int)bytes;
@@ -13202,31 +14652,50 @@ static sb_result sbi_gmsh_format(sbi_gmsh *gmsh)
     return SB_OK;
 }
 
+/* A section that the mesh does not need; those with results and the like are noted. */
+static sb_result sbi_gmsh_other_section(sbi_gmsh *gmsh, sbi_word keyword, sbi_word name)
+{
+    static const char *const quiet[] = {"$Comments", "$Comment", "$Entities"};
+    int noted = 1;
+    for (size_t i = 0; i < sizeof quiet / sizeof quiet[0]; i++)
+        noted &= !sbi_word_is(keyword, quiet[i]);
+    if (noted)
+        sbi_loader_ignore(gmsh->loader, keyword);
+    return sbi_gmsh_skip_section(gmsh, name);
+}
+
 static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
 {
     sbi_word name = keyword;
     char text[32];
     sb_result result;
-    int elements = sbi_word_is(keyword, "$Elements"), nodes = sbi_word_is(keyword, "$Nodes");
+    int old_nodes = sbi_word_is(keyword, "$NOD"), old_elements = sbi_word_is(keyword, "$ELM");
+    int elements = old_elements || sbi_word_is(keyword, "$Elements"), nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
     int entities = sbi_word_is(keyword, "$Entities"), format = sbi_word_is(keyword, "$MeshFormat");
+    int names = sbi_word_is(keyword, "$PhysicalNames");
     if (keyword.length < 2 || keyword.text[0] != '$')
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "'%s' where a section should begin",
                                sbi_word_print(keyword, text));
     name.text++;
     name.length--;
-    if (sbi_word_is(keyword, "$NOD"))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "gmsh version 1 is not supported");
     if (sbi_word_is(keyword, "$PartitionedEntities"))
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
                                "partitioned gmsh meshes are not supported");
+    if (!gmsh->version && (old_nodes || old_elements))
+        gmsh->version = 10; /* the only one without $MeshFormat */
+    if (gmsh->version != 10 && (old_nodes || old_elements))
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "$%s of version 1 in a file of another version",
+                               sbi_word_print(name, text));
     if (!gmsh->version && (elements || nodes || entities))
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "$MeshFormat is missing");
-    if (!(elements || nodes || format || (entities && gmsh->version == 4)))
-        return sbi_gmsh_skip_section(gmsh, name);
-    if (gmsh->binary && !(gmsh->version == 2 && (nodes || elements)))
+    if (!(elements || nodes || format || names || (entities && gmsh->version >= 30)))
+        return sbi_gmsh_other_section(gmsh, keyword, name);
+    if (gmsh->binary && gmsh->version >= 40 && !names)
         sbi_reader_next_line(gmsh->reader);
     if (format)
         result = sbi_gmsh_format(gmsh);
+    else if (names)
+        result = sbi_gmsh_names(gmsh);
     else if (entities)
         result = sbi_gmsh_entities(gmsh);
     else
@@ -13253,6 +14722,1551 @@ SBI_API sb_result sbi_gmsh_read(sbi_loader *loader)
     sbi_free(&loader->allocator, gmsh.order);
     sbi_free(&loader->allocator, gmsh.entities);
     sbi_free(&loader->allocator, gmsh.entity_order);
+    sbi_free(&loader->allocator, gmsh.numbers);
+    return result;
+}
+
+/* ==== src/softbody/meshio_medit.c ==== */
+/* meshio_medit: reads Medit's meshes (INRIA, also called GMF), .mesh in text and .meshb in binary of either byte order.
+ * Source of the format: P. Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253, and the numbers of
+ * keywords of libMeshb 7. A file is a row of sections: keyword, count, that many rows of numbers, each with a reference
+ * at its end. References of cells become regions and sets. */
+
+#include <limits.h>
+#include <string.h>
+
+typedef struct sbi_medit {
+    sbi_loader *loader;
+    sbi_reader *reader;
+    int binary, version; /* of the binary form: 1 floats, 3 long places, 4 long integers */
+    int dimension;
+    int vertex_references; /* a vertex has one */
+} sbi_medit;
+
+/* A section of cells; code: its keyword in binary files. */
+typedef struct sbi_medit_section {
+    char name[18];
+    int code, vtk;
+} sbi_medit_section;
+
+enum { SBI_MEDIT_DIMENSION = 3, SBI_MEDIT_VERTICES = 4, SBI_MEDIT_END = 54 };
+
+static const sbi_medit_section *sbi_medit_find(sbi_word name, int64_t code)
+{
+    static const sbi_medit_section sections[] = {
+        {"Edges", 5, 3},        {"Triangles", 6, 5},    {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
+        {"Prisms", 9, 13},      {"Hexahedra", 10, 12},  {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
+        {"TrianglesP2", 24, 22}, {"EdgesP2", 25, 21},   {"TetrahedraP2", 30, 24}};
+    for (size_t i = 0; i < sizeof sections / sizeof sections[0]; i++)
+        if (name.length ? sbi_word_is(name, sections[i].name) : sections[i].code == code)
+            return &sections[i];
+    return NULL;
+}
+
+/* ---- values: the same code reads text and binary ---- */
+
+static int sbi_medit_integer_size(const sbi_medit *medit) { return medit->version >= 4 ? 8 : 4; }
+
+static sb_result sbi_medit_bits(sbi_medit *medit, const char *what, int size, int64_t *value)
+{
+    const unsigned char *bytes = sbi_reader_bytes(medit->reader, 1, (size_t)size, what);
+    if (!bytes)
+        return SB_ERROR_FORMAT;
+    *value = sbi_decode_signed(medit->reader, bytes, size);
+    return SB_OK;
+}
+
+static sb_result sbi_medit_integer(sbi_medit *medit, const char *what, int64_t *value)
+{
+    if (!medit->binary)
+        return sbi_reader_integer(medit->reader, what, value);
+    return sbi_medit_bits(medit, what, sbi_medit_integer_size(medit), value);
+}
+
+static sb_result sbi_medit_real(sbi_medit *medit, double *value)
+{
+    int size = medit->version == 1 ? 4 : 8;
+    const unsigned char *bytes;
+    if (!medit->binary)
+        return sbi_reader_real(medit->reader, "coordinate", value);
+    bytes = sbi_reader_bytes(medit->reader, 1, (size_t)size, "coordinates");
+    if (!bytes)
+        return SB_ERROR_FORMAT;
+    *value = sbi_decode_float(medit->reader, bytes, size);
+    return SB_OK;
+}
+
+/* A number of rows of `numbers` numbers each. */
+static sb_result sbi_medit_count(sbi_medit *medit, const char *what, int numbers, int *count)
+{
+    int64_t value = 0;
+    sb_result result = sbi_medit_integer(medit, what, &value);
+    return result ? result
+                  : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers,
+                                           count);
+}
+
+/* ---- sections ---- */
+
+static sb_result sbi_medit_vertices(sbi_medit *medit)
+{
+    int count = 0;
+    sb_result result;
+    if (medit->dimension == 0)
+        return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "Vertices before Dimension");
+    if (medit->loader->node_count)
+        return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "a second section Vertices");
+    result = sbi_medit_count(medit, "the number of vertices", medit->dimension + 1, &count);
+    if (!result)
+        result = sbi_loader_reserve_nodes(medit->loader, count);
+    for (int i = 0; i < count && !result; i++) {
+        double x[3] = {0, 0, 0};
+        int64_t reference = 0;
+        medit->reader->node = i;
+        for (int k = 0; k < medit->dimension && !result; k++)
+            result = sbi_medit_real(medit, &x[k]);
+        if (!result)
+            result = sbi_medit_integer(medit, "reference", &reference);
+        if (!result)
+            result = sbi_loader_add_node(medit->loader, x);
+        medit->vertex_references |= reference != 0;
+    }
+    medit->reader->node = -1;
+    return result;
+}
+
+/* The reference of a cell: its region and group. */
+static sb_result sbi_medit_reference(sbi_medit *medit, int *region)
+{
+    int64_t reference = 0;
+    sb_result result = sbi_medit_integer(medit, "reference", &reference);
+    if (!result && (reference < INT_MIN || reference > INT_MAX))
+        return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "reference %lld is too large", (long long)reference);
+    *region = (int)reference;
+    return result ? result
+                  : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
+}
+
+static sb_result sbi_medit_cells(sbi_medit *medit, const sbi_medit_section *section)
+{
+    int kind = sbi_cell_kind_of_vtk(section->vtk), nodes = sbi_cell_kind_at(kind)->nodes, count = 0;
+    char what[40];
+    sb_result result;
+    snprintf(what, sizeof what, "the number of %s", section->name);
+    result = sbi_medit_count(medit, what, nodes + 1, &count);
+    for (int i = 0; i < count && !result; i++) {
+        int64_t node = 0;
+        int region = 0;
+        sbi_loader_begin_cell(medit->loader);
+        for (int k = 0; k < nodes && !result; k++) {
+            result = sbi_medit_integer(medit, "node number", &node);
+            if (!result)
+                result = sbi_loader_cell_node(medit->loader, node, 1);
+        }
+        if (!result)
+            result = sbi_medit_reference(medit, &region);
+        if (!result)
+            result = sbi_loader_end_cell(medit->loader, kind, SBI_ORDER_SAME, region);
+    }
+    return result;
+}
+
+static sb_result sbi_medit_dimension(sbi_medit *medit)
+{
+    int64_t dimension = 0;
+    sb_result result = medit->binary ? sbi_medit_bits(medit, "dimension", 4, &dimension)
+                                     : sbi_reader_integer(medit->reader, "dimension", &dimension);
+    if (!result && dimension != 2 && dimension != 3)
+        return sbi_reader_fail(medit->reader, SB_ERROR_UNSUPPORTED, "dimension %lld", (long long)dimension);
+    medit->dimension = (int)dimension;
+    return result;
+}
+
+/* Higher-order cells whose order of nodes is not laid down are no plain side information. */
+static sb_result sbi_medit_ignore(sbi_medit *medit, sbi_word name)
+{
+    static const char *const orders[] = {"Q2", "P3", "P4", "Q3", "Q4", "PrismsP2", "PyramidsP2"};
+    char text[32];
+    for (size_t i = 0; i < sizeof orders / sizeof orders[0]; i++) {
+        size_t length = strlen(orders[i]);
+        if (name.length >= length && memcmp(name.text + name.length - length, orders[i], length) == 0)
+            return sbi_reader_fail(medit->reader, SB_ERROR_UNSUPPORTED, "cells of the kind %s are not read",
+                                   sbi_word_print(name, text));
+    }
+    sbi_loader_ignore(medit->loader, name);
+    return SB_OK;
+}
+
+/* ---- text ---- */
+
+/* Steps over the numbers up to the next keyword. */
+static void sbi_medit_skip_numbers(sbi_reader *reader)
+{
+    sbi_reader ahead = *reader;
+    sbi_word word;
+    double value;
+    while (sbi_reader_word(&ahead, &word) && sbi_parse_real(word.text, word.length, &value) != 0)
+        *reader = ahead;
+}
+
+static sb_result sbi_medit_text_section(sbi_medit *medit, sbi_word keyword, int *ended)
+{
+    const sbi_medit_section *section = sbi_medit_find(keyword, -1);
+    char text[32];
+    sb_result result;
+    int64_t version = 0;
+    char first = keyword.text[0];
+    *ended = sbi_word_is(keyword, "End");
+    if (*ended)
+        return SB_OK;
+    if (section)
+        return sbi_medit_cells(medit, section);
+    if (sbi_word_is(keyword, "Vertices"))
+        return sbi_medit_vertices(medit);
+    if (sbi_word_is(keyword, "Dimension"))
+        return sbi_medit_dimension(medit);
+    if (sbi_word_is(keyword, "MeshVersionFormatted"))
+        return sbi_reader_integer(medit->reader, "version", &version);
+    if (!((first >= 'A' && first <= 'Z') || (first >= 'a' && first <= 'z')))
+        return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "'%s' where a section should begin",
+                               sbi_word_print(keyword, text));
+    result = sbi_medit_ignore(medit, keyword);
+    sbi_medit_skip_numbers(medit->reader);
+    return result;
+}
+
+/* ---- binary ---- */
+
+SBI_API int sbi_medit_is_binary(const char *data, size_t size)
+{
+    const unsigned char *b = (const unsigned char *)data;
+    int little = size >= 12 && b[0] == 1 && !b[1] && !b[2] && !b[3];
+    int big = size >= 12 && b[3] == 1 && !b[0] && !b[1] && !b[2];
+    int version = little ? b[4] : b[7], keyword = little ? b[8] : b[11];
+    if (!little && !big)
+        return 0;
+    for (int i = 0; i < 3; i++) /* the rest of version and first keyword, which is Dimension */
+        if (b[little ? 5 + i : 4 + i] || b[little ? 9 + i : 8 + i])
+            return 0;
+    return version >= 1 && version <= 4 && keyword == SBI_MEDIT_DIMENSION;
+}
+
+/* Keyword, place of the next keyword, content. */
+static sb_result sbi_medit_binary_section(sbi_medit *medit, int *ended)
+{
+    const sbi_medit_section *section;
+    sbi_word none = {"", 0}, name;
+    char text[32];
+    int64_t code = 0, next = 0;
+    sb_result result = sbi_medit_bits(medit, "a keyword", 4, &code);
+    *ended = code == SBI_MEDIT_END;
+    if (!result && !*ended)
+        result = sbi_medit_bits(medit, "the place of the next keyword", medit->version >= 3 ? 8 : 4, &next);
+    if (result || *ended)
+        return result;
+    if (next <= 0 || (uint64_t)next < (uint64_t)medit->reader->at || (uint64_t)next > (uint64_t)medit->reader->size)
+        return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "the next keyword would be at byte %lld",
+                               (long long)next);
+    section = sbi_medit_find(none, code);
+    if (section) {
+        result = sbi_medit_cells(medit, section);
+    } else if (code == SBI_MEDIT_VERTICES) {
+        result = sbi_medit_vertices(medit);
+    } else if (code == SBI_MEDIT_DIMENSION) {
+        result = sbi_medit_dimension(medit);
+    } else {
+        name.length = (size_t)snprintf(text, sizeof text, "keyword %lld", (long long)code);
+        name.text = text;
+        sbi_loader_ignore(medit->loader, name);
+        medit->reader->at = (size_t)next;
+    }
+    if (!result && medit->reader->at > (size_t)next)
+        return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "a section is longer than it announces");
+    medit->reader->at = result ? medit->reader->at : (size_t)next;
+    return result;
+}
+
+static sb_result sbi_medit_read_binary(sbi_medit *medit)
+{
+    int64_t version = 0;
+    int ended = 0;
+    sb_result result;
+    medit->binary = medit->reader->binary = 1;
+    medit->reader->big_endian = medit->reader->data[0] == 0;
+    medit->reader->at = 4;
+    result = sbi_medit_bits(medit, "version", 4, &version);
+    medit->version = (int)version;
+    while (!result && !ended)
+        result = sbi_medit_binary_section(medit, &ended);
+    return result;
+}
+
+SBI_API sb_result sbi_medit_read(sbi_loader *loader)
+{
+    static const sbi_word references = {"references of vertices", 22};
+    sbi_medit medit;
+    sbi_word keyword;
+    int ended = 0;
+    sb_result result = SB_OK;
+    memset(&medit, 0, sizeof medit);
+    medit.loader = loader;
+    medit.reader = &loader->reader;
+    if (sbi_medit_is_binary(loader->reader.data, loader->reader.size)) {
+        result = sbi_medit_read_binary(&medit);
+    } else {
+        loader->reader.comment = '#';
+        while (!result && !ended && sbi_reader_word(medit.reader, &keyword))
+            result = sbi_medit_text_section(&medit, keyword, &ended);
+    }
+    if (!result && !loader->node_count)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the file has no Vertices");
+    if (!result && medit.vertex_references)
+        sbi_loader_ignore(loader, references);
+    return result;
+}
+
+/* ==== src/softbody/meshio_inflate.c ==== */
+/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them. Source: RFC 1950 (zlib), RFC 1951 (deflate).
+ * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
+
+#include <string.h>
+
+enum { SBI_INFLATE_BITS = 15, SBI_INFLATE_LENGTHS = 288, SBI_INFLATE_DISTANCES = 30 };
+
+typedef struct sbi_inflater {
+    const sb_allocator *allocator;
+    const unsigned char *data;
+    size_t size, at;
+    uint32_t bits; /* read, but not used yet; the next one is the lowest */
+    int bit_count;
+    unsigned char *out;
+    size_t out_start, out_size, out_capacity, limit;
+    const char *wrong; /* NULL, or why it ended; "": memory */
+} sbi_inflater;
+
+/* A canonical Huffman code: how many symbols there are of each length, and the symbols in order. */
+typedef struct sbi_inflate_code {
+    int count[SBI_INFLATE_BITS + 1];
+    int symbol[SBI_INFLATE_LENGTHS];
+} sbi_inflate_code;
+
+/* The next `count` <= 16 bits; zeros once something is wrong. */
+static unsigned sbi_inflate_bits(sbi_inflater *z, int count)
+{
+    unsigned value;
+    while (z->bit_count < count) {
+        if (z->at >= z->size) {
+            z->wrong = "it ends too early";
+            return 0;
+        }
+        z->bits |= (uint32_t)z->data[z->at++] << z->bit_count;
+        z->bit_count += 8;
+    }
+    value = (unsigned)(z->bits & (((uint32_t)1 << count) - 1));
+    z->bits >>= count;
+    z->bit_count -= count;
+    return value;
+}
+
+/* Room for `more` bytes of output. */
+static int sbi_inflate_reserve(sbi_inflater *z, size_t more)
+{
+    size_t needed, capacity = z->out_capacity < 256 ? 256 : z->out_capacity;
+    unsigned char *grown;
+    if (more > z->limit - (z->out_size - z->out_start)) {
+        z->wrong = "it holds more than it announces";
+        return 0;
+    }
+    if (more > (size_t)-1 - z->out_size) {
+        z->wrong = "";
+        return 0;
+    }
+    needed = z->out_size + more;
+    if (needed <= z->out_capacity)
+        return 1;
+    while (capacity < needed)
+        capacity = capacity > (size_t)-1 / 2 ? needed : 2 * capacity;
+    grown = (unsigned char *)sbi_alloc(z->allocator, capacity, 1);
+    if (!grown) {
+        z->wrong = "";
+        return 0;
+    }
+    if (z->out_size)
+        memcpy(grown, z->out, z->out_size);
+    sbi_free(z->allocator, z->out);
+    z->out = grown;
+    z->out_capacity = capacity;
+    return 1;
+}
+
+/* Builds the code of symbols with these lengths; 0 when it is over-subscribed, or incomplete with more than one
+ * symbol. */
+static int sbi_inflate_build(sbi_inflate_code *code, const unsigned char *lengths, int symbols)
+{
+    int first[SBI_INFLATE_BITS + 2], left = 1, used = 0;
+    memset(code->count, 0, sizeof code->count);
+    for (int i = 0; i < symbols; i++)
+        code->count[lengths[i]]++;
+    used = symbols - code->count[0];
+    code->count[0] = 0;
+    first[1] = 0;
+    for (int length = 1; length <= SBI_INFLATE_BITS; length++) {
+        left = 2 * left - code->count[length];
+        if (left < 0)
+            return 0;
+        first[length + 1] = first[length] + code->count[length];
+    }
+    for (int i = 0; i < symbols; i++)
+        if (lengths[i])
+            code->symbol[first[lengths[i]]++] = i;
+    return left == 0 || used <= 1;
+}
+
+/* The next symbol, or -1. Codes of one length are consecutive numbers, read from their highest bit. */
+static int sbi_inflate_symbol(sbi_inflater *z, const sbi_inflate_code *code)
+{
+    int value = 0, first = 0, index = 0;
+    for (int length = 1; length <= SBI_INFLATE_BITS && !z->wrong; length++) {
+        int count = code->count[length];
+        value |= (int)sbi_inflate_bits(z, 1);
+        if (value - first < count)
+            return z->wrong ? -1 : code->symbol[index + (value - first)];
+        index += count;
+        first = (first + count) << 1;
+        value <<= 1;
+    }
+    if (!z->wrong)
+        z->wrong = "it has a code that it does not define";
+    return -1;
+}
+
+/* A block as it is. */
+static void sbi_inflate_stored(sbi_inflater *z)
+{
+    unsigned length, complement;
+    z->bits = 0;
+    z->bit_count = 0;
+    length = sbi_inflate_bits(z, 16);
+    complement = sbi_inflate_bits(z, 16);
+    if (z->wrong)
+        return;
+    if (length != (~complement & 0xFFFFu) || length > z->size - z->at) {
+        z->wrong = "a stored block has a wrong length";
+        return;
+    }
+    if (length && sbi_inflate_reserve(z, length)) {
+        memcpy(z->out + z->out_size, z->data + z->at, length);
+        z->out_size += length;
+        z->at += length;
+    }
+}
+
+/* `length` bytes from `distance` before the end; the two may overlap. */
+static void sbi_inflate_copy(sbi_inflater *z, size_t length, size_t distance)
+{
+    if (distance > z->out_size - z->out_start) {
+        z->wrong = "it refers to bytes before its start";
+        return;
+    }
+    if (!sbi_inflate_reserve(z, length))
+        return;
+    for (; length > 0; length--, z->out_size++)
+        z->out[z->out_size] = z->out[z->out_size - distance];
+}
+
+static void sbi_inflate_block(sbi_inflater *z, const sbi_inflate_code *literals, const sbi_inflate_code *distances)
+{
+    static const short base[29] = {3,  4,  5,  6,  7,  8,  9,  10, 11,  13,  15,  17,  19,  23, 27,
+                                   31, 35, 43, 51, 59, 67, 83, 99, 115, 131, 163, 195, 227, 258};
+    static const signed char extra[29] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2,
+                                          2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5, 5, 0};
+    while (!z->wrong) {
+        int symbol = sbi_inflate_symbol(z, literals), length, distance;
+        if (z->wrong || symbol == 256)
+            return;
+        if (symbol < 256) {
+            if (sbi_inflate_reserve(z, 1))
+                z->out[z->out_size++] = (unsigned char)symbol;
+            continue;
+        }
+        symbol -= 257;
+        if (symbol >= 29) {
+            z->wrong = "it has an unknown length";
+            return;
+        }
+        length = base[symbol] + (int)sbi_inflate_bits(z, extra[symbol]);
+        symbol = sbi_inflate_symbol(z, distances);
+        if (!z->wrong && symbol >= SBI_INFLATE_DISTANCES)
+            z->wrong = "it has an unknown distance";
+        if (z->wrong)
+            return;
+        /* 1 2 3 4, then two of each number of extra bits */
+        distance = symbol < 4 ? symbol + 1
+                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) +
+                                    (int)sbi_inflate_bits(z, symbol / 2 - 1);
+        if (!z->wrong)
+            sbi_inflate_copy(z, (size_t)length, (size_t)distance);
+    }
+}
+
+static void sbi_inflate_fixed(sbi_inflater *z)
+{
+    unsigned char lengths[SBI_INFLATE_LENGTHS];
+    sbi_inflate_code literals, distances;
+    for (int i = 0; i < SBI_INFLATE_LENGTHS; i++)
+        lengths[i] = (unsigned char)(i < 144 ? 8 : i < 256 ? 9 : i < 280 ? 7 : 8);
+    sbi_inflate_build(&literals, lengths, SBI_INFLATE_LENGTHS);
+    memset(lengths, 5, 32);
+    sbi_inflate_build(&distances, lengths, 32);
+    sbi_inflate_block(z, &literals, &distances);
+}
+
+/* Lengths of both codes, packed with a code of their own: 16 repeats the last, 17 and 18 are runs of zeros. */
+static void sbi_inflate_lengths(sbi_inflater *z, const sbi_inflate_code *code, unsigned char *lengths, int count)
+{
+    int at = 0;
+    while (at < count) {
+        int symbol = sbi_inflate_symbol(z, code), repeat;
+        unsigned char value = 0;
+        if (z->wrong)
+            return;
+        if (symbol < 16) {
+            lengths[at++] = (unsigned char)symbol;
+            continue;
+        }
+        if (symbol == 16 && at > 0)
+            value = lengths[at - 1];
+        repeat = symbol == 16   ? 3 + (int)sbi_inflate_bits(z, 2)
+                 : symbol == 17 ? 3 + (int)sbi_inflate_bits(z, 3)
+                                : 11 + (int)sbi_inflate_bits(z, 7);
+        if (!z->wrong && (repeat > count - at || (symbol == 16 && at == 0)))
+            z->wrong = "its code lengths do not fit";
+        for (; repeat > 0 && !z->wrong; repeat--)
+            lengths[at++] = value;
+    }
+}
+
+static void sbi_inflate_dynamic(sbi_inflater *z)
+{
+    static const unsigned char order[19] = {16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15};
+    unsigned char lengths[286 + SBI_INFLATE_DISTANCES + 2];
+    sbi_inflate_code literals, distances;
+    int literal_count = 257 + (int)sbi_inflate_bits(z, 5), distance_count = 1 + (int)sbi_inflate_bits(z, 5);
+    int count = 4 + (int)sbi_inflate_bits(z, 4);
+    if (literal_count > 286 || distance_count > SBI_INFLATE_DISTANCES) {
+        z->wrong = "it has too many codes";
+        return;
+    }
+    memset(lengths, 0, 19);
+    for (int i = 0; i < count; i++)
+        lengths[order[i]] = (unsigned char)sbi_inflate_bits(z, 3);
+    if (!sbi_inflate_build(&literals, lengths, 19)) {
+        z->wrong = "its code lengths make no code";
+        return;
+    }
+    memset(lengths, 0, sizeof lengths);
+    sbi_inflate_lengths(z, &literals, lengths, literal_count + distance_count);
+    if (z->wrong)
+        return;
+    if (lengths[256] == 0 || !sbi_inflate_build(&literals, lengths, literal_count) ||
+        !sbi_inflate_build(&distances, lengths + literal_count, distance_count)) {
+        z->wrong = "its code lengths make no code";
+        return;
+    }
+    sbi_inflate_block(z, &literals, &distances);
+}
+
+/* Adler-32: two sums modulo 65521 (RFC 1950). */
+static uint32_t sbi_inflate_checksum(const unsigned char *data, size_t size)
+{
+    uint32_t a = 1, b = 0;
+    while (size > 0) {
+        size_t part = size < 5552 ? size : 5552; /* the most that cannot overflow */
+        for (size_t i = 0; i < part; i++) {
+            a += data[i];
+            b += a;
+        }
+        a %= 65521;
+        b %= 65521;
+        data += part;
+        size -= part;
+    }
+    return b << 16 | a;
+}
+
+static void sbi_inflate_blocks(sbi_inflater *z)
+{
+    unsigned last = 0;
+    while (!last && !z->wrong) {
+        unsigned kind;
+        last = sbi_inflate_bits(z, 1);
+        kind = sbi_inflate_bits(z, 2);
+        if (z->wrong)
+            return;
+        if (kind == 0)
+            sbi_inflate_stored(z);
+        else if (kind == 1)
+            sbi_inflate_fixed(z);
+        else if (kind == 2)
+            sbi_inflate_dynamic(z);
+        else
+            z->wrong = "it has a block of an unknown kind";
+    }
+}
+
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    sbi_inflater z;
+    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
+        return "it has no zlib header";
+    memset(&z, 0, sizeof z);
+    z.allocator = allocator;
+    z.data = data;
+    z.size = size;
+    z.at = 2;
+    z.out = *out;
+    z.out_start = z.out_size = *out_size;
+    z.out_capacity = *out_capacity;
+    z.limit = limit;
+    sbi_inflate_blocks(&z);
+    *out = z.out; /* which may have moved, also when something went wrong */
+    *out_capacity = z.out_capacity;
+    if (z.wrong)
+        return z.wrong;
+    z.at -= (size_t)(z.bit_count / 8);
+    if (size - z.at < 4)
+        return "its checksum is missing";
+    if (sbi_inflate_checksum(z.out ? z.out + z.out_start : NULL, z.out_size - z.out_start) !=
+        ((uint32_t)data[z.at] << 24 | (uint32_t)data[z.at + 1] << 16 | (uint32_t)data[z.at + 2] << 8 | data[z.at + 3]))
+        return "its checksum is wrong";
+    *out_size = z.out_size;
+    return NULL;
+}
+
+/* ==== src/softbody/meshio_xml.c ==== */
+/* meshio_xml: the tags of an XML file, as far as mesh files need them. Source: "Extensible Markup Language (XML) 1.0",
+ * without entities, document type definitions and CDATA sections. */
+
+#include <limits.h>
+#include <string.h>
+
+static int sbi_xml_is_blank(char c) { return c == ' ' || c == '\t' || c == '\n' || c == '\r'; }
+
+/* Steps over a character, counting lines. */
+static void sbi_xml_step(sbi_reader *reader)
+{
+    char c = reader->data[reader->at++];
+    int lone = c == '\r' && (reader->at >= reader->size || reader->data[reader->at] != '\n');
+    if ((c == '\n' || lone) && reader->line < INT_MAX)
+        reader->line++;
+}
+
+static void sbi_xml_skip_blanks(sbi_reader *reader)
+{
+    while (reader->at < reader->size && sbi_xml_is_blank(reader->data[reader->at]))
+        sbi_xml_step(reader);
+}
+
+/* Steps behind the next `end`. */
+static sb_result sbi_xml_skip_behind(sbi_reader *reader, const char *end)
+{
+    size_t length = strlen(end);
+    for (; sbi_reader_left(reader) >= length; sbi_xml_step(reader))
+        if (memcmp(reader->data + reader->at, end, length) == 0) {
+            reader->at += length;
+            return SB_OK;
+        }
+    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends where \"%s\" should be", end);
+}
+
+static int sbi_xml_starts_with(const sbi_reader *reader, const char *text)
+{
+    size_t length = strlen(text);
+    return sbi_reader_left(reader) >= length && memcmp(reader->data + reader->at, text, length) == 0;
+}
+
+/* A name: up to a blank or a sign of the syntax. */
+static sb_result sbi_xml_name(sbi_reader *reader, sbi_word *name)
+{
+    name->text = reader->data + reader->at;
+    while (reader->at < reader->size && !sbi_xml_is_blank(reader->data[reader->at]) &&
+           !memchr("<>/=\"'", reader->data[reader->at], 6))
+        reader->at++;
+    name->length = (size_t)(reader->data + reader->at - name->text);
+    return name->length ? SB_OK : sbi_reader_fail(reader, SB_ERROR_FORMAT, "a name is missing in a tag");
+}
+
+/* name="value" or name='value' */
+static sb_result sbi_xml_read_attribute(sbi_xml *xml)
+{
+    sbi_reader *reader = xml->reader;
+    sbi_word *value;
+    sb_result result;
+    char quote;
+    if (xml->attribute_count >= SBI_XML_ATTRIBUTES)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "an element with more than %d attributes",
+                               SBI_XML_ATTRIBUTES);
+    result = sbi_xml_name(reader, &xml->attributes[xml->attribute_count]);
+    if (result)
+        return result;
+    sbi_xml_skip_blanks(reader);
+    if (!sbi_xml_starts_with(reader, "="))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "an attribute without a value");
+    reader->at++;
+    sbi_xml_skip_blanks(reader);
+    quote = reader->at < reader->size ? reader->data[reader->at] : 0;
+    if (quote != '"' && quote != '\'')
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "an attribute's value is not quoted");
+    reader->at++;
+    value = &xml->values[xml->attribute_count++];
+    value->text = reader->data + reader->at;
+    while (reader->at < reader->size && reader->data[reader->at] != quote)
+        sbi_xml_step(reader);
+    if (reader->at >= reader->size)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in an attribute");
+    value->length = (size_t)(reader->data + reader->at - value->text);
+    reader->at++;
+    return SB_OK;
+}
+
+/* Behind "<": name, attributes, ">" or "/>". */
+static sb_result sbi_xml_start(sbi_xml *xml)
+{
+    sbi_reader *reader = xml->reader;
+    sb_result result = sbi_xml_name(reader, &xml->name);
+    xml->event = SBI_XML_START;
+    xml->attribute_count = 0;
+    if (!result && xml->depth >= SBI_XML_DEPTH)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "elements in each other more than %d deep", SBI_XML_DEPTH);
+    while (!result) {
+        sbi_xml_skip_blanks(reader);
+        if (sbi_xml_starts_with(reader, "/>") || sbi_xml_starts_with(reader, ">"))
+            break;
+        if (reader->at >= reader->size)
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in a tag");
+        result = sbi_xml_read_attribute(xml);
+    }
+    if (result)
+        return result;
+    xml->stop_next = reader->data[reader->at] == '/';
+    reader->at += xml->stop_next ? 2u : 1u;
+    xml->open[xml->depth++] = xml->name;
+    return SB_OK;
+}
+
+static sb_result sbi_xml_stop(sbi_xml *xml)
+{
+    sbi_reader *reader = xml->reader;
+    sbi_word open, name;
+    char text[32], own[32];
+    sb_result result;
+    reader->at += 2;
+    result = sbi_xml_name(reader, &name);
+    if (result)
+        return result;
+    sbi_xml_skip_blanks(reader);
+    if (!sbi_xml_starts_with(reader, ">"))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "an end tag without its \">\"");
+    reader->at++;
+    if (xml->depth == 0)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "</%s> closes nothing", sbi_word_print(name, text));
+    open = xml->open[--xml->depth];
+    if (open.length != name.length || memcmp(open.text, name.text, name.length) != 0)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "</%s> where </%s> should be", sbi_word_print(name, text),
+                               sbi_word_print(open, own));
+    xml->event = SBI_XML_STOP;
+    xml->name = name;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_xml_next(sbi_xml *xml)
+{
+    sbi_reader *reader = xml->reader;
+    sb_result result = SB_OK;
+    char text[32];
+    if (xml->stop_next) {
+        xml->stop_next = 0;
+        xml->event = SBI_XML_STOP;
+        xml->name = xml->open[--xml->depth];
+        return SB_OK;
+    }
+    while (!result) {
+        while (reader->at < reader->size && reader->data[reader->at] != '<')
+            sbi_xml_step(reader);
+        if (reader->at >= reader->size) {
+            xml->event = SBI_XML_END;
+            if (xml->depth > 0)
+                return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in <%s>",
+                                       sbi_word_print(xml->open[xml->depth - 1], text));
+            return SB_OK;
+        }
+        if (sbi_xml_starts_with(reader, "<!--"))
+            result = sbi_xml_skip_behind(reader, "-->");
+        else if (sbi_xml_starts_with(reader, "<?"))
+            result = sbi_xml_skip_behind(reader, "?>");
+        else if (sbi_xml_starts_with(reader, "<!"))
+            return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
+                                   "XML with document type definitions or CDATA sections is not read");
+        else if (sbi_xml_starts_with(reader, "</"))
+            return sbi_xml_stop(xml);
+        else {
+            reader->at++;
+            return sbi_xml_start(xml);
+        }
+    }
+    return result;
+}
+
+SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *value)
+{
+    for (int i = 0; i < xml->attribute_count; i++)
+        if (sbi_word_equals(xml->attributes[i], name)) {
+            *value = xml->values[i];
+            return 1;
+        }
+    return 0;
+}
+
+/* ==== src/softbody/meshio_vtu.c ==== */
+/* meshio_vtu: reads VTK's XML files of unstructured grids (.vtu) and polygons (.vtp), serial, of any version: ASCII,
+ * base64 inline, appended raw and base64, 32- and 64-bit headers, both byte orders, plain or packed by zlib.
+ * Source of the format: "VTK File Formats" (docs.vtk.org), and what VTK and meshio write.
+ *
+ *     <VTKFile type= byte_order= header_type= compressor=>
+ *       <UnstructuredGrid>
+ *         <Piece NumberOfPoints= NumberOfCells=>     tags are walked, the arrays that matter noted in a sbi_vtu_array;
+ *           <CellData> <Points> <Cells>              at </Piece> they are opened and handed to the loader
+ *       <AppendedData encoding=> _ ... */
+
+#include <limits.h>
+#include <string.h>
+
+typedef enum sbi_vtu_format { SBI_VTU_ASCII = 0, SBI_VTU_BASE64 = 1, SBI_VTU_RAW = 2 } sbi_vtu_format;
+
+/* A DataArray of the piece. */
+typedef struct sbi_vtu_array {
+    int present;
+    sbi_word name;
+    char class_; /* i signed, u unsigned, f floating; 0: something else */
+    int size;    /* bytes of a value */
+    int components;
+    sbi_vtu_format format;
+    sbi_reader text; /* bounded: the text between its tags, or appended data from its offset on */
+} sbi_vtu_array;
+
+/* The values of an array, one after the other. */
+typedef struct sbi_vtu_values {
+    const sbi_vtu_array *array;
+    sbi_reader reader;          /* ASCII: at the next word; else the array's place for errors */
+    const unsigned char *bytes; /* NULL: ASCII */
+    unsigned char *owned;
+    size_t count, next; /* of bytes */
+} sbi_vtu_values;
+
+/* Where in a piece a DataArray lies. Lists of cells come first. */
+enum {
+    SBI_VTU_CELLS = 0,
+    SBI_VTU_VERTS = 1,
+    SBI_VTU_LINES = 2,
+    SBI_VTU_POLYS = 3,
+    SBI_VTU_STRIPS = 4,
+    SBI_VTU_LISTS = 5,
+    SBI_VTU_POINTS = 5,
+    SBI_VTU_POINT_DATA = 6,
+    SBI_VTU_CELL_DATA = 7,
+    SBI_VTU_ELSEWHERE = 8
+};
+
+typedef struct sbi_vtu {
+    sbi_loader *loader;
+    sbi_xml xml;
+    int polydata, header_size, big_endian;
+    int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
+    sbi_word compressor; /* its name */
+    int has_file, has_grid; /* the tags VTKFile and of the data set were met */
+    size_t appended;        /* first byte behind the "_"; 0: there is no appended data */
+    sbi_vtu_format appended_format;
+    int section; /* of the piece, see above */
+    int in_piece;
+    int point_count, cell_counts[SBI_VTU_LISTS];
+    sbi_vtu_array points, types, regions, offsets[SBI_VTU_LISTS], connectivity[SBI_VTU_LISTS];
+} sbi_vtu;
+
+/* ---- bytes of an array ---- */
+
+static int sbi_vtu_base64_digit(char c)
+{
+    if (c >= 'A' && c <= 'Z')
+        return c - 'A';
+    if (c >= 'a' && c <= 'z')
+        return c - 'a' + 26;
+    if (c >= '0' && c <= '9')
+        return c - '0' + 52;
+    return c == '+' ? 62 : c == '/' ? 63 : -1;
+}
+
+/* Decodes up to `need` bytes and returns how many there were. Writers encode header and data separately or together:
+ * a padded group ends one part, and the next follows. Stops at what is neither a digit nor a blank. */
+static size_t sbi_vtu_decode(const char *text, size_t size, size_t need, unsigned char *out)
+{
+    size_t got = 0;
+    unsigned group = 0;
+    int digits = 0, padding = 0;
+    for (size_t i = 0; i < size && got < need; i++) {
+        int digit = sbi_vtu_base64_digit(text[i]), bytes;
+        if (text[i] == ' ' || text[i] == '\n' || text[i] == '\r' || text[i] == '\t')
+            continue;
+        if (text[i] == '=')
+            padding++;
+        else if (digit < 0 || padding)
+            break;
+        group = group << 6 | (unsigned)(digit < 0 ? 0 : digit);
+        if (++digits < 4)
+            continue;
+        if (padding > 2)
+            break;
+        bytes = 3 - padding;
+        for (int k = 0; k < bytes && got < need; k++)
+            out[got++] = (unsigned char)(group >> (16 - 8 * k) & 0xFF);
+        group = 0;
+        digits = padding = 0;
+    }
+    return got;
+}
+
+/* The first `need` bytes of an array, fewer when there are no more; *owned is to be freed. NULL without memory. */
+static const unsigned char *sbi_vtu_fetch(const sbi_vtu *vtu, const sbi_vtu_array *array, size_t need, size_t *got,
+                                          unsigned char **owned)
+{
+    const char *text = array->text.data + array->text.at;
+    size_t left = sbi_reader_left(&array->text), most = left / 4 * 3 + 3;
+    *owned = NULL;
+    if (array->format == SBI_VTU_RAW) {
+        *got = need < left ? need : left;
+        return (const unsigned char *)text;
+    }
+    *owned = (unsigned char *)sbi_alloc(&vtu->loader->allocator, need < most ? need : most, 1);
+    if (*owned)
+        *got = sbi_vtu_decode(text, left, need < most ? need : most, *owned);
+    return *owned;
+}
+
+static sb_result sbi_vtu_fail_short(const sbi_vtu_array *array)
+{
+    char text[32];
+    return sbi_reader_fail(&array->text, SB_ERROR_FORMAT, "the data of the array %s is cut off or no base64",
+                           sbi_word_print(array->name, text));
+}
+
+/* Number i of a header. */
+static uint64_t sbi_vtu_header_at(const sbi_vtu *vtu, const sbi_vtu_array *array, const unsigned char *bytes, size_t i)
+{
+    return sbi_decode_bits(&array->text, bytes + i * (size_t)vtu->header_size, vtu->header_size);
+}
+
+/* Takes over the bytes [at, at + size) of what was fetched. */
+static void sbi_vtu_keep(sbi_vtu_values *values, const unsigned char *bytes, unsigned char *owned, size_t size)
+{
+    values->bytes = bytes;
+    values->owned = owned;
+    values->count = size / (size_t)values->array->size;
+}
+
+/* Number of bytes; bytes. */
+static sb_result sbi_vtu_open_plain(const sbi_vtu *vtu, sbi_vtu_values *values, uint64_t size)
+{
+    const sbi_vtu_array *array = values->array;
+    size_t head = (size_t)vtu->header_size, got = 0;
+    unsigned char *owned;
+    const unsigned char *bytes;
+    if (size > (uint64_t)sbi_reader_left(&array->text))
+        return sbi_vtu_fail_short(array);
+    bytes = sbi_vtu_fetch(vtu, array, head + (size_t)size, &got, &owned);
+    if (!bytes)
+        return sbi_loader_no_memory(vtu->loader);
+    if (got < head + (size_t)size) {
+        sbi_free(&vtu->loader->allocator, owned);
+        return sbi_vtu_fail_short(array);
+    }
+    sbi_vtu_keep(values, bytes + head, owned, (size_t)size);
+    return SB_OK;
+}
+
+/* The blocks behind a header: each is a zlib stream of `full` bytes, the last one of `last` unless that is 0. */
+static sb_result sbi_vtu_unpack(const sbi_vtu *vtu, sbi_vtu_values *values, const unsigned char *bytes, size_t size,
+                                size_t blocks)
+{
+    const sbi_vtu_array *array = values->array;
+    size_t at = (3 + blocks) * (size_t)vtu->header_size, out_size = 0, capacity = 0;
+    uint64_t full = sbi_vtu_header_at(vtu, array, bytes, 1), last = sbi_vtu_header_at(vtu, array, bytes, 2);
+    unsigned char *out = (unsigned char *)sbi_alloc(&vtu->loader->allocator, 1, 1);
+    const char *wrong = out ? NULL : "";
+    capacity = 1;
+    for (size_t i = 0; i < blocks && !wrong; i++) {
+        uint64_t packed = sbi_vtu_header_at(vtu, array, bytes, 3 + i), expected = i + 1 == blocks && last ? last : full;
+        size_t before = out_size;
+        if (packed > size - at || expected > (uint64_t)((size_t)-1) / 2)
+            wrong = "it is cut off";
+        else
+            wrong = sbi_inflate(&vtu->loader->allocator, bytes + at, (size_t)packed, (size_t)expected, &out, &out_size,
+                                &capacity);
+        if (!wrong && out_size - before != expected)
+            wrong = "it holds less than it announces";
+        if (!wrong)
+            at += (size_t)packed;
+    }
+    if (!wrong) {
+        sbi_vtu_keep(values, out, out, out_size);
+        return SB_OK;
+    }
+    sbi_free(&vtu->loader->allocator, out);
+    if (!wrong[0])
+        return sbi_loader_no_memory(vtu->loader);
+    return sbi_reader_fail(&array->text, SB_ERROR_FORMAT, "a packed block of the array cannot be unpacked: %s", wrong);
+}
+
+/* Number of blocks, sizes of a block and of the last one, packed size of each; blocks. */
+static sb_result sbi_vtu_open_packed(const sbi_vtu *vtu, sbi_vtu_values *values, uint64_t blocks)
+{
+    const sbi_vtu_array *array = values->array;
+    size_t head, got = 0, total;
+    unsigned char *owned;
+    const unsigned char *bytes;
+    sb_result result = SB_OK;
+    if (blocks == 0) {
+        sbi_vtu_keep(values, (const unsigned char *)"", NULL, 0);
+        return SB_OK;
+    }
+    if (blocks > (uint64_t)(sbi_reader_left(&array->text) / (size_t)vtu->header_size))
+        return sbi_vtu_fail_short(array);
+    head = (3 + (size_t)blocks) * (size_t)vtu->header_size;
+    bytes = sbi_vtu_fetch(vtu, array, head, &got, &owned);
+    if (!bytes)
+        return sbi_loader_no_memory(vtu->loader);
+    total = head;
+    if (got < head)
+        result = sbi_vtu_fail_short(array);
+    for (size_t i = 0; i < (size_t)blocks && !result; i++) {
+        uint64_t packed = sbi_vtu_header_at(vtu, array, bytes, 3 + i);
+        if (packed > (uint64_t)sbi_reader_left(&array->text) || total > (size_t)-1 / 2)
+            result = sbi_vtu_fail_short(array);
+        else
+            total += (size_t)packed;
+    }
+    sbi_free(&vtu->loader->allocator, owned);
+    if (result)
+        return result;
+    bytes = sbi_vtu_fetch(vtu, array, total, &got, &owned);
+    if (!bytes)
+        return sbi_loader_no_memory(vtu->loader);
+    result = got < total ? sbi_vtu_fail_short(array) : sbi_vtu_unpack(vtu, values, bytes, got, (size_t)blocks);
+    sbi_free(&vtu->loader->allocator, owned);
+    return result;
+}
+
+/* Makes the values of an array readable; to be closed, also after a failure. */
+static sb_result sbi_vtu_open(const sbi_vtu *vtu, const sbi_vtu_array *array, sbi_vtu_values *values)
+{
+    unsigned char *owned;
+    const unsigned char *bytes;
+    size_t got = 0;
+    uint64_t first = 0;
+    char text[32];
+    memset(values, 0, sizeof *values);
+    values->array = array;
+    values->reader = array->text;
+    if (array->format == SBI_VTU_ASCII)
+        return SB_OK;
+    if (vtu->compressed == 2)
+        return sbi_reader_fail(&array->text, SB_ERROR_UNSUPPORTED,
+                               "the data is packed by %s: save it with the compressor none or ZLib",
+                               sbi_word_print(vtu->compressor, text));
+    bytes = sbi_vtu_fetch(vtu, array, (size_t)vtu->header_size, &got, &owned);
+    if (!bytes)
+        return sbi_loader_no_memory(vtu->loader);
+    if (got == (size_t)vtu->header_size)
+        first = sbi_vtu_header_at(vtu, array, bytes, 0);
+    sbi_free(&vtu->loader->allocator, owned);
+    if (got < (size_t)vtu->header_size)
+        return sbi_vtu_fail_short(array);
+    return vtu->compressed ? sbi_vtu_open_packed(vtu, values, first) : sbi_vtu_open_plain(vtu, values, first);
+}
+
+static void sbi_vtu_close(const sbi_vtu *vtu, sbi_vtu_values *values)
+{
+    sbi_free(&vtu->loader->allocator, values->owned);
+    memset(values, 0, sizeof *values);
+}
+
+/* ---- values ---- */
+
+static const unsigned char *sbi_vtu_next(sbi_vtu_values *values, const char *what)
+{
+    if (values->next >= values->count) {
+        sbi_reader_fail(&values->reader, SB_ERROR_FORMAT, "the array ends where %s should be", what);
+        return NULL;
+    }
+    return values->bytes + values->next++ * (size_t)values->array->size;
+}
+
+static sb_result sbi_vtu_real(sbi_vtu_values *values, const char *what, double *value)
+{
+    const sbi_vtu_array *array = values->array;
+    const unsigned char *bytes;
+    if (!values->bytes)
+        return sbi_reader_real(&values->reader, what, value);
+    bytes = sbi_vtu_next(values, what);
+    if (!bytes)
+        return SB_ERROR_FORMAT;
+    if (array->class_ == 'f')
+        *value = sbi_decode_float(&array->text, bytes, array->size);
+    else if (array->class_ == 'i')
+        *value = (double)sbi_decode_signed(&array->text, bytes, array->size);
+    else
+        *value = (double)sbi_decode_bits(&array->text, bytes, array->size);
+    return SB_OK;
+}
+
+static sb_result sbi_vtu_integer(sbi_vtu_values *values, const char *what, int64_t *value)
+{
+    const sbi_vtu_array *array = values->array;
+    const unsigned char *bytes;
+    uint64_t bits;
+    if (!values->bytes)
+        return sbi_reader_integer(&values->reader, what, value);
+    bytes = sbi_vtu_next(values, what);
+    if (!bytes)
+        return SB_ERROR_FORMAT;
+    bits = sbi_decode_bits(&array->text, bytes, array->size);
+    if (array->class_ == 'i')
+        *value = sbi_decode_signed(&array->text, bytes, array->size);
+    else if (bits <= (uint64_t)INT64_MAX)
+        *value = (int64_t)bits;
+    else
+        return sbi_reader_fail(&values->reader, SB_ERROR_FORMAT, "%s is too large", what);
+    return SB_OK;
+}
+
+/* An error unless the array ends here. */
+static sb_result sbi_vtu_expect_end(sbi_vtu_values *values, const char *what)
+{
+    sbi_word word;
+    int more = values->bytes ? values->next < values->count : sbi_reader_word(&values->reader, &word);
+    return more ? sbi_reader_fail(&values->reader, SB_ERROR_FORMAT, "the array has more values than %s need", what)
+                : SB_OK;
+}
+
+/* Whether an array can hold so many values: memory may be taken for them then. */
+static sb_result sbi_vtu_check_count(const sbi_vtu_values *values, const char *what, int64_t count)
+{
+    size_t room = values->bytes ? values->count : (sbi_reader_left(&values->reader) + 1) / 2;
+    return (uint64_t)count <= (uint64_t)room
+               ? SB_OK
+               : sbi_reader_fail(&values->reader, SB_ERROR_FORMAT, "the array is too short for %lld values: %s",
+                                 (long long)count, what);
+}
+
+/* ---- a piece ---- */
+
+static sb_result sbi_vtu_need(const sbi_vtu *vtu, const sbi_vtu_array *array, const char *name, int only_integers)
+{
+    if (!array->present)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "the piece has no array %s", name);
+    if (!array->class_ || (only_integers && array->class_ == 'f'))
+        return sbi_reader_fail(&array->text, SB_ERROR_FORMAT, "the array %s has a type that does not fit", name);
+    return SB_OK;
+}
+
+static sb_result sbi_vtu_read_points(sbi_vtu *vtu)
+{
+    sbi_vtu_values values;
+    sbi_loader *loader = vtu->loader;
+    sb_result result = sbi_vtu_need(vtu, &vtu->points, "of points", 0);
+    if (!result && vtu->points.components != 3)
+        return sbi_reader_fail(&vtu->points.text, SB_ERROR_FORMAT, "points with %d components", vtu->points.components);
+    if (!result && (size_t)vtu->point_count > (size_t)INT_MAX - loader->node_count)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes");
+    if (result)
+        return result;
+    result = sbi_vtu_open(vtu, &vtu->points, &values);
+    if (!result)
+        result = sbi_vtu_check_count(&values, "coordinates", 3 * (int64_t)vtu->point_count);
+    if (!result)
+        result = sbi_loader_reserve_nodes(loader, vtu->point_count);
+    for (int i = 0; i < vtu->point_count && !result; i++) {
+        double x[3] = {0, 0, 0};
+        values.reader.node = (int)loader->node_count;
+        for (int k = 0; k < 3 && !result; k++)
+            result = sbi_vtu_real(&values, "coordinate", &x[k]);
+        loader->reader.line = values.reader.line;
+        if (!result)
+            result = sbi_loader_add_node(loader, x);
+    }
+    values.reader.node = -1;
+    if (!result)
+        result = sbi_vtu_expect_end(&values, "the points");
+    sbi_vtu_close(vtu, &values);
+    return result;
+}
+
+/* The three streams of a list of cells; types are those of Cells only. */
+typedef struct sbi_vtu_list {
+    sbi_vtu_values offsets, connectivity, types;
+    int64_t offset; /* of the cell before */
+} sbi_vtu_list;
+
+static sb_result sbi_vtu_read_cell(sbi_vtu *vtu, int list, sbi_vtu_list *read, int base)
+{
+    static const int kinds[SBI_VTU_LISTS] = {0, 2, 4, 7, 6}; /* VTK's types of the lists of polydata */
+    sbi_loader *loader = vtu->loader;
+    int64_t end = 0, type = kinds[list], node = 0;
+    int kind, cell = loader->source_count;
+    sb_result result;
+    sbi_loader_begin_cell(loader);
+    read->offsets.reader.element = read->connectivity.reader.element = read->types.reader.element = cell;
+    result = sbi_vtu_integer(&read->offsets, "offset", &end);
+    if (!result && list == SBI_VTU_CELLS)
+        result = sbi_vtu_integer(&read->types, "cell type", &type);
+    if (result)
+        return result;
+    kind = sbi_cell_kind_of_vtk(type);
+    if (kind < 0)
+        return sbi_reader_fail(&read->types.reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", cell,
+                               (long long)type);
+    if (end < read->offset)
+        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT, "the offset of cell %d is %lld, less than before",
+                               cell, (long long)end);
+    for (; read->offset < end && !result; read->offset++) {
+        result = sbi_vtu_integer(&read->connectivity, "node index", &node);
+        if (!result && (node < 0 || node >= vtu->point_count))
+            return sbi_reader_fail(&read->connectivity.reader, SB_ERROR_INDEX,
+                                   "cell %d refers to node %lld, but the piece has %d points", cell, (long long)node,
+                                   vtu->point_count);
+        if (!result)
+            result = sbi_loader_cell_node(loader, node + base, 0);
+    }
+    loader->reader.line = read->connectivity.reader.line;
+    return result ? result : sbi_loader_end_vtk_cell(loader, kind);
+}
+
+static sb_result sbi_vtu_read_list(sbi_vtu *vtu, int list, int base)
+{
+    static const char *const names[3] = {"offsets", "connectivity", "types"};
+    const sbi_vtu_array *arrays[3];
+    sbi_vtu_list read;
+    int count = vtu->cell_counts[list];
+    sb_result result = SB_OK;
+    arrays[0] = &vtu->offsets[list];
+    arrays[1] = &vtu->connectivity[list];
+    arrays[2] = &vtu->types;
+    memset(&read, 0, sizeof read);
+    for (int i = 0; i < (list == SBI_VTU_CELLS ? 3 : 2) && !result; i++) {
+        result = sbi_vtu_need(vtu, arrays[i], names[i], 1);
+        if (!result)
+            result = sbi_vtu_open(vtu, arrays[i], i == 0 ? &read.offsets : i == 1 ? &read.connectivity : &read.types);
+    }
+    for (int i = 0; i < count && !result; i++)
+        result = sbi_vtu_read_cell(vtu, list, &read, base);
+    read.offsets.reader.element = read.connectivity.reader.element = -1;
+    if (!result)
+        result = sbi_vtu_expect_end(&read.offsets, "the cells");
+    if (!result)
+        result = sbi_vtu_expect_end(&read.connectivity, "the cells");
+    sbi_vtu_close(vtu, &read.offsets);
+    sbi_vtu_close(vtu, &read.connectivity);
+    sbi_vtu_close(vtu, &read.types);
+    return result;
+}
+
+static sb_result sbi_vtu_read_regions(sbi_vtu *vtu, int first)
+{
+    sbi_loader *loader = vtu->loader;
+    sbi_vtu_values values;
+    sb_result result;
+    if (loader->region_rank == 0 || !vtu->regions.present)
+        return loader->source_regions ? sbi_loader_begin_regions(loader) : SB_OK;
+    result = sbi_loader_begin_regions(loader);
+    if (result)
+        return result;
+    result = sbi_vtu_open(vtu, &vtu->regions, &values);
+    for (int i = first; i < loader->source_count && !result; i++) {
+        double value = 0;
+        values.reader.element = i;
+        result = sbi_vtu_real(&values, "region", &value);
+        loader->reader.line = values.reader.line;
+        loader->reader.element = i;
+        if (!result)
+            result = sbi_loader_set_region(loader, vtu->regions.name, i, value);
+    }
+    loader->reader.element = -1;
+    sbi_vtu_close(vtu, &values);
+    return result;
+}
+
+/* At </Piece>. */
+static sb_result sbi_vtu_read_piece(sbi_vtu *vtu)
+{
+    sbi_loader *loader = vtu->loader;
+    int base = (int)loader->node_count, first = loader->source_count, line = loader->reader.line;
+    sb_result result = vtu->point_count > 0 ? sbi_vtu_read_points(vtu) : SB_OK;
+    for (int list = 0; list < SBI_VTU_LISTS && !result; list++)
+        if (vtu->cell_counts[list] > 0)
+            result = sbi_vtu_read_list(vtu, list, base);
+    if (!result)
+        result = sbi_vtu_read_regions(vtu, first);
+    loader->reader.line = line;
+    vtu->in_piece = 0;
+    loader->pieces += vtu->point_count > 0;
+    return result;
+}
+
+/* ---- tags ---- */
+
+/* An attribute that is an integer in [0, INT_MAX]; `missing` when there is none. */
+static sb_result sbi_vtu_integer_attribute(sbi_vtu *vtu, const char *name, int missing, int *value)
+{
+    sbi_word word;
+    char text[32];
+    int64_t parsed = missing;
+    if (sbi_xml_attribute(&vtu->xml, name, &word)) {
+        while (word.length && (word.text[0] == ' ' || word.text[0] == '\t')) /* some writers pad numbers */
+            word.text++, word.length--;
+        while (word.length && (word.text[word.length - 1] == ' ' || word.text[word.length - 1] == '\t'))
+            word.length--;
+        if (sbi_parse_integer(word.text, word.length, &parsed) <= 0 || parsed < 0 || parsed > INT_MAX)
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s=\"%s\" is no number from 0 to 2147483647",
+                                   name, sbi_word_print(word, text));
+    }
+    *value = (int)parsed;
+    return SB_OK;
+}
+
+static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
+{
+    sbi_reader *reader = &vtu->loader->reader;
+    sbi_word word;
+    char text[32];
+    vtu->has_file = 1;
+    if (!sbi_xml_attribute(&vtu->xml, "type", &word))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "<VTKFile> without a type");
+    vtu->polydata = sbi_word_equals(word, "PolyData");
+    if (!vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
+                               "VTK XML data set %s: only UnstructuredGrid and PolyData are read",
+                               sbi_word_print(word, text));
+    if (sbi_xml_attribute(&vtu->xml, "byte_order", &word)) {
+        vtu->big_endian = sbi_word_equals(word, "BigEndian");
+        if (!vtu->big_endian && !sbi_word_equals(word, "LittleEndian"))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "byte_order=\"%s\"", sbi_word_print(word, text));
+    }
+    vtu->header_size = 4;
+    if (sbi_xml_attribute(&vtu->xml, "header_type", &word)) {
+        vtu->header_size = sbi_word_equals(word, "UInt64") ? 8 : 4;
+        if (vtu->header_size == 4 && !sbi_word_equals(word, "UInt32"))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "header_type=\"%s\"", sbi_word_print(word, text));
+    }
+    if (sbi_xml_attribute(&vtu->xml, "compressor", &vtu->compressor) && vtu->compressor.length)
+        vtu->compressed = sbi_word_equals(vtu->compressor, "vtkZLibDataCompressor") ? 1 : 2;
+    return SB_OK;
+}
+
+static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
+{
+    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
+                                                      "NumberOfStrips"};
+    sb_result result;
+    if (!vtu->has_grid || vtu->in_piece)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "<Piece> where none should be");
+    vtu->in_piece = 1;
+    vtu->section = SBI_VTU_ELSEWHERE;
+    vtu->points.present = vtu->types.present = vtu->regions.present = 0;
+    result = sbi_vtu_integer_attribute(vtu, "NumberOfPoints", 0, &vtu->point_count);
+    for (int i = 0; i < SBI_VTU_LISTS && !result; i++) {
+        vtu->offsets[i].present = vtu->connectivity[i].present = 0;
+        vtu->cell_counts[i] = 0;
+        if ((i > 0) == vtu->polydata)
+            result = sbi_vtu_integer_attribute(vtu, counts[i], 0, &vtu->cell_counts[i]);
+    }
+    return result;
+}
+
+/* Type, components and place of the values. */
+static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
+{
+    static const char types[10][8] = {"Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64", "Float32",
+                                      "Float64"};
+    sbi_reader *reader = &vtu->loader->reader;
+    const char *end;
+    sbi_word word;
+    char text[32];
+    int64_t offset = 0;
+    sb_result result;
+    memset(array, 0, sizeof *array);
+    array->present = 1;
+    array->name.text = "";
+    sbi_xml_attribute(&vtu->xml, "Name", &array->name);
+    array->size = 1;
+    for (int i = 0; i < 10 && sbi_xml_attribute(&vtu->xml, "type", &word); i++)
+        if (sbi_word_equals(word, types[i])) {
+            array->class_ = i < 4 ? 'i' : i < 8 ? 'u' : 'f';
+            array->size = i < 8 ? 1 << (i % 4) : i == 8 ? 4 : 8;
+        }
+    result = sbi_vtu_integer_attribute(vtu, "NumberOfComponents", 1, &array->components);
+    if (result)
+        return result;
+    array->text = *reader;
+    array->text.big_endian = vtu->big_endian;
+    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader)) : NULL;
+    array->text.size = end ? (size_t)(end - reader->data) : reader->size;
+    if (!sbi_xml_attribute(&vtu->xml, "format", &word) || sbi_word_is(word, "ascii"))
+        return SB_OK;
+    array->format = SBI_VTU_BASE64;
+    if (sbi_word_is(word, "binary"))
+        return SB_OK;
+    if (!sbi_word_is(word, "appended"))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "format=\"%s\"", sbi_word_print(word, text));
+    array->format = vtu->appended_format;
+    if (!sbi_xml_attribute(&vtu->xml, "offset", &word) || sbi_parse_integer(word.text, word.length, &offset) <= 0 ||
+        offset < 0 || vtu->appended == 0 || (uint64_t)offset > (uint64_t)(reader->size - vtu->appended))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the offset of an array lies outside the appended data");
+    array->text.at = vtu->appended + (size_t)offset;
+    array->text.size = reader->size;
+    return SB_OK;
+}
+
+/* Which array of the piece this is; NULL: none that matters. */
+static sbi_vtu_array *sbi_vtu_find_array(sbi_vtu *vtu, sbi_word name)
+{
+    int section = vtu->section;
+    if (section == SBI_VTU_POINTS)
+        return vtu->points.present ? NULL : &vtu->points;
+    if (section < SBI_VTU_LISTS && sbi_word_equals(name, "connectivity"))
+        return &vtu->connectivity[section];
+    if (section < SBI_VTU_LISTS && sbi_word_equals(name, "offsets"))
+        return &vtu->offsets[section];
+    if (section == SBI_VTU_CELLS && sbi_word_equals(name, "types"))
+        return &vtu->types;
+    return NULL;
+}
+
+/* A field of the cells that becomes the regions; in later pieces that of the first one. */
+static int sbi_vtu_is_region(sbi_vtu *vtu, const sbi_vtu_array *array)
+{
+    sbi_loader *loader = vtu->loader;
+    if (loader->pieces == 0)
+        return sbi_loader_choose_regions(loader, array->name, array->class_ && array->components == 1);
+    return loader->region_rank > 0 && array->class_ && array->components == 1 &&
+           sbi_word_equals(array->name, loader->region_field);
+}
+
+static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
+{
+    sbi_vtu_array array, *kept;
+    sb_result result = sbi_vtu_array_tag(vtu, &array);
+    if (result)
+        return result;
+    kept = sbi_vtu_find_array(vtu, array.name);
+    if (kept)
+        *kept = array;
+    else if (vtu->section == SBI_VTU_CELL_DATA && sbi_vtu_is_region(vtu, &array))
+        vtu->regions = array;
+    else if (vtu->section == SBI_VTU_POINT_DATA && vtu->loader->pieces == 0)
+        sbi_loader_ignore(vtu->loader, array.name);
+    return SB_OK;
+}
+
+static sb_result sbi_vtu_start(sbi_vtu *vtu)
+{
+    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells", "Verts", "Lines", "Polys", "Strips", "Points",
+                                                         "PointData", "CellData"};
+    sbi_word name = vtu->xml.name;
+    char text[32];
+    if (!vtu->has_file && !sbi_word_equals(name, "VTKFile"))
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED,
+                               "an XML file that begins with <%s>: only VTK's, <VTKFile>, are read",
+                               sbi_word_print(name, text));
+    if (sbi_word_equals(name, "VTKFile"))
+        return vtu->has_file ? sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <VTKFile>")
+                             : sbi_vtu_file_tag(vtu);
+    if (sbi_word_equals(name, vtu->polydata ? "PolyData" : "UnstructuredGrid"))
+        vtu->has_grid = 1;
+    if (sbi_word_equals(name, "Piece"))
+        return sbi_vtu_piece_tag(vtu);
+    for (int i = 0; i < SBI_VTU_ELSEWHERE && vtu->in_piece; i++)
+        if (sbi_word_equals(name, sections[i]))
+            vtu->section = i;
+    if (sbi_word_equals(name, "DataArray") && vtu->in_piece && vtu->section != SBI_VTU_ELSEWHERE)
+        return sbi_vtu_data_array(vtu);
+    return SB_OK;
+}
+
+static sb_result sbi_vtu_stop(sbi_vtu *vtu)
+{
+    sbi_word name = vtu->xml.name;
+    if (sbi_word_equals(name, "Piece") && vtu->in_piece)
+        return sbi_vtu_read_piece(vtu);
+    if (!sbi_word_equals(name, "DataArray") && !sbi_word_equals(name, "InformationKey"))
+        vtu->section = SBI_VTU_ELSEWHERE;
+    return SB_OK;
+}
+
+/* Finds the appended data, to which arrays before it refer: bytes that are no XML. */
+static sb_result sbi_vtu_find_appended(sbi_vtu *vtu)
+{
+    static const char tag[] = "<AppendedData";
+    const size_t length = sizeof tag - 1;
+    sbi_reader ahead = vtu->loader->reader;
+    sbi_xml xml;
+    sbi_word word;
+    sb_result result;
+    while (sbi_reader_left(&ahead) > length && memcmp(ahead.data + ahead.at, tag, length) != 0) {
+        const char *next = (const char *)memchr(ahead.data + ahead.at + 1, '<', sbi_reader_left(&ahead) - 1);
+        ahead.at = next ? (size_t)(next - ahead.data) : ahead.size;
+    }
+    if (sbi_reader_left(&ahead) <= length)
+        return SB_OK;
+    memset(&xml, 0, sizeof xml);
+    ahead.line = 0;
+    xml.reader = &ahead;
+    result = sbi_xml_next(&xml);
+    if (result)
+        return result;
+    vtu->appended_format = SBI_VTU_RAW;
+    if (sbi_xml_attribute(&xml, "encoding", &word) && sbi_word_is(word, "base64"))
+        vtu->appended_format = SBI_VTU_BASE64;
+    while (ahead.at < ahead.size && strchr(" \t\r\n", ahead.data[ahead.at]) && ahead.data[ahead.at])
+        ahead.at++;
+    if (ahead.at >= ahead.size || ahead.data[ahead.at] != '_')
+        return sbi_reader_fail(&ahead, SB_ERROR_FORMAT, "<AppendedData> does not begin with \"_\"");
+    vtu->appended = ahead.at + 1;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_vtu_read(sbi_loader *loader)
+{
+    sbi_vtu vtu;
+    sb_result result;
+    int more = 1;
+    memset(&vtu, 0, sizeof vtu);
+    vtu.loader = loader;
+    vtu.xml.reader = &loader->reader;
+    vtu.section = SBI_VTU_ELSEWHERE;
+    result = sbi_vtu_find_appended(&vtu);
+    while (!result && more) {
+        result = sbi_xml_next(&vtu.xml);
+        if (!result && vtu.xml.event == SBI_XML_START)
+            result = sbi_vtu_start(&vtu);
+        else if (!result && vtu.xml.event == SBI_XML_STOP)
+            result = sbi_vtu_stop(&vtu);
+        else
+            more = 0;
+        if (vtu.xml.event == SBI_XML_START && sbi_word_equals(vtu.xml.name, "AppendedData"))
+            more = 0;
+    }
+    if (!result && (!vtu.has_grid || vtu.in_piece))
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the file ends without %s",
+                               vtu.has_grid ? "</Piece>" : "a data set");
     return result;
 }
 
@@ -14508,10 +17522,6 @@ SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye);
 SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
-/* Counts pairs of triangles that cross, and triangles whose search was given up; places must be 0 or -1 all over.
- * crossing[triangles] (or NULL) becomes 1 for both. Returns 1 when pairs may be missing, 0 when not, -1: no memory. */
-SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
-                                       sb_surface_place *crowds, unsigned char *crossing);
 #endif
 
 #endif /* SBI_SURFACE_TREE_H */
@@ -16529,18 +19539,8 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
         sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
 
-/* ==== src/softbody/surface_crossing.c ==== */
-/* surface_crossing: pairs of triangles that pass through each other or overlap in a plane.
- *
- * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
- * left out. Three kinds of surface would still make that quadratic, and each has its own answer:
- *
- *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only cross
- *              where their arcs do, seen from the node: a tree over the arcs finds the pairs
- *   wide ones  a triangle with hundreds of small ones on it: put off, then the small ones look for the few wide ones
- *   crowds     hundreds on hundreds, coincident or stacked closer than float boxes can tell apart: when they cross,
- *              counting ends after SBI_CROSSING_PAIRS for each triangle; when they do not, the search gives up and
- *              says so (SB_SURFACE_CROWDED) */
+/* ==== src/softbody/surface_check.c ==== */
+/* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
@@ -16659,377 +19659,52 @@ static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
     return shared >= 3;
 }
 
-/* ---- the search ---------------------------------------------------------------------------------------------- */
-
-enum {
-    SBI_CROSSING_STEPS = 256,  /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
-    SBI_CROSSING_FAN = 64,     /* triangles round a node that make it a hub */
-    SBI_CROSSING_PAIRS = 16,   /* pairs for each triangle that are counted, */
-    SBI_CROSSING_MORE = 1024   /* and so many more */
-};
-
-/* What lasts over a search. */
-typedef struct sbi_crossing {
-    const sb_surface *s;
-    const sb_allocator *allocator;
-    unsigned char *crossing;     /* [triangles] 1: crosses another; or NULL */
-    sb_surface_place *crossings, *crowds;
-    int *hub;                    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
-    int most;                    /* pairs after which counting ends */
-    int partial;                 /* 1: pairs may be missing */
-} sbi_crossing;
-
-/* A tree to look in, of the surface, of the arcs round a hub, or of wide triangles of these. */
-typedef struct sbi_crossing_tree {
-    const sb_surface *tree;
-    const int *names; /* [tree triangles] number in the surface, ascending; NULL: the same */
-    int (*branch_hub)[SBI_SURFACE_WIDTH]; /* [tree nodes] hub of all triangles below, or -1; NULL: unknown */
-    int skips_fans;   /* 1: pairs of one hub are found elsewhere */
-} sbi_crossing_tree;
-
-/* One triangle that looks for partners, in local coordinates of the tree. */
-typedef struct sbi_crossing_seeker {
-    int name;             /* in the surface */
-    int is_after;         /* looks for partners with lower numbers; else for those with higher ones */
-    int hub;              /* whose triangles are left out; -1: none */
-    int steps;
-    float corner[3][3], low[3], high[3], normal[3], offset;
-} sbi_crossing_seeker;
-
-static int sbi_crossing_name(const sbi_crossing_tree *in, int triangle)
-{
-    return in->names ? in->names[triangle] : triangle;
-}
-
-static float sbi_crossing_dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-/* x: corners in the units that the tree was made in. A triangle without a plane has the normal 0. */
-static void sbi_crossing_seek_from(const sb_surface *tree, const sb_vec3 corners[3], sbi_crossing_seeker *seeker)
-{
-    sb_vec3 x[3], normal;
-    sb_real length;
-    for (int i = 0; i < 3; i++) {
-        x[i] = sb_v3_scale(tree->scale, corners[i]);
-        sbi_surface_to_local(tree, x[i], seeker->corner[i]);
-    }
-    sbi_surface_box_of(tree, x, seeker->low, seeker->high);
-    normal = sbi_surface_area_vector(x);
-    length = sbi_surface_slimness(x) > sb_sqrt(SB_EPSILON) ? sb_v3_norm(normal) : 0;
-    normal = length > 0 ? sb_v3_scale((sb_real)1 / length, normal) : sb_v3(0, 0, 0);
-    seeker->normal[0] = (float)normal.x;
-    seeker->normal[1] = (float)normal.y;
-    seeker->normal[2] = (float)normal.z;
-    seeker->offset = sbi_crossing_dot(seeker->normal, seeker->corner[0]);
-}
-
-/* Whether the seeker's plane passes child k of a node by. */
-static int sbi_crossing_plane_misses(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
-{
-    float height = -seeker->offset, reach = SBI_SURFACE_SLACK;
-    for (int axis = 0; axis < 3; axis++) {
-        float n = seeker->normal[axis], half = 0.5f * (node->high[axis][k] - node->low[axis][k]);
-        height += n * 0.5f * (node->high[axis][k] + node->low[axis][k]);
-        reach += (n < 0 ? -n : n) * half;
-    }
-    return height > reach || height < -reach;
-}
-
-/* Whether the coin of child k lies on one side of the seeker. */
-static int sbi_crossing_coin_misses(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
-{
-    float thickness = node->coin[SBI_COIN_THICKNESS][k] + SBI_SURFACE_SLACK;
-    int below = 0, above = 0;
-    for (int i = 0; i < 3; i++) {
-        float height = 0;
-        for (int axis = 0; axis < 3; axis++)
-            height += node->coin[SBI_COIN_NORMAL + axis][k] *
-                      (seeker->corner[i][axis] - node->coin[SBI_COIN_CENTRE + axis][k]);
-        below += height < -thickness;
-        above += height > thickness;
-    }
-    return below == 3 || above == 3;
-}
-
-static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
+static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const float low[3], const float high[3])
 {
     for (int axis = 0; axis < 3; axis++)
-        if (node->low[axis][k] > seeker->high[axis] || node->high[axis][k] < seeker->low[axis])
+        if (node->low[axis][k] > high[axis] || node->high[axis][k] < low[axis])
             return 0;
-    return !sbi_crossing_plane_misses(node, k, seeker) && !sbi_crossing_coin_misses(node, k, seeker);
+    return 1;
 }
 
-static void sbi_crossing_leaf(const sbi_crossing *c, const sbi_crossing_tree *in, int leaf_number,
-                              sbi_crossing_seeker *seeker)
+static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, int triangle, sb_surface_place *place,
+                              unsigned char *crossing)
 {
-    const sb_surface *s = c->s;
-    const sbi_surface_leaf *leaf = in->tree->leaf + leaf_number;
     for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
-        int other = sbi_crossing_name(in, sbi_surface_leaf_triangle(leaf, k)), t = seeker->name;
-        if (other == t || (other < t) != seeker->is_after || s->element[other] == s->element[t] ||
-            (seeker->hub >= 0 && c->hub[other] == seeker->hub))
+        int other = sbi_surface_leaf_triangle(leaf, k);
+        if (other <= triangle || s->element[other] == s->element[triangle] ||
+            sbi_crossing_same_corners(s, triangle, other) || !sbi_crossing_test(s, triangle, other))
             continue;
-        seeker->steps++;
-        if (sbi_crossing_same_corners(s, t, other) || !sbi_crossing_test(s, t, other))
-            continue;
-        if (c->crossing)
-            c->crossing[t] = c->crossing[other] = 1;
-        if (c->crossings->count++ == 0) {
-            c->crossings->element = s->element[sbi_min_int(t, other)];
-            c->crossings->other_element = s->element[sbi_max_int(t, other)];
+        if (crossing)
+            crossing[triangle] = crossing[other] = 1;
+        if (place->count++ == 0) {
+            place->element = s->element[triangle];
+            place->other_element = s->element[other];
         }
     }
 }
 
-/* Looks for all partners; 0 when it gave up. */
-static int sbi_crossing_seek(const sbi_crossing *c, const sbi_crossing_tree *in, sbi_crossing_seeker *seeker)
+/* Pairs of triangles, counted from the one with the lower number. crossing[triangles] (or NULL) becomes 1 for both. */
+static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place, unsigned char *crossing)
 {
     int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
-    seeker->steps = 0;
-    stack[top++] = 0;
-    while (top > 0) {
-        int child = stack[--top];
-        if (++seeker->steps > SBI_CROSSING_STEPS)
-            return 0;
-        if (child < 0) {
-            sbi_crossing_leaf(c, in, ~child, seeker);
-            continue;
-        }
-        for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
-            if ((seeker->hub < 0 || !in->branch_hub || in->branch_hub[child][k] != seeker->hub) &&
-                sbi_crossing_boxes_meet(in->tree->tree + child, k, seeker))
-                stack[top++] = in->tree->tree[child].child[k];
-    }
-    return 1;
-}
-
-/* A surface of some triangles of another: wide[count] are their numbers there. In the units of its nodes as it holds
- * them. NULL: no memory. */
-static sb_surface *sbi_crossing_subset(const sbi_crossing *c, const sb_surface *of, const int *wide, int count)
-{
-    sb_mesh mesh;
-    sb_surface *made = NULL;
-    memset(&mesh, 0, sizeof mesh);
-    mesh.element_type = SB_TRI3;
-    mesh.nodes = of->nodes;
-    mesh.node_count = of->node_count;
-    mesh.element_count = count;
-    mesh.elements = (int *)sbi_alloc(c->allocator, (size_t)count, 3 * sizeof(int));
-    for (int i = 0; mesh.elements && i < count; i++)
-        memcpy(mesh.elements + 3 * (size_t)i, of->corners[wide[i]], 3 * sizeof(int));
-    if (mesh.elements && sb_surface_create(&mesh, c->allocator, &made, NULL) != SB_OK)
-        made = NULL;
-    sbi_free(c->allocator, mesh.elements);
-    return made;
-}
-
-static int sbi_crossing_is_full(const sbi_crossing *c) { return c->crossings->count >= c->most; }
-
-/* All triangles of a tree look among the wide ones, which come before them. */
-static int sbi_crossing_among_wide(sbi_crossing *c, const sbi_crossing_tree *in, int *wide, int count)
-{
-    sb_surface *subset = sbi_crossing_subset(c, in->tree, wide, count);
-    sbi_crossing_tree among;
-    int before;
-    if (!subset)
-        return 0;
-    for (int i = 0; i < count; i++)
-        wide[i] = sbi_crossing_name(in, wide[i]);
-    among.tree = subset;
-    among.names = wide;
-    among.branch_hub = NULL;
-    among.skips_fans = in->skips_fans;
-    for (int i = 0; i < in->tree->triangle_count && !sbi_crossing_is_full(c); i++) {
-        sbi_crossing_seeker seeker;
-        sb_vec3 x[3];
-        sbi_surface_corners(in->tree, i, x);
-        sbi_crossing_seek_from(subset, x, &seeker);
-        seeker.name = sbi_crossing_name(in, i);
-        seeker.is_after = 1;
-        seeker.hub = in->skips_fans ? c->hub[seeker.name] : -1;
-        before = c->crossings->count;
-        if (c->s->shape[seeker.name] == SBI_SURFACE_FLAT || sbi_crossing_seek(c, &among, &seeker))
-            continue;
-        c->partial = 1;
-        if (c->crossings->count == before && c->crowds->count++ == 0)
-            c->crowds->element = c->s->element[seeker.name];
-    }
-    sb_surface_destroy(subset);
-    return 1;
-}
-
-/* Finds all pairs in a tree. 0: no memory. */
-static int sbi_crossing_all(sbi_crossing *c, const sbi_crossing_tree *in)
-{
-    const sb_surface *tree = in->tree;
-    int *wide = (int *)sbi_alloc(c->allocator, (size_t)tree->triangle_count, sizeof(int));
-    int count = 0, made = wide != NULL;
-    for (int i = 0; wide && i < tree->triangle_count && !sbi_crossing_is_full(c); i++) {
-        sb_surface_place before = *c->crossings;
-        sbi_crossing_seeker seeker;
-        sb_vec3 x[3];
-        sbi_surface_corners(tree, i, x);
-        for (int k = 0; k < 3; k++)
-            x[k] = sb_v3_scale(tree->inverse, x[k]);
-        sbi_crossing_seek_from(tree, x, &seeker);
-        seeker.name = sbi_crossing_name(in, i);
-        seeker.is_after = 0;
-        seeker.hub = in->skips_fans ? c->hub[seeker.name] : -1;
-        if (c->s->shape[seeker.name] == SBI_SURFACE_FLAT || sbi_crossing_seek(c, in, &seeker))
-            continue;
-        if (c->crossings->count - before.count >= SBI_CROSSING_PAIRS) {
-            c->partial = 1; /* enough is known of this one */
-            continue;
-        }
-        *c->crossings = before; /* its pairs are found again from the other side */
-        wide[count++] = i;
-    }
-    if (count > 0 && !sbi_crossing_is_full(c))
-        made = sbi_crossing_among_wide(c, in, wide, count);
-    sbi_free(c->allocator, wide);
-    return made;
-}
-
-/* ---- fans ---------------------------------------------------------------------------------------------------- */
-
-/* Labels triangles with their hubs. */
-static void sbi_crossing_find_hubs(const sb_surface *s, int *hub)
-{
     for (int t = 0; t < s->triangle_count; t++) {
-        int most = SBI_CROSSING_FAN;
-        hub[t] = -1;
-        for (int i = 0; i < 3; i++) {
-            int v = s->corners[t][i], count = s->fan_start[v + 1] - s->fan_start[v];
-            if (count > most)
-                most = count, hub[t] = v;
-        }
-    }
-}
-
-static int sbi_crossing_leaf_hub(const sb_surface *s, const int *hub, int leaf_number)
-{
-    const sbi_surface_leaf *leaf = s->leaf + leaf_number;
-    int common = hub[sbi_surface_leaf_triangle(leaf, 0)];
-    for (int k = 1; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-        common = hub[sbi_surface_leaf_triangle(leaf, k)] == common ? common : -1;
-    return common;
-}
-
-static void sbi_crossing_label_branches(const sb_surface *s, const int *hub, int (*branch_hub)[SBI_SURFACE_WIDTH])
-{
-    for (int i = s->tree_count - 1; i >= 0; i--) { /* children come after their parents */
-        for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
-            int child = s->tree[i].child[k], count = sbi_surface_child_count(s->tree + i), common;
-            branch_hub[i][k] = -1;
-            if (k >= count)
+        sb_vec3 x[3];
+        float low[3], high[3];
+        sbi_surface_corners(s, t, x);
+        sbi_surface_box_of(s, x, low, high);
+        stack[top++] = 0;
+        while (top > 0) {
+            int child = stack[--top];
+            if (child < 0) {
+                sbi_crossing_leaf(s, s->leaf + ~child, t, place, crossing);
                 continue;
-            common = child < 0 ? sbi_crossing_leaf_hub(s, hub, ~child) : branch_hub[child][0];
-            for (int j = 1; child >= 0 && j < sbi_surface_child_count(s->tree + child); j++)
-                common = branch_hub[child][j] == common ? common : -1;
-            branch_hub[i][k] = common;
+            }
+            for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+                if (sbi_crossing_boxes_meet(s->tree + child, k, low, high))
+                    stack[top++] = s->tree[child].child[k];
         }
     }
-}
-
-/* A triangle round the arc that a triangle covers on the unit sphere round one of its corners, in the plane of both:
- * the ends of the arc and where the tangents there meet. Arcs near a half circle get one round the whole sphere. */
-static void sbi_crossing_arc(const sb_surface *s, int triangle, int hub, sb_vec3 arc[3])
-{
-    sb_vec3 x[3], end[2], middle;
-    sb_real length;
-    int corner = s->corners[triangle][0] == hub ? 0 : s->corners[triangle][1] == hub ? 1 : 2;
-    sbi_surface_corners(s, triangle, x);
-    for (int i = 0; i < 2; i++) {
-        end[i] = sb_v3_sub(x[(corner + 1 + i) % 3], x[corner]);
-        length = sb_v3_norm(end[i]);
-        end[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, end[i]) : sb_v3(0, 0, 0);
-    }
-    middle = sb_v3_scale((sb_real)0.5, sb_v3_add(end[0], end[1]));
-    length = sb_v3_dot(middle, middle); /* squared cosine of half the angle */
-    arc[0] = end[0], arc[1] = end[1];
-    arc[2] = length > 0 ? sb_v3_scale((sb_real)1 / length, middle) : middle;
-    if (length < (sb_real)0.05)
-        arc[0] = sb_v3(-1, -1, -1), arc[1] = sb_v3(1, 1, -1), arc[2] = sb_v3(1, -1, 1);
-}
-
-/* Finds the pairs among fan[count], the triangles of one hub. 0: no memory. */
-static int sbi_crossing_fan(sbi_crossing *c, int hub, const int *fan, int count)
-{
-    sb_surface *arcs = NULL;
-    sb_mesh mesh;
-    int made = 0;
-    memset(&mesh, 0, sizeof mesh);
-    mesh.element_type = SB_TRI3;
-    mesh.element_count = count;
-    mesh.node_count = 3 * count;
-    mesh.nodes = (sb_vec3 *)sbi_alloc(c->allocator, (size_t)mesh.node_count, sizeof(sb_vec3));
-    mesh.elements = (int *)sbi_alloc(c->allocator, (size_t)mesh.node_count, sizeof(int));
-    if (mesh.nodes && mesh.elements) {
-        for (int i = 0; i < count; i++)
-            sbi_crossing_arc(c->s, fan[i], hub, mesh.nodes + 3 * (size_t)i);
-        for (int i = 0; i < mesh.node_count; i++)
-            mesh.elements[i] = i;
-        if (sb_surface_create(&mesh, c->allocator, &arcs, NULL) == SB_OK) {
-            sbi_crossing_tree in = {NULL, NULL, NULL, 0};
-            in.tree = arcs;
-            in.names = fan;
-            made = sbi_crossing_all(c, &in);
-            sb_surface_destroy(arcs);
-        }
-    }
-    sbi_free(c->allocator, mesh.nodes);
-    sbi_free(c->allocator, mesh.elements);
-    return made;
-}
-
-static int sbi_crossing_fans(sbi_crossing *c, int *fan)
-{
-    const sb_surface *s = c->s;
-    for (int v = 0; v < s->node_count && !sbi_crossing_is_full(c); v++) {
-        int count = 0;
-        if (s->fan_start[v + 1] - s->fan_start[v] <= SBI_CROSSING_FAN)
-            continue;
-        for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
-            int t = s->fan[i] / 3;
-            if (c->hub[t] == v && s->shape[t] != SBI_SURFACE_FLAT && (count == 0 || fan[count - 1] != t))
-                fan[count++] = t;
-        }
-        if (count > 1 && !sbi_crossing_fan(c, v, fan, count))
-            return 0;
-    }
-    return 1;
-}
-
-/* ---- results ------------------------------------------------------------------------------------------------- */
-
-SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
-                                       sb_surface_place *crowds, unsigned char *crossing)
-{
-    size_t triangles = (size_t)s->triangle_count;
-    int *fan = (int *)sbi_alloc(allocator, triangles, sizeof(int)), made = 0;
-    sbi_crossing_tree in;
-    sbi_crossing c;
-    memset(&c, 0, sizeof c);
-    memset(&in, 0, sizeof in);
-    c.s = in.tree = s;
-    c.allocator = allocator;
-    c.crossing = crossing;
-    c.crossings = crossings;
-    c.crowds = crowds;
-    c.most = s->triangle_count < (INT_MAX - SBI_CROSSING_MORE) / SBI_CROSSING_PAIRS
-                 ? SBI_CROSSING_PAIRS * s->triangle_count + SBI_CROSSING_MORE
-                 : INT_MAX;
-    c.hub = (int *)sbi_alloc(allocator, triangles, sizeof(int));
-    in.branch_hub = (int(*)[SBI_SURFACE_WIDTH])sbi_alloc(allocator, (size_t)s->tree_count, sizeof *in.branch_hub);
-    in.skips_fans = 1;
-    if (fan && c.hub && in.branch_hub) {
-        sbi_crossing_find_hubs(s, c.hub);
-        sbi_crossing_label_branches(s, c.hub, in.branch_hub);
-        made = sbi_crossing_all(&c, &in) && sbi_crossing_fans(&c, fan);
-    }
-    sbi_free(allocator, fan);
-    sbi_free(allocator, c.hub);
-    sbi_free(allocator, in.branch_hub);
-    return !made ? -1 : sbi_crossing_is_full(&c) || c.partial;
 }
 
 /* Whether the winding number just off the middle of a triangle, on both sides, contradicts its orientation. */
@@ -17050,23 +19725,14 @@ static int sbi_crossing_is_hidden(const sb_surface *s, int triangle)
 
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful)
 {
-    sb_surface_place crossings, crowds;
-    int partial;
-    memset(&crossings, 0, sizeof crossings);
-    memset(&crowds, 0, sizeof crowds);
+    sb_surface_place place;
+    memset(&place, 0, sizeof place);
     memset(doubtful, 0, (size_t)surface->triangle_count);
-    partial = sbi_surface_find_crossings(surface, &surface->allocator, &crossings, &crowds, doubtful);
-    if (partial < 0)
-        return -1;
-    if (partial) /* any triangle may cross what was not looked at */
-        memset(doubtful, 1, (size_t)surface->triangle_count);
-    for (int t = 0; t < surface->triangle_count && !partial && crossings.count > 0; t++)
+    sbi_crossing_count(surface, &place, doubtful);
+    for (int t = 0; t < surface->triangle_count && place.count > 0; t++)
         doubtful[t] = doubtful[t] || sbi_crossing_is_hidden(surface, t);
-    return partial || crossings.count > 0;
+    return place.count > 0;
 }
-
-/* ==== src/softbody/surface_check.c ==== */
-/* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
@@ -17081,8 +19747,7 @@ enum { /* places of the findings: 1 << place */
     SBI_FOUND_INSIDE_OUT = 7,
     SBI_FOUND_CROSSING = 8,
     SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10,
-    SBI_FOUND_CROWDED = 11
+    SBI_FOUND_PARTS = 10
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -17099,7 +19764,6 @@ SB_API const char *sb_surface_check_string(int finding)
     case SB_SURFACE_SELF_CROSSING: return "pairs of triangles that cross";
     case SB_SURFACE_UNREFERENCED: return "nodes of no face";
     case SB_SURFACE_SEVERAL_PARTS: return "further parts";
-    case SB_SURFACE_CROWDED: return "triangles among too many others to look for all crossings";
     default: return "unknown finding";
     }
 }
@@ -17173,7 +19837,6 @@ typedef struct sbi_found_scratch {
     unsigned char *skip;        /* [elements] faces with a node twice */
     int *representative;        /* [nodes] */
     double *volume;             /* [parts] */
-    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
     unsigned char *open;        /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
@@ -17187,8 +19850,6 @@ static void sbi_found_free(const sb_allocator *allocator, sbi_found_scratch *scr
     sbi_free(allocator, scratch->skip);
     sbi_free(allocator, scratch->representative);
     sbi_free(allocator, scratch->volume);
-    sbi_free(allocator, scratch->first);
-    sbi_free(allocator, scratch->order);
     sbi_free(allocator, scratch->open);
 }
 
@@ -17206,10 +19867,7 @@ static sb_result sbi_found_prepare(const sb_mesh *mesh, const sb_allocator *allo
     scratch->representative = (int *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(int));
     scratch->volume = (double *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, sizeof(double));
     scratch->open = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, 1);
-    scratch->first = (int *)sbi_alloc(allocator, (size_t)scratch->parts + 1, sizeof(int));
-    scratch->order = (int *)sbi_alloc(allocator, (size_t)scratch->surface->triangle_count, sizeof(int));
-    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open || !scratch->first ||
-        !scratch->order)
+    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     for (int i = 0; i < scratch->mesh.bad_count; i++)
         if (scratch->mesh.bad[i].defect == SB_MESH_REPEATED_NODE)
@@ -17238,39 +19896,17 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
     }
 }
 
-/* Lists the triangles of each part, one part after the other: part p has order[first[p] .. first[p + 1]). */
-static void sbi_found_list_parts(const sb_surface *s, const sbi_found_scratch *scratch)
+/* Winding number of all parts but one at a point (scaled) of that one. */
+static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
 {
-    int *first = scratch->first;
-    memset(first, 0, sizeof(int) * ((size_t)scratch->parts + 1));
-    for (int t = 0; t < s->triangle_count; t++)
-        first[scratch->part.items[s->element[t]] + 1]++;
-    for (int p = 0; p < scratch->parts; p++)
-        first[p + 1] += first[p];
-    for (int t = 0; t < s->triangle_count; t++)
-        scratch->order[first[scratch->part.items[s->element[t]]]++] = t;
-    memmove(first + 1, first, sizeof(int) * (size_t)scratch->parts); /* filling moved each to its end */
-    first[0] = 0;
-}
-
-/* Winding number of all parts but one, just off the middle of a triangle of that one: all of them by the tree, less its
- * own triangles. */
-static double sbi_found_winding_of_others(const sb_surface *s, const sbi_found_scratch *scratch, int part, int triangle)
-{
-    sbi_surface_angle own = sbi_surface_angle_zero();
-    sb_vec3 x[3], normal = sbi_surface_unit_normal(s, triangle), eye;
-    sb_real size;
-    sbi_surface_corners(s, triangle, x);
-    size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
-    eye = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
-    eye = sb_v3_madd(eye, sb_sqrt(SB_EPSILON) * size, normal);
-    for (int i = scratch->first[part]; i < scratch->first[part + 1]; i++) {
-        int t = scratch->order[i];
+    sbi_surface_angle angle = sbi_surface_angle_zero();
+    for (int t = 0; t < s->triangle_count; t++) {
+        sb_vec3 x[3];
         sbi_surface_corners(s, t, x);
-        if (s->shape[t] != SBI_SURFACE_FLAT)
-            sbi_surface_angle_of(x, eye, &own);
+        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
     }
-    return sbi_surface_winding(s, eye) - sbi_surface_angle_turns(&own);
+    return (sb_real)sbi_surface_angle_turns(&angle);
 }
 
 /* Closed parts with a negative volume, unless the others surround them: then they are walls of cavities. */
@@ -17278,13 +19914,12 @@ static void sbi_found_inside_out(const sb_surface *s, sbi_found_scratch *scratch
 {
     const int *part = scratch->part.items;
     sbi_found_measure_parts(s, scratch);
-    sbi_found_list_parts(s, scratch);
     for (int t = 0; t < s->triangle_count; t++) {
         int p = part[s->element[t]];
-        if (scratch->open[p] || !(scratch->volume[p] < 0) || s->shape[t] == SBI_SURFACE_FLAT)
+        if (scratch->open[p] || !(scratch->volume[p] < 0))
             continue;
         scratch->open[p] = 1; /* once is enough */
-        if (sbi_found_winding_of_others(s, scratch, p, t) < 0.5)
+        if (sbi_found_winding_of_others(s, part, p, s->nodes[s->corners[t][0]]) < (sb_real)0.5)
             sbi_found_element(place, s->element[t], -1);
     }
 }
@@ -17322,12 +19957,9 @@ static void sbi_found_parts(const sb_mesh *mesh, const sbi_found_scratch *scratc
             place->element = e;
 }
 
-/* 0: no memory. */
-static int sbi_found_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_found_scratch *scratch, int crossings,
-                         sb_surface_report *report)
+static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int crossings, sb_surface_report *report)
 {
     sb_surface_place *place = report->place;
-    int partial = 0;
     memset(report, 0, sizeof *report);
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         place[i].element = place[i].other_element = place[i].node = place[i].other_node = -1;
@@ -17337,16 +19969,13 @@ static int sbi_found_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi
     sbi_found_nodes(mesh, scratch, place);
     sbi_found_inside_out(scratch->surface, scratch, place + SBI_FOUND_INSIDE_OUT);
     if (crossings)
-        partial = sbi_surface_find_crossings(scratch->surface, allocator, place + SBI_FOUND_CROSSING,
-                                             place + SBI_FOUND_CROWDED, NULL);
+        sbi_crossing_count(scratch->surface, place + SBI_FOUND_CROSSING, NULL);
     sbi_found_parts(mesh, scratch, place + SBI_FOUND_PARTS);
-    report->crossings_partial = partial != 0;
     report->parts = scratch->parts;
     report->volume = scratch->mesh.volume;
     report->area = scratch->mesh.area;
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         report->findings |= place[i].count > 0 ? 1 << i : 0;
-    return partial >= 0;
 }
 
 /* The check with or without the search for crossings. */
@@ -17354,14 +19983,11 @@ static sb_result sbi_found_check(const sb_mesh *mesh, int crossings, const sb_al
                                  sb_surface_report *report, sb_error *error)
 {
     sbi_found_scratch scratch;
-    sb_surface_report found;
     sb_result result;
     memset(&scratch, 0, sizeof scratch);
     result = sbi_found_prepare(mesh, allocator, &scratch, error);
-    if (result == SB_OK && !sbi_found_all(mesh, allocator, &scratch, crossings, &found))
-        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     if (result == SB_OK)
-        *report = found;
+        sbi_found_all(mesh, &scratch, crossings, report);
     sbi_found_free(allocator, &scratch);
     return result;
 }
@@ -30557,7 +33183,6 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
     for (int s = 0; s < work->shape_count; s++) {
         const sb_surface *surface = sbi_grid_get_shape(work->def, s)->surface;
         size_t triangles = (size_t)sb_surface_triangle_count(surface);
-        int found;
         if (!surface)
             continue;
         if (!sb_surface_is_closed(surface)) {
@@ -30568,10 +33193,9 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
                             s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
-        found = work->doubtful[s] ? sbi_surface_find_doubtful(surface, work->doubtful[s]) : -1;
-        if (found < 0)
+        if (!work->doubtful[s])
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
-        if (found == 0) {
+        if (!sbi_surface_find_doubtful(surface, work->doubtful[s])) {
             sbi_free(allocator, work->doubtful[s]);
             work->doubtful[s] = NULL;
         }

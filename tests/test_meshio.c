@@ -963,7 +963,7 @@ static const struct bad_text {
     const char *word; /* in the message */
 } bad_texts[] = {
     {SB_FILE_AUTO, "hello world\n", SB_ERROR_FORMAT, 1, -1, "format"},
-    {SB_FILE_AUTO, "<?xml version=\"1.0\"?>\n<VTKFile>\n", SB_ERROR_UNSUPPORTED, 1, -1, "XML"},
+    {SB_FILE_AUTO, "<?xml version=\"1.0\"?>\n<VTKFile>\n", SB_ERROR_FORMAT, 2, -1, "type"},
     {SB_FILE_VTK, "# vtk DataFile Version 9.0\n", SB_ERROR_UNSUPPORTED, 1, -1, "9.0"},
     {SB_FILE_VTK, "# vtk DataFile Version 3.0\nt\nEBCDIC\n", SB_ERROR_FORMAT, 3, -1, "EBCDIC"},
     {SB_FILE_VTK, VTK_HEAD "STRUCTURED_POINTS\n", SB_ERROR_UNSUPPORTED, 4, -1, "STRUCTURED_POINTS"},
@@ -997,10 +997,12 @@ static const struct bad_text {
     {SB_FILE_VTK,
      VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE
               "CELLS 2 14\n4 0 1 2 4\n8 0 1 3 2 4 5 7 6\nCELL_TYPES 2\n10 12\n",
-     SB_ERROR_UNSUPPORTED, 0, 1, "tet4 and hex8"},
+     SB_ERROR_UNSUPPORTED, 0, 1, "other diagonal"},
     {SB_FILE_VTK,
      VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 2 12\n4 0 1 2 4\n6 0 1 2 4 5 6\nCELL_TYPES 2\n10 13\n",
-     SB_ERROR_UNSUPPORTED, 0, 1, "wedge6"},
+     SB_ERROR_UNSUPPORTED, 0, 1, "other diagonal"},
+    {SB_FILE_VTK, VTK_TET "CELLS 2 16\n4 0 1 2 3\n10 0 1 2 3 0 1 2 3 0 1\nCELL_TYPES 2\n10 24\n", SB_ERROR_UNSUPPORTED, 0,
+     1, "tet4 and tet10"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_FORMAT, 10, 0, "a hex20 has 20"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n29\n", SB_ERROR_FORMAT, 10, 0, "a hex27 has 27"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_MESH, 0, 0,
@@ -1008,8 +1010,8 @@ static const struct bad_text {
     {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 4\nCELL_TYPES 1\n25\n", SB_ERROR_INDEX, 0, 0,
      "node 4"},
     {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 17 2 0 0 1 2 3 4\n$EndElements\n", SB_ERROR_FORMAT, 0, 0, ""},
-    {SB_FILE_GMSH, "$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", SB_ERROR_UNSUPPORTED, 2, -1, "4.0"},
-    {SB_FILE_GMSH, "$NOD\n1\n1 0 0 0\n$ENDNOD\n", SB_ERROR_UNSUPPORTED, 1, -1, "version 1"},
+    {SB_FILE_GMSH, "$MeshFormat\n4.2 0 8\n$EndMeshFormat\n", SB_ERROR_UNSUPPORTED, 2, -1, "4.2"},
+    {SB_FILE_GMSH, "$NOD\n1\n1 0 0 0\n$ENDNOD\n", SB_ERROR_FORMAT, 0, -1, "$Elements"},
     {SB_FILE_GMSH, GMSH_NODES, SB_ERROR_FORMAT, 1, -1, "$MeshFormat"},
     {SB_FILE_GMSH, GMSH_HEAD, SB_ERROR_FORMAT, 0, -1, "$Nodes"},
     {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES, SB_ERROR_FORMAT, 0, -1, "$Elements"},
@@ -1120,7 +1122,7 @@ static void test_arguments(void)
     CHECK_RESULT(sb_mesh_load_memory(NULL, text, size, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_load_memory(&mesh, NULL, 1, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_ARGUMENT);
 #ifndef __cplusplus /* where such a value cannot be written down */
-    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, (sb_file_format)8, NULL, NULL, &error),
+    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, (sb_file_format)10, NULL, NULL, &error),
                  SB_ERROR_ARGUMENT);
 #endif
     CHECK_RESULT(sb_mesh_load_memory(&mesh, NULL, 0, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_FORMAT);

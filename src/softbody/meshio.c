@@ -3,6 +3,7 @@
 
 #include <float.h>
 #include <limits.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -113,11 +114,12 @@ static int sbi_meshio_name_ends_with(const char *name, const char *ending)
 static sb_file_format sbi_meshio_format_of_name(const char *name)
 {
     static const struct {
-        char ending[6];
+        char ending[7];
         sb_file_format format;
     } endings[] = {{".vtk", SB_FILE_VTK},    {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN},
                    {".ele", SB_FILE_TETGEN}, {".obj", SB_FILE_OBJ},  {".stl", SB_FILE_STL},
-                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF}};
+                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF},  {".vtu", SB_FILE_VTU},
+                   {".vtp", SB_FILE_VTU},    {".mesh", SB_FILE_MEDIT}, {".meshb", SB_FILE_MEDIT}};
     for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++)
         if (sbi_meshio_name_ends_with(name, endings[i].ending))
             return endings[i].format;
@@ -134,8 +136,14 @@ static sb_file_format sbi_meshio_format_of_content(const sbi_reader *reader)
         return SB_FILE_STL;
     if (sbi_meshio_starts_with(reader, "# vtk DataFile"))
         return SB_FILE_VTK;
+    if (sbi_medit_is_binary(reader->data, reader->size))
+        return SB_FILE_MEDIT;
     if (!sbi_reader_peek(reader, &word))
         return SB_FILE_AUTO;
+    if (word.text[0] == '<')
+        return SB_FILE_VTU;
+    if (word.length >= 20 && memcmp(word.text, "MeshVersionFormatted", 20) == 0)
+        return SB_FILE_MEDIT;
     if (word.length > 1 && word.text[0] == '$' && word.text[1] >= 'A' && word.text[1] <= 'Z')
         return SB_FILE_GMSH;
     if (sbi_word_is(word, "ply"))
@@ -168,8 +176,6 @@ SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *form
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
-    if (*format == SB_FILE_AUTO && reader->data[0] == '<')
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "XML files are not read: save as legacy VTK");
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_name(reader->name);
     if (*format == SB_FILE_AUTO && sbi_meshio_looks_like_obj(reader))
@@ -190,11 +196,48 @@ SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
     case SB_FILE_STL: return sbi_stl_read(loader);
     case SB_FILE_PLY: return sbi_ply_read(loader);
     case SB_FILE_OFF: return sbi_off_read(loader);
+    case SB_FILE_VTU: return sbi_vtu_read(loader);
+    case SB_FILE_MEDIT: return sbi_medit_read(loader);
     case SB_FILE_TETGEN:
     case SB_FILE_AUTO: break;
     }
     return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT,
                            "this format cannot be read from one piece of memory");
+}
+
+/* Whether every tet10 has its last two mid-edge nodes nearer to the other's edge: gmsh's order in a file that should
+ * have VTK's. */
+static int sbi_meshio_has_gmsh_order(const sb_mesh *mesh)
+{
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *n = mesh->elements + (size_t)e * 10;
+        sb_vec3 a = mesh->nodes[n[8]], b = mesh->nodes[n[9]], d = mesh->nodes[n[3]];
+        sb_vec3 edge13 = sb_v3_scale((sb_real)0.5, sb_v3_add(mesh->nodes[n[1]], d));
+        sb_vec3 edge23 = sb_v3_scale((sb_real)0.5, sb_v3_add(mesh->nodes[n[2]], d));
+        if (!(sb_v3_norm(sb_v3_sub(a, edge23)) < sb_v3_norm(sb_v3_sub(a, edge13)) &&
+              sb_v3_norm(sb_v3_sub(b, edge13)) < sb_v3_norm(sb_v3_sub(b, edge23))))
+            return 0;
+    }
+    return mesh->element_count > 0;
+}
+
+/* Puts gmsh's order right when that was asked for; else says what it is. */
+static sb_result sbi_meshio_mend_order(sb_mesh *mesh, int mend, int *reordered, sb_error *error)
+{
+    if (mesh->element_type != SB_TET10 || !sbi_meshio_has_gmsh_order(mesh))
+        return SB_OK;
+    if (!mend)
+        return sbi_fail_element(error, SB_ERROR_MESH, 0,
+                                "the last two mid-edge nodes of all %d tet10 are exchanged: this is gmsh's node order, "
+                                "not VTK's (fix_orientation puts it right)",
+                                mesh->element_count);
+    for (int e = 0; e < mesh->element_count; e++) {
+        int *n = mesh->elements + (size_t)e * 10, hold = n[8];
+        n[8] = n[9];
+        n[9] = hold;
+    }
+    *reordered = mesh->element_count;
+    return SB_OK;
 }
 
 /* A volume must be one that can be computed with. Elements that are all inverted are a convention of the
@@ -218,11 +261,18 @@ static sb_result sbi_meshio_accept_volume(sb_mesh *mesh, int fix_orientation, in
     return result;
 }
 
-static sb_result sbi_meshio_accept(sb_mesh *mesh, int fix_orientation, int *flipped, sb_error *error)
+/* What was changed in the mesh to accept it. */
+typedef struct sbi_meshio_changes {
+    int flipped, reordered;
+} sbi_meshio_changes;
+
+static sb_result sbi_meshio_accept(sb_mesh *mesh, int mend, sbi_meshio_changes *changes, sb_error *error)
 {
+    sb_result result;
     if (sb_element_dimension(mesh->element_type) == 2)
-        return fix_orientation ? sb_mesh_orient_surface(mesh, flipped, error) : SB_OK;
-    return sbi_meshio_accept_volume(mesh, fix_orientation, flipped, error);
+        return mend ? sb_mesh_orient_surface(mesh, &changes->flipped, error) : SB_OK;
+    result = sbi_meshio_mend_order(mesh, mend, &changes->reordered, error);
+    return result ? result : sbi_meshio_accept_volume(mesh, mend, &changes->flipped, error);
 }
 
 /* Nodes that no element uses; -1 without memory. */
@@ -241,44 +291,112 @@ static int sbi_meshio_count_unreferenced(const sb_mesh *mesh)
     return count;
 }
 
-static sb_result sbi_meshio_report(const sbi_loader *loader, const sb_mesh *mesh, sb_file_format format,
-                                   int flipped, sb_load_report *report)
+/* Appends a sentence to the report. */
+static void sbi_meshio_note(sb_load_report *report, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 2, 3)))
+#endif
+    ;
+static void sbi_meshio_note(sb_load_report *report, const char *format, ...)
+{
+    va_list arguments;
+    if (report->note_count >= SB_LOAD_NOTES)
+        return;
+    va_start(arguments, format);
+    vsnprintf(report->notes[report->note_count++], SB_LOAD_NOTE_LENGTH, format, arguments);
+    va_end(arguments);
+}
+
+/* Names of groups that nobody asked for. */
+static void sbi_meshio_note_names(const sbi_loader *loader, sb_load_report *report)
+{
+    char text[120];
+    size_t used = 0;
+    for (size_t i = 0; i < loader->name_count && used + 8 < sizeof text; i++) {
+        size_t length = strlen(loader->names[i].text);
+        int fits = used + length + 8 < sizeof text;
+        snprintf(text + used, sizeof text - used, "%s%s", used ? ", " : "", fits ? loader->names[i].text : "...");
+        used = fits ? used + length + (used ? 2 : 0) : sizeof text;
+    }
+    if (loader->name_count)
+        sbi_meshio_note(report, "named groups are in the file, but no sets were asked for: %s", text);
+}
+
+static void sbi_meshio_write_notes(const sbi_loader *loader, const sb_load_options *options, const sb_mesh *mesh,
+                                   const sbi_meshio_changes *changes, sb_load_report *report)
+{
+    if (loader->split_cells)
+        sbi_meshio_note(report, "%d pyramids, wedges or hexahedra were cut into %d %s", loader->split_cells,
+                        loader->split_tets, sb_element_name(mesh->element_type));
+    if (loader->diagonal_nodes)
+        sbi_meshio_note(report, "%d nodes are new, in the middle of diagonals", loader->diagonal_nodes);
+    if (changes->reordered)
+        sbi_meshio_note(report, "%d tet10 had gmsh's node order and were put in VTK's", changes->reordered);
+    if (report->flipped_elements)
+        sbi_meshio_note(report, "%d elements were inside out and were turned", report->flipped_elements);
+    if (loader->region_rank && mesh->regions)
+        sbi_meshio_note(report, "regions are the cell field %s", loader->region_field);
+    if (!options->sets)
+        sbi_meshio_note_names(loader, report);
+    if (loader->pieces > 1)
+        sbi_meshio_note(report, "%d pieces were joined; nodes at the same place in several of them are still several",
+                        loader->pieces);
+    if (loader->skipped_cells && !options->sets)
+        sbi_meshio_note(report, "%d cells of lower dimension are not part of the mesh", loader->skipped_cells);
+    if (loader->ignored_count)
+        sbi_meshio_note(report, "not taken (%d): %s", loader->ignored_count, loader->ignored);
+}
+
+static sb_result sbi_meshio_report(const sbi_loader *loader, const sb_load_options *options, const sb_mesh *mesh,
+                                   sb_file_format format, const sbi_meshio_changes *changes, sb_load_report *report)
 {
     int unreferenced = sbi_meshio_count_unreferenced(mesh);
     if (unreferenced < 0)
         return sbi_loader_no_memory(loader);
+    memset(report, 0, sizeof *report);
     report->format = format;
     report->file_cells = loader->source_count;
     report->skipped_cells = loader->skipped_cells;
     report->split_polygons = loader->split_polygons;
+    report->split_cells = loader->split_cells;
     report->merged_vertices = loader->merged_vertices;
-    report->flipped_elements = flipped;
+    report->flipped_elements = changes->flipped + loader->flipped_tets;
     report->unreferenced_nodes = unreferenced;
+    report->ignored = loader->ignored_count;
+    sbi_meshio_write_notes(loader, options, mesh, changes, report);
     return SB_OK;
 }
 
-/* From the cells of the file to the caller's mesh and report. */
+/* From the cells of the file to the caller's mesh, sets and report. */
 static sb_result sbi_meshio_finish(sbi_loader *loader, const sb_load_options *options, sb_file_format format,
                                    sb_mesh *mesh)
 {
     sb_mesh loaded;
+    sb_mesh_sets sets;
+    sbi_meshio_changes changes = {0, 0};
     sb_error *error = loader->reader.error;
-    int flipped = 0;
     sb_result result;
     memset(&loaded, 0, sizeof loaded);
+    memset(&sets, 0, sizeof sets);
     result = sbi_loader_build(loader, &loaded);
     if (!result) {
-        result = sbi_meshio_accept(&loaded, options->fix_orientation, &flipped, error);
+        result = sbi_meshio_accept(&loaded, options->fix_orientation, &changes, error);
         if (result && error)
             sbi_error_set_file(error, loader->reader.name);
     }
+    if (!result && options->sets)
+        result = sbi_sets_make(loader, &loaded, &sets);
     if (!result && options->report)
-        result = sbi_meshio_report(loader, &loaded, format, flipped, options->report);
-    if (result)
+        result = sbi_meshio_report(loader, options, &loaded, format, &changes, options->report);
+    if (result) {
         sb_mesh_free(&loaded);
-    else
-        *mesh = loaded;
-    return result;
+        sb_mesh_sets_free(&sets);
+        return result;
+    }
+    *mesh = loaded;
+    if (options->sets)
+        *options->sets = sets;
+    return SB_OK;
 }
 
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name)
@@ -301,7 +419,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
         return result;
     if (!mesh || (!data && size))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", mesh ? "data" : "mesh");
-    if ((int)format < SB_FILE_AUTO || (int)format > SB_FILE_OFF)
+    if ((int)format < SB_FILE_AUTO || (int)format > SB_FILE_MEDIT)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d is not a file format", (int)format);
     sbi_loader_init(&loader, &resolved, error);
     sbi_loader_set_content(&loader, size ? (const char *)data : "", size, name);

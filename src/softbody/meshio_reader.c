@@ -446,6 +446,11 @@ SBI_API int sbi_word_is(sbi_word word, const char *text)
     return i == word.length && !text[i];
 }
 
+SBI_API int sbi_word_equals(sbi_word word, const char *text)
+{
+    return strlen(text) == word.length && memcmp(word.text, text, word.length) == 0;
+}
+
 SBI_API const char *sbi_word_print(sbi_word word, char buffer[32])
 {
     size_t length = word.length < 31 ? word.length : 31;
@@ -598,61 +603,61 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
 SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind)
 {
     static const sbi_cell_kind kinds[SBI_CELL_KINDS] = {
-        {"tri3", SB_TRI3, 2, 3, 5, 2, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad4", SB_QUAD4, 2, 4, 9, 3, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet4", SB_TET4, 3, 4, 10, 4, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet10", SB_TET10, 3, 10, 24, 11, SBI_ORDER_SAME, SBI_ORDER_GMSH_TET10},
-        {"hex8", SB_HEX8, 3, 8, 12, 5, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri6", SB_TRI6, 2, 6, 22, 9, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pixel", SB_QUAD4, 2, 4, 8, -1, SBI_ORDER_PIXEL, SBI_ORDER_SAME},
-        {"voxel", SB_HEX8, 3, 8, 11, -1, SBI_ORDER_VOXEL, SBI_ORDER_SAME},
-        {"empty cell", SB_NO_ELEMENT, 0, 0, 0, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"vertex", SB_NO_ELEMENT, 0, 1, 1, 15, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polyvertex", SB_NO_ELEMENT, 0, 0, 2, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line2", SB_NO_ELEMENT, 1, 2, 3, 1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polyline", SB_NO_ELEMENT, 1, 0, 4, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line3", SB_NO_ELEMENT, 1, 3, 21, 8, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line4", SB_NO_ELEMENT, 1, 4, 35, 26, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line5", SB_NO_ELEMENT, 1, 5, -1, 27, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"line6", SB_NO_ELEMENT, 1, 6, -1, 28, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange curve", SB_NO_ELEMENT, 1, 0, 68, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"triangle strip", SB_NO_ELEMENT, 2, 0, 6, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polygon", SB_NO_ELEMENT, 2, 0, 7, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri7", SB_NO_ELEMENT, 2, 7, 34, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri9", SB_NO_ELEMENT, 2, 9, -1, 20, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri10", SB_NO_ELEMENT, 2, 10, -1, 21, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri12", SB_NO_ELEMENT, 2, 12, -1, 22, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri15", SB_NO_ELEMENT, 2, 15, -1, 23, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri15 (order 5)", SB_NO_ELEMENT, 2, 15, -1, 24, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tri21", SB_NO_ELEMENT, 2, 21, -1, 25, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad6", SB_NO_ELEMENT, 2, 6, 30, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad8", SB_QUAD8, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quad9", SB_QUAD9, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"quadratic polygon", SB_NO_ELEMENT, 2, 0, 36, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange triangle", SB_NO_ELEMENT, 2, 0, 69, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange quadrilateral", SB_NO_ELEMENT, 2, 0, 70, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet20", SB_NO_ELEMENT, 3, 20, -1, 29, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet35", SB_NO_ELEMENT, 3, 35, -1, 30, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"tet56", SB_NO_ELEMENT, 3, 56, -1, 31, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex20", SB_HEX20, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
-        {"hex24", SB_NO_ELEMENT, 3, 24, 33, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex27", SB_HEX27, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX},
-        {"hex64", SB_NO_ELEMENT, 3, 64, -1, 92, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hex125", SB_NO_ELEMENT, 3, 125, -1, 93, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge6", SB_NO_ELEMENT, 3, 6, 13, 6, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge12", SB_NO_ELEMENT, 3, 12, 31, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge15", SB_NO_ELEMENT, 3, 15, 26, 18, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"wedge18", SB_NO_ELEMENT, 3, 18, 32, 13, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pyramid5", SB_NO_ELEMENT, 3, 5, 14, 7, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pyramid13", SB_NO_ELEMENT, 3, 13, 27, 19, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pyramid14", SB_NO_ELEMENT, 3, 14, -1, 14, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"pentagonal prism", SB_NO_ELEMENT, 3, 10, 15, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"hexagonal prism", SB_NO_ELEMENT, 3, 12, 16, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"convex point set", SB_NO_ELEMENT, 3, 0, 41, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"polyhedron", SB_NO_ELEMENT, 3, 0, 42, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange tetrahedron", SB_NO_ELEMENT, 3, 0, 71, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange hexahedron", SB_NO_ELEMENT, 3, 0, 72, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
-        {"Lagrange wedge", SB_NO_ELEMENT, 3, 0, 73, -1, SBI_ORDER_SAME, SBI_ORDER_SAME},
+        {"tri3", SB_TRI3, 2, 3, 5, 2, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad4", SB_QUAD4, 2, 4, 9, 3, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet4", SB_TET4, 3, 4, 10, 4, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_TET},
+        {"tet10", SB_TET10, 3, 10, 24, 11, SBI_ORDER_SAME, SBI_ORDER_GMSH_TET10, SBI_SHAPE_TET},
+        {"hex8", SB_HEX8, 3, 8, 12, 5, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_HEX},
+        {"tri6", SB_TRI6, 2, 6, 22, 9, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"pixel", SB_QUAD4, 2, 4, 8, -1, SBI_ORDER_PIXEL, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"voxel", SB_HEX8, 3, 8, 11, -1, SBI_ORDER_VOXEL, SBI_ORDER_SAME, SBI_SHAPE_HEX},
+        {"empty cell", SB_NO_ELEMENT, 0, 0, 0, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"vertex", SB_NO_ELEMENT, 0, 1, 1, 15, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polyvertex", SB_NO_ELEMENT, 0, 0, 2, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line2", SB_NO_ELEMENT, 1, 2, 3, 1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polyline", SB_NO_ELEMENT, 1, 0, 4, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line3", SB_NO_ELEMENT, 1, 3, 21, 8, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line4", SB_NO_ELEMENT, 1, 4, 35, 26, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line5", SB_NO_ELEMENT, 1, 5, -1, 27, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"line6", SB_NO_ELEMENT, 1, 6, -1, 28, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange curve", SB_NO_ELEMENT, 1, 0, 68, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"triangle strip", SB_NO_ELEMENT, 2, 0, 6, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polygon", SB_NO_ELEMENT, 2, 0, 7, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri7", SB_NO_ELEMENT, 2, 7, 34, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri9", SB_NO_ELEMENT, 2, 9, -1, 20, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri10", SB_NO_ELEMENT, 2, 10, -1, 21, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri12", SB_NO_ELEMENT, 2, 12, -1, 22, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri15", SB_NO_ELEMENT, 2, 15, -1, 23, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri15 (order 5)", SB_NO_ELEMENT, 2, 15, -1, 24, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tri21", SB_NO_ELEMENT, 2, 21, -1, 25, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad6", SB_NO_ELEMENT, 2, 6, 30, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad8", SB_QUAD8, 2, 8, 23, 16, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quad9", SB_QUAD9, 2, 9, 28, 10, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"quadratic polygon", SB_NO_ELEMENT, 2, 0, 36, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange triangle", SB_NO_ELEMENT, 2, 0, 69, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange quadrilateral", SB_NO_ELEMENT, 2, 0, 70, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet20", SB_NO_ELEMENT, 3, 20, -1, 29, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet35", SB_NO_ELEMENT, 3, 35, -1, 30, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"tet56", SB_NO_ELEMENT, 3, 56, -1, 31, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hex20", SB_HEX20, 3, 20, 25, 17, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX, SBI_SHAPE_HEX},
+        {"hex24", SB_NO_ELEMENT, 3, 24, 33, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hex27", SB_HEX27, 3, 27, 29, 12, SBI_ORDER_SAME, SBI_ORDER_GMSH_HEX, SBI_SHAPE_HEX},
+        {"hex64", SB_NO_ELEMENT, 3, 64, -1, 92, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hex125", SB_NO_ELEMENT, 3, 125, -1, 93, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"wedge6", SB_NO_ELEMENT, 3, 6, 13, 6, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_WEDGE},
+        {"wedge12", SB_NO_ELEMENT, 3, 12, 31, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"wedge15", SB_NO_ELEMENT, 3, 15, 26, 18, SBI_ORDER_SAME, SBI_ORDER_GMSH_WEDGE, SBI_SHAPE_WEDGE},
+        {"wedge18", SB_NO_ELEMENT, 3, 18, 32, 13, SBI_ORDER_SAME, SBI_ORDER_GMSH_WEDGE, SBI_SHAPE_WEDGE},
+        {"pyramid5", SB_NO_ELEMENT, 3, 5, 14, 7, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_PYRAMID},
+        {"pyramid13", SB_NO_ELEMENT, 3, 13, 27, 19, SBI_ORDER_SAME, SBI_ORDER_GMSH_PYRAMID, SBI_SHAPE_PYRAMID},
+        {"pyramid14", SB_NO_ELEMENT, 3, 14, -1, 14, SBI_ORDER_SAME, SBI_ORDER_GMSH_PYRAMID, SBI_SHAPE_PYRAMID},
+        {"pentagonal prism", SB_NO_ELEMENT, 3, 10, 15, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"hexagonal prism", SB_NO_ELEMENT, 3, 12, 16, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"convex point set", SB_NO_ELEMENT, 3, 0, 41, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"polyhedron", SB_NO_ELEMENT, 3, 0, 42, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange tetrahedron", SB_NO_ELEMENT, 3, 0, 71, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange hexahedron", SB_NO_ELEMENT, 3, 0, 72, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
+        {"Lagrange wedge", SB_NO_ELEMENT, 3, 0, 73, -1, SBI_ORDER_SAME, SBI_ORDER_SAME, SBI_SHAPE_NONE},
     };
     return &kinds[kind];
 }
@@ -680,11 +685,15 @@ static int sbi_node_order_at(sbi_node_order order, int i)
     static const unsigned char gmsh_tet10[10] = {0, 1, 2, 3, 4, 5, 6, 7, 9, 8};
     static const unsigned char gmsh_hex[27] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
                                                19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26};
+    static const unsigned char gmsh_wedge[18] = {0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16};
+    static const unsigned char gmsh_pyramid[14] = {0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12, 13};
     switch (order) {
     case SBI_ORDER_PIXEL:
     case SBI_ORDER_VOXEL: return voxel[i];
     case SBI_ORDER_GMSH_TET10: return gmsh_tet10[i];
     case SBI_ORDER_GMSH_HEX: return gmsh_hex[i];
+    case SBI_ORDER_GMSH_WEDGE: return gmsh_wedge[i];
+    case SBI_ORDER_GMSH_PYRAMID: return gmsh_pyramid[i];
     case SBI_ORDER_SAME: break;
     }
     return i;
@@ -698,6 +707,7 @@ SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options,
     sbi_reader_init(&loader->reader, "", 0, "", error);
     loader->allocator = options->allocator;
     loader->scale = (double)options->scale;
+    loader->keep_low = options->sets != NULL;
 }
 
 SBI_API void sbi_loader_free(sbi_loader *loader)
@@ -708,6 +718,9 @@ SBI_API void sbi_loader_free(sbi_loader *loader)
     sbi_free(&loader->allocator, loader->cells);
     sbi_free(&loader->allocator, loader->scratch);
     sbi_free(&loader->allocator, loader->source_regions);
+    sbi_free(&loader->allocator, loader->groups);
+    sbi_free(&loader->allocator, loader->names);
+    sbi_free(&loader->allocator, loader->diagonals);
 }
 
 SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader)
@@ -873,6 +886,7 @@ static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t
     cell->kind = kind;
     cell->source = loader->source_count;
     cell->region = region;
+    cell->groups = loader->cell_groups;
     for (int i = 0; i < nodes; i++) {
         size_t from = corners ? corners[i] : (size_t)sbi_node_order_at(order, i);
         loader->indices[loader->index_count++] = loader->scratch[from];
@@ -894,6 +908,14 @@ static sb_result sbi_loader_count_cell(sbi_loader *loader, int kind)
     return SB_OK;
 }
 
+/* Cells that may become elements, or for the sake of sets points and lines. */
+static int sbi_loader_keeps(const sbi_loader *loader, const sbi_cell_kind *about)
+{
+    if (about->dimension < 2)
+        return loader->keep_low && about->nodes > 0;
+    return about->type != SB_NO_ELEMENT || about->shape != SBI_SHAPE_NONE;
+}
+
 SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_order order, int region)
 {
     const sbi_cell_kind *about = sbi_cell_kind_at(kind);
@@ -902,7 +924,7 @@ SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_ord
         return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "cell %d has %llu nodes, but a %s has %d",
                                loader->source_count, (unsigned long long)loader->scratch_count, about->name,
                                about->nodes);
-    if (about->type != SB_NO_ELEMENT)
+    if (sbi_loader_keeps(loader, about))
         result = sbi_loader_push_cell(loader, kind, NULL, order, region);
     return result ? result : sbi_loader_count_cell(loader, kind);
 }
@@ -936,10 +958,163 @@ SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region)
     return sbi_loader_end_triangles(loader, region, 1);
 }
 
+SBI_API sb_result sbi_loader_end_vtk_cell(sbi_loader *loader, int kind)
+{
+    const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+    if (about->vtk == 7)
+        return sbi_loader_end_polygon(loader, 0);
+    if (about->vtk == 6)
+        return sbi_loader_end_strip(loader, 0);
+    return sbi_loader_end_cell(loader, kind, about->vtk_order, 0);
+}
+
+/* ---- groups, regions and what is left out ---- */
+
+SBI_API sb_result sbi_loader_add_groups(sbi_loader *loader, const int *numbers, int count, int *list)
+{
+    size_t used = loader->group_count ? loader->group_count : 1, needed = used + (size_t)count + 1;
+    const int *before = loader->cell_groups ? loader->groups + loader->cell_groups : NULL;
+    *list = 0;
+    if (count == 0)
+        return SB_OK;
+    if (before && before[0] == count && memcmp(before + 1, numbers, (size_t)count * sizeof(int)) == 0) {
+        *list = loader->cell_groups;
+        return SB_OK;
+    }
+    if (needed > INT_MAX)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 groups");
+    if (needed > loader->group_capacity) {
+        void *grown = sbi_loader_grow(loader, loader->groups, loader->group_count, &loader->group_capacity, needed,
+                                      sizeof loader->groups[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        loader->groups = (int *)grown;
+    }
+    loader->groups[0] = 0;
+    loader->groups[used] = count;
+    memcpy(loader->groups + used + 1, numbers, (size_t)count * sizeof(int));
+    loader->group_count = needed;
+    *list = (int)used;
+    return SB_OK;
+}
+
+/* Copies a name, cut where it is too long, never within a character of UTF-8. */
+static void sbi_name_copy(char *to, size_t room, sbi_word text)
+{
+    size_t length = text.length < room ? text.length : room - 1;
+    if (length < text.length)
+        while (length > 0 && ((unsigned char)text.text[length] & 0xC0) == 0x80)
+            length--;
+    for (size_t i = 0; i < length; i++)
+        to[i] = (unsigned char)text.text[i] < ' ' || text.text[i] == 127 ? '?' : text.text[i];
+    to[length] = 0;
+}
+
+SBI_API sb_result sbi_loader_add_name(sbi_loader *loader, int dimension, int number, sbi_word text)
+{
+    sbi_group_name *name;
+    if (loader->name_count >= loader->name_capacity) {
+        void *grown = sbi_loader_grow(loader, loader->names, loader->name_count, &loader->name_capacity,
+                                      loader->name_count + 1, sizeof loader->names[0]);
+        if (!grown)
+            return sbi_loader_no_memory(loader);
+        loader->names = (sbi_group_name *)grown;
+    }
+    name = &loader->names[loader->name_count++];
+    name->dimension = dimension;
+    name->number = number;
+    sbi_name_copy(name->text, sizeof name->text, text);
+    return SB_OK;
+}
+
+SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name)
+{
+    char text[40];
+    size_t used = strlen(loader->ignored), length;
+    sbi_name_copy(text, sizeof text, name);
+    length = strlen(text);
+    if (loader->ignored_count < INT_MAX)
+        loader->ignored_count++;
+    if (used + length + 6 >= sizeof loader->ignored) { /* room for the dots is kept */
+        if (used < 3 || strcmp(loader->ignored + used - 3, "...") != 0)
+            memcpy(loader->ignored + used, used ? ", ..." : "...", used ? 6 : 4);
+        return;
+    }
+    if (used) {
+        memcpy(loader->ignored + used, ", ", 2);
+        used += 2;
+    }
+    memcpy(loader->ignored + used, text, length + 1);
+}
+
+/* The names that programs give to the material of a cell; ours is best. */
+SBI_API int sbi_region_field_rank(sbi_word name)
+{
+    static const char names[][20] = {"region",       "regions",      "region_id",  "RegionId",      "material",
+                                     "materials",    "material_id",  "MaterialId", "MaterialIds",   "mat_id",
+                                     "gmsh:physical", "medit:ref",   "CellEntityIds"};
+    const int count = (int)(sizeof names / sizeof names[0]);
+    for (int i = 0; i < count; i++)
+        if (sbi_word_is(name, names[i]))
+            return count - i;
+    return 0;
+}
+
+SBI_API int sbi_loader_choose_regions(sbi_loader *loader, sbi_word name, int usable)
+{
+    int rank = usable ? sbi_region_field_rank(name) : 0;
+    sbi_word before;
+    if (rank <= loader->region_rank) {
+        sbi_loader_ignore(loader, name);
+        return 0;
+    }
+    before.text = loader->region_field;
+    before.length = strlen(loader->region_field);
+    if (loader->region_rank)
+        sbi_loader_ignore(loader, before);
+    loader->region_rank = rank;
+    sbi_name_copy(loader->region_field, sizeof loader->region_field, name);
+    return 1;
+}
+
+SBI_API sb_result sbi_loader_begin_regions(sbi_loader *loader)
+{
+    size_t count = (size_t)loader->source_count, before = (size_t)loader->region_cells;
+    int *grown;
+    if (loader->source_regions && count == before)
+        return SB_OK;
+    grown = (int *)sbi_alloc_zeroed(&loader->allocator, count, sizeof(int));
+    if (!grown)
+        return sbi_loader_no_memory(loader);
+    if (loader->source_regions && before)
+        memcpy(grown, loader->source_regions, before * sizeof(int));
+    sbi_free(&loader->allocator, loader->source_regions);
+    loader->source_regions = grown;
+    loader->region_cells = loader->source_count;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int cell, double value)
+{
+    if (loader->region_rank == 0)
+        return SB_OK;
+    if (value >= INT_MIN && value <= INT_MAX && value == (double)(int)value) {
+        loader->source_regions[cell] = (int)value;
+        return SB_OK;
+    }
+    if (sbi_word_is(name, "region"))
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the region of cell %d is not an integer: %g", cell,
+                               value);
+    loader->region_rank = 0;
+    memset(loader->source_regions, 0, (size_t)loader->region_cells * sizeof(int));
+    sbi_loader_ignore(loader, name);
+    return SB_OK;
+}
+
 /* ---- from cells to one element type ---- */
 
-static sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
-                                      const char *first, const char *second)
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
+                                       const char *first, const char *second)
 {
     sbi_reader place = loader->reader;
     char message[160];
@@ -977,47 +1152,70 @@ static sb_result sbi_loader_find_type(const sbi_loader *loader, int dimension, s
         const sbi_cell_kind *about = sbi_cell_kind_at(kind);
         if (!loader->kind_count[kind] || about->dimension != dimension)
             continue;
-        if (about->type == SB_NO_ELEMENT)
+        if (about->type == SB_NO_ELEMENT && about->shape == SBI_SHAPE_NONE)
             return sbi_loader_fail_kind(loader, kind, " elements are not supported", about->name, "");
         if (first < 0) {
             first = kind;
             *type = about->type;
         } else if (sbi_loader_is_flat_pair(*type, about->type)) {
             *type = SB_TRI3;
-        } else if (*type != about->type) {
+        } else if (*type != about->type || *type == SB_NO_ELEMENT) {
             return sbi_loader_fail_kind(loader, kind, " and ", sbi_cell_kind_at(first)->name, about->name);
         }
     }
     return SB_OK;
 }
 
+/* Quadrilaterals among triangles are two; volume cells that are cut are 1, 2, 3 or 6 tets. */
+SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type)
+{
+    static const int tets[5] = {0, 1, 2, 3, 6};
+    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+    if (about->type == type)
+        return 1;
+    return about->dimension == 3 ? tets[about->shape] : 2;
+}
+
+SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell)
+{
+    return loader->source_regions ? loader->source_regions[cell->source] : cell->region;
+}
+
 /* Number of elements the cells make. */
 static int64_t sbi_loader_count_elements(const sbi_loader *loader, int dimension, sb_element_type type)
 {
     int64_t count = 0;
-    for (size_t i = 0; i < loader->cell_count; i++) {
-        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
-        if (about->dimension == dimension)
-            count += about->type == type ? 1 : 2;
-    }
+    for (size_t i = 0; i < loader->cell_count; i++)
+        if (sbi_cell_kind_at(loader->cells[i].kind)->dimension == dimension)
+            count += sbi_cell_elements(&loader->cells[i], type);
     return count;
 }
 
-/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
-static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh, int *regions)
+/* Regions of all elements. */
+static void sbi_loader_copy_regions(const sbi_loader *loader, int dimension, sb_mesh *mesh)
 {
-    int nodes = sb_element_node_count(mesh->element_type), element = 0;
-    const int *from = loader->indices;
+    int element = 0;
     for (size_t i = 0; i < loader->cell_count; i++) {
         const sbi_cell *cell = &loader->cells[i];
-        const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+        if (sbi_cell_kind_at(cell->kind)->dimension != dimension)
+            continue;
+        for (int part = sbi_cell_elements(cell, mesh->element_type); part > 0; part--)
+            mesh->regions[element++] = sbi_cell_region(loader, cell);
+    }
+}
+
+/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
+static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh)
+{
+    int nodes = sb_element_node_count(mesh->element_type);
+    const int *from = loader->indices;
+    int *to = mesh->elements;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
         int parts = about->type == mesh->element_type ? 1 : 2;
-        for (int part = 0; part < parts && about->dimension == dimension; part++) {
-            int *to = mesh->elements + (size_t)element * (size_t)nodes;
+        for (int part = 0; part < parts && about->dimension == dimension; part++, to += nodes)
             for (int a = 0; a < nodes; a++)
                 to[a] = from[a == 0 ? 0 : a + part];
-            regions[element++] = loader->source_regions ? loader->source_regions[cell->source] : cell->region;
-        }
         if (parts == 2 && about->dimension == dimension)
             loader->split_polygons++;
         from += about->nodes;
@@ -1035,14 +1233,17 @@ static int sbi_loader_any_region(const int *regions, int count)
 SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
 {
     int dimension = sbi_loader_find_dimension(loader), nodes;
+    int split = dimension == 3;
     sb_element_type type = SB_NO_ELEMENT;
     int64_t count;
-    sb_result result;
+    sb_result result = SB_OK;
     loader->reader.element = loader->reader.node = -1;
     if (dimension < 2)
         return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
                                "the file has no faces and no volume elements");
-    result = sbi_loader_find_type(loader, dimension, &type);
+    split = split && sbi_split_wanted(loader, &type);
+    if (!split)
+        result = sbi_loader_find_type(loader, dimension, &type);
     if (result)
         return result;
     count = sbi_loader_count_elements(loader, dimension, type);
@@ -1056,7 +1257,13 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     mesh->regions = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
     if (!mesh->elements || !mesh->regions)
         return sbi_loader_no_memory(loader);
-    sbi_loader_copy_cells(loader, dimension, mesh, mesh->regions);
+    if (split)
+        result = sbi_split_cells(loader, mesh);
+    else
+        sbi_loader_copy_cells(loader, dimension, mesh);
+    if (result)
+        return result;
+    sbi_loader_copy_regions(loader, dimension, mesh);
     if (!sbi_loader_any_region(mesh->regions, mesh->element_count)) {
         sbi_free(&loader->allocator, mesh->regions);
         mesh->regions = NULL;

@@ -89,6 +89,35 @@ SBI_API double sbi_decode_float(const sbi_reader *reader, const unsigned char *b
 typedef int (*sbi_before)(const void *context, int a, int b);
 SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context);
 
+/* ---- XML (meshio_xml) ------------------------------------------------------------------------------
+ * Elements and attributes as they stand in the file, one after the other: no entities, no document type definitions
+ * (which is where XML files hide what unfolds into gigabytes), no CDATA. */
+enum { SBI_XML_DEPTH = 64, SBI_XML_ATTRIBUTES = 32 };
+
+typedef enum sbi_xml_event {
+    SBI_XML_START = 0, /* <name ...>; <name .../> is a start and then an end */
+    SBI_XML_STOP = 1,  /* </name> */
+    SBI_XML_END = 2    /* of the file */
+} sbi_xml_event;
+
+typedef struct sbi_xml {
+    sbi_reader *reader; /* behind the tag: at an element's text */
+    sbi_xml_event event;
+    sbi_word name;
+    int attribute_count;
+    sbi_word attributes[SBI_XML_ATTRIBUTES], values[SBI_XML_ATTRIBUTES];
+    int depth;
+    sbi_word open[SBI_XML_DEPTH]; /* names of the elements that are open */
+    int stop_next;                /* the element just begun ends at once */
+} sbi_xml;
+
+/* Steps to the next tag. Tags must be closed in order. */
+SBI_API sb_result sbi_xml_next(sbi_xml *xml);
+/* An attribute of the element just begun; 0: it has none of that name. */
+SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *value);
+/* 1 when the word is `text`, case and all. */
+SBI_API int sbi_word_equals(sbi_word word, const char *text);
+
 /* ---- cells ---------------------------------------------------------------------------------------- */
 
 /* Rows of the table of cell kinds that the code names; the others are found by a format's own number. */
@@ -100,8 +129,19 @@ typedef enum sbi_node_order {
     SBI_ORDER_PIXEL = 1, /* VTK's pixel: rows instead of round */
     SBI_ORDER_VOXEL = 2,
     SBI_ORDER_GMSH_TET10 = 3, /* the last two mid-edge nodes exchanged */
-    SBI_ORDER_GMSH_HEX = 4    /* hex20 and hex27: edges by their lower corner, faces z- y- x- x+ y+ z+ */
+    SBI_ORDER_GMSH_HEX = 4,   /* hex20 and hex27: edges by their lower corner, faces z- y- x- x+ y+ z+ */
+    SBI_ORDER_GMSH_WEDGE = 5, /* wedge15 and wedge18, pyramid13 and pyramid14: edges by their lower corner */
+    SBI_ORDER_GMSH_PYRAMID = 6
 } sbi_node_order;
+
+/* Volume cells that can be cut into tets. */
+typedef enum sbi_cell_shape {
+    SBI_SHAPE_NONE = 0,
+    SBI_SHAPE_TET = 1,
+    SBI_SHAPE_PYRAMID = 2,
+    SBI_SHAPE_WEDGE = 3,
+    SBI_SHAPE_HEX = 4
+} sbi_cell_shape;
 
 /* A kind of cell that some format knows. New element types: fill in `type` (and the order, if it is not
  * VTK's). */
@@ -112,6 +152,7 @@ typedef struct sbi_cell_kind {
     int nodes;     /* 0: any number */
     int vtk, gmsh; /* number of the kind in these formats; -1: none */
     sbi_node_order vtk_order, gmsh_order;
+    sbi_cell_shape shape;
 } sbi_cell_kind;
 SBI_API const sbi_cell_kind *sbi_cell_kind_at(int kind);
 /* Row of a format's number, or -1. */
@@ -125,7 +166,20 @@ typedef struct sbi_cell {
     int kind;
     int source; /* its number in the file; several triangles may come from one polygon */
     int region;
+    int groups; /* where its list of groups begins in loader->groups; 0: none */
 } sbi_cell;
+
+/* A name that the file gives to a group of cells. */
+typedef struct sbi_group_name {
+    int dimension; /* of the cells; -1: any */
+    int number;
+    char text[SB_MESH_SET_NAME];
+} sbi_group_name;
+
+/* A node on the diagonal between two corners. */
+typedef struct sbi_diagonal_node {
+    int low, high, node;
+} sbi_diagonal_node;
 
 /* Everything gathered from a file. */
 typedef struct sbi_loader {
@@ -136,7 +190,7 @@ typedef struct sbi_loader {
     size_t node_count, node_capacity;
     int *indices;
     size_t index_count, index_capacity;
-    sbi_cell *cells; /* surface and volume cells of supported types */
+    sbi_cell *cells; /* surface and volume cells of supported types; points and lines when keep_low */
     size_t cell_count, cell_capacity;
     int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
     sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
@@ -149,6 +203,22 @@ typedef struct sbi_loader {
     int kind_line[SBI_CELL_KINDS]; /* where the kind was met first */
     int kind_first[SBI_CELL_KINDS];
     int split_polygons, merged_vertices, skipped_cells;
+    int split_cells, split_tets, flipped_tets; /* volume cells that were cut, into how many tets, how many turned */
+    sbi_diagonal_node *diagonals;              /* [diagonal_count] of quadratic cells, ascending by low and high */
+    int diagonal_count, diagonal_nodes;        /* diagonal_nodes: how many of them are new */
+    int pieces;                                /* VTU: parts of the file that were joined */
+    /* groups and what becomes regions */
+    int keep_low;         /* points and lines are kept as well: sets are wanted */
+    int *groups;          /* lists of groups: their count, then their numbers; [0] is an empty one */
+    size_t group_count, group_capacity;
+    int cell_groups;      /* list of the cell being read, see sbi_cell */
+    sbi_group_name *names;
+    size_t name_count, name_capacity;
+    int region_rank;      /* of the field in source_regions, see sbi_region_field_rank; 0: none */
+    int region_cells;     /* cells of source_regions */
+    char region_field[SB_MESH_SET_NAME];
+    int ignored_count;    /* fields, sections and the like that were stepped over */
+    char ignored[120];    /* their names */
 } sbi_loader;
 
 SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options, sb_error *error);
@@ -173,14 +243,57 @@ SBI_API sb_result sbi_loader_read_node(sbi_loader *loader);
 SBI_API void sbi_loader_begin_cell(sbi_loader *loader);
 SBI_API sb_result sbi_loader_cell_node(sbi_loader *loader, int64_t number, int64_t base);
 SBI_API sb_result sbi_loader_end_cell(sbi_loader *loader, int kind, sbi_node_order order, int region);
+/* A list of groups for loader->cell_groups; the same as the list before when the numbers are. */
+SBI_API sb_result sbi_loader_add_groups(sbi_loader *loader, const int *numbers, int count, int *list);
+SBI_API sb_result sbi_loader_add_name(sbi_loader *loader, int dimension, int number, sbi_word text);
+/* Notes something of the file that is not taken. */
+SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name);
+/* How well a cell field of that name fits to be the regions, 1 is worst; 0: it is another field. */
+SBI_API int sbi_region_field_rank(sbi_word name);
+/* Decides whether a cell field becomes the regions; one that does not is noted as ignored, and so is the one that had
+ * been chosen before it. */
+SBI_API int sbi_loader_choose_regions(sbi_loader *loader, sbi_word name, int usable);
+/* Room for the regions of all cells met so far; those that are there stay, new ones are 0. */
+SBI_API sb_result sbi_loader_begin_regions(sbi_loader *loader);
+/* The region of a cell. One that is no integer is an error of the field `region`; another field is dropped. */
+SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int cell, double value);
 /* Ends a cell that is a polygon: one tri3 or a fan of them. */
 SBI_API sb_result sbi_loader_end_polygon(sbi_loader *loader, int region);
+/* Ends a cell of VTK's, whatever its kind. */
+SBI_API sb_result sbi_loader_end_vtk_cell(sbi_loader *loader, int kind);
 /* Ends a cell that is a strip of triangles, each with the last two nodes of the one before. */
 SBI_API sb_result sbi_loader_end_strip(sbi_loader *loader, int region);
 
 /* Makes the mesh of the cells with the highest dimension; its nodes are the loader's. Does not check
  * geometry. */
 SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh);
+/* Elements that a cell of the mesh's dimension became: consecutive ones, in the order of the cells. */
+SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type);
+SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell);
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format, const char *first,
+                                       const char *second);
+
+/* ---- cells cut into tets (meshio_split) ------------------------------------------------------------
+ * 1 when the kinds of volume cells in the file are to become tets; *type then is SB_TET4 or SB_TET10. */
+SBI_API int sbi_split_wanted(const sbi_loader *loader, sb_element_type *type);
+/* Fills mesh->elements, for which there is room, with the tets of all volume cells; appends nodes to the loader. */
+SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh);
+/* Where the diagonal of a quadrilateral begins: at its corner with the lowest number. */
+SBI_API int sbi_split_first_corner(const int *corners, int count);
+/* The node on the diagonal between two corners of quadratic cells that were cut, or -1. */
+SBI_API int sbi_split_diagonal_node(const sbi_loader *loader, int a, int b);
+
+/* ---- sets (meshio_sets) ---------------------------------------------------------------------------- */
+
+/* The groups of the loader's cells as sets of the mesh that was built of them. */
+SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, sb_mesh_sets *sets);
+
+/* ---- compressed data (meshio_inflate) -------------------------------------------------------------- */
+
+/* Unpacks a zlib stream (RFC 1950, 1951) behind *out [*out_size], which grows; at most `limit` bytes are unpacked.
+ * NULL, or what is wrong with the stream; "" for want of memory. */
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity);
 
 /* ---- files ---------------------------------------------------------------------------------------- */
 
@@ -223,6 +336,10 @@ SBI_API sb_result sbi_obj_read(sbi_loader *loader);
 SBI_API sb_result sbi_stl_read(sbi_loader *loader);
 SBI_API sb_result sbi_ply_read(sbi_loader *loader);
 SBI_API sb_result sbi_off_read(sbi_loader *loader);
+SBI_API sb_result sbi_vtu_read(sbi_loader *loader);
+SBI_API sb_result sbi_medit_read(sbi_loader *loader);
+/* 1 when the content begins as a binary Medit file does. */
+SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
  * the first node. */
 SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base);

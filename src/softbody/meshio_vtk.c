@@ -338,18 +338,11 @@ static sb_result sbi_vtk_cell_list(sbi_vtk *vtk)
 /* Hands cell i of the list to the loader. */
 static sb_result sbi_vtk_commit_cell(sbi_vtk *vtk, int i, int kind)
 {
-    const sbi_cell_kind *about = sbi_cell_kind_at(kind);
     sb_result result = SB_OK;
     sbi_loader_begin_cell(vtk->loader);
     for (int k = i ? vtk->ends[i - 1] : 0; k < vtk->ends[i] && !result; k++)
         result = sbi_loader_cell_node(vtk->loader, vtk->nodes[k], 0);
-    if (result)
-        return result;
-    if (about->vtk == 7)
-        return sbi_loader_end_polygon(vtk->loader, 0);
-    if (about->vtk == 6)
-        return sbi_loader_end_strip(vtk->loader, 0);
-    return sbi_loader_end_cell(vtk->loader, kind, about->vtk_order, 0);
+    return result ? result : sbi_loader_end_vtk_cell(vtk->loader, kind);
 }
 
 static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
@@ -410,27 +403,22 @@ static sb_result sbi_vtk_poly_cells(sbi_vtk *vtk, int category, int vtk_type)
 
 /* ---- data arrays ---- */
 
-static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, const sbi_vtk_type *type)
+static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type)
 {
-    sbi_loader *loader = vtk->loader;
-    sb_result result = SB_OK;
+    sb_result result;
     if (vtk->out_of_order)
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
                                "regions of polydata whose sections are not in the order of VTK");
-    if (type->class_ == 'b' || type->class_ == 's')
-        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "regions of type %s", type->name);
-    loader->source_regions = (int *)sbi_alloc(&loader->allocator, (size_t)loader->source_count, sizeof(int));
-    if (!loader->source_regions)
-        return sbi_loader_no_memory(loader);
+    result = sbi_loader_begin_regions(vtk->loader);
+    if (result)
+        return result;
     sbi_vtk_start_data(vtk);
-    for (int i = 0; i < loader->source_count && !result; i++) {
+    for (int i = 0; i < vtk->loader->source_count && !result; i++) {
         double value = 0;
         vtk->reader->element = i;
         result = sbi_vtk_real(vtk, type, "region", &value);
-        if (!result && !(value >= INT_MIN && value <= INT_MAX && value == (double)(int)value))
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "the region of cell %d is not an integer: %g", i, value);
-        loader->source_regions[i] = (int)value;
+        if (!result)
+            result = sbi_loader_set_region(vtk->loader, name, i, value);
     }
     vtk->reader->element = -1;
     return result;
@@ -440,15 +428,20 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, const sbi_vtk_type *type)
 static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                int64_t tuples)
 {
+    int of_cells = vtk->in_cell_data && vtk->data_count >= 0, is_number = type->class_ != 'b' && type->class_ != 's';
+    int usable = is_number && components == 1 && tuples == vtk->loader->source_count;
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
                                (long long)tuples, (long long)components);
-    if (vtk->in_cell_data && sbi_word_is(name, "region") && !vtk->loader->source_regions) {
-        if (components != 1 || tuples != vtk->loader->source_count)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "the field region must have one value per cell");
-        return sbi_vtk_read_regions(vtk, type);
-    }
+    if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the field region must have one value per cell");
+    if (of_cells && sbi_word_is(name, "region") && !is_number)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "regions of type %s", type->name);
+    usable = usable && (!vtk->out_of_order || sbi_word_is(name, "region"));
+    if (of_cells && name.length && sbi_loader_choose_regions(vtk->loader, name, usable))
+        return sbi_vtk_read_regions(vtk, name, type);
+    if (vtk->data_count >= 0 && !of_cells && name.length)
+        sbi_loader_ignore(vtk->loader, name);
     return sbi_vtk_skip_values(vtk, type, components * tuples);
 }
 

@@ -52,6 +52,8 @@
 #define sb_mesh_cylinder sb_mesh_cylinder_f32
 #define sb_mesh_ellipsoid sb_mesh_ellipsoid_f32
 #define sb_mesh_organ sb_mesh_organ_f32
+#define sb_mesh_sets_free sb_mesh_sets_free_f32
+#define sb_mesh_sets_find sb_mesh_sets_find_f32
 #define sb_default_load_options sb_default_load_options_f32
 #define sb_mesh_load sb_mesh_load_f32
 #define sb_mesh_load_memory sb_mesh_load_memory_f32
