@@ -356,6 +356,10 @@
 #if SBI_NAMES_PASTE(SBI_NAMES_OF_, SB_REAL)
 #define sb_result_string sb_result_string_f32
 #define sb_jobs_openmp sb_jobs_openmp_f32
+#define sb_output_open sb_output_open_f32
+#define sb_output_close sb_output_close_f32
+#define sb_output_discard sb_output_discard_f32
+#define sb_file_save sb_file_save_f32
 #define sb_element_name sb_element_name_f32
 #define sb_element_face sb_element_face_f32
 #define sb_element_edge sb_element_edge_f32
@@ -819,6 +823,56 @@ SB_INLINE int sb_is_finite(sb_real x) { return x - x == (sb_real)0; }
 
 
 #endif /* SB_BYTES_H */
+
+/* ==== src/softbody/output.h ==== */
+/* output: files that are written whole or not at all. Floor 0: calls core and libc.
+ *
+ *     sb_output out;
+ *     if (sb_output_open(&out, "table.csv", &error) == SB_OK) {
+ *         fprintf(out.file, "t,force\n");
+ *         result = sb_output_close(&out, &error);          // the disk was full: table.csv is what it was before
+ *     }
+ *
+ * What is written goes to a file beside the target, table.csv.0123456789abcdef.part, which takes the target's place once
+ * the last byte is written. So a full disk costs neither the file that was there nor leaves a piece of a new one. */
+#ifndef SB_OUTPUT_H
+#define SB_OUTPUT_H
+
+#include <stdio.h>
+
+
+enum { SB_OUTPUT_PATH = 4096 }; /* bytes of the longest path, with its end */
+
+/* A file being written. */
+typedef struct sb_output {
+    FILE *file;                  /* for fwrite, fprintf...; their failures are remembered until sb_output_close */
+    const char *path;            /* as given, borrowed */
+    char target[SB_OUTPUT_PATH]; /* the file itself: where symbolic links lead */
+    char beside[SB_OUTPUT_PATH]; /* what is written; empty: the target, where it stands */
+} sb_output;
+
+/* Begins to write a file; binary, on every system. path is borrowed until it is closed.
+ *
+ * A file that is there stays as it is, and readable, until sb_output_close; its permissions pass on to the new one, its
+ * hard links stay with the old one, and symbolic links keep pointing to it. It must be writable, and a file can be made
+ * in its folder. Devices, pipes and other things that are no plain files are written where they stand.
+ *
+ * out is written on success and on failure. Nothing is allocated but by fopen. SB_ERROR_ARGUMENT (NULL) or SB_ERROR_FILE:
+ * then nothing is to be closed. */
+SB_API sb_result sb_output_open(sb_output *out, const char *path, sb_error *error);
+
+/* Ends it. SB_ERROR_FILE when anything could not be written since it was opened, or the target cannot be replaced: then
+ * the target is as it was before, and nothing is left beside it. */
+SB_API sb_result sb_output_close(sb_output *out, sb_error *error);
+
+/* Ends it without a result: the target is as it was before. */
+SB_API void sb_output_discard(sb_output *out);
+
+/* Writes bytes[size] as a file, by the three above: a saved state, recording, needle or preconditioner, say. bytes may be
+ * NULL when size is 0. SB_ERROR_ARGUMENT or SB_ERROR_FILE. */
+SB_API sb_result sb_file_save(const char *path, const void *bytes, size_t size, sb_error *error);
+
+#endif /* SB_OUTPUT_H */
 
 /* ==== src/softbody/dense.h ==== */
 /* dense: 3-vectors, 3x3 matrices, quaternions, their decompositions, small dense systems, and scalar
@@ -2758,8 +2812,8 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 /* ---- writing -----------------------------------------------------------------------------------------
  * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX; _UNSUPPORTED for custom elements whose
  * table has no vtk_type) and touch no file then. They take
- * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) no part of a file stays behind; a
- * file that was there before is then empty. */
+ * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) the file is what it was before, or is
+ * not there: see sb_output_open. */
 
 typedef enum sb_field_location { SB_FIELD_NODES = 0, SB_FIELD_ELEMENTS = 1 } sb_field_location;
 
@@ -5441,7 +5495,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
 
 /* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or
- * written; no part of a file that could not be written whole stays behind. */
+ * written; a file that could not be written whole is what it was before: see sb_output_open. */
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error);
 SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error);
 
@@ -5497,7 +5551,7 @@ SB_API sb_result sb_recording_save(const sb_recording *recording, void *buffer, 
  * (version, precision), SB_ERROR_MEMORY, SB_ERROR_ARGUMENT, with *recording untouched. */
 SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_allocator *allocator,
                                    sb_recording **recording, sb_error *error);
-/* The same with a file; SB_ERROR_FILE when it cannot be opened, read or written. */
+/* The same with a file; SB_ERROR_FILE when it cannot be opened, read or written (then it is what it was before). */
 SB_API sb_result sb_recording_save_file(const sb_recording *recording, const char *path, sb_error *error);
 SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *allocator, sb_recording **recording,
                                         sb_error *error);
@@ -5559,6 +5613,10 @@ SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, con
     __attribute__((format(printf, 4, 5)))
 #endif
     ;
+/* Copies a path into the error, cut at the front when it is too long. */
+SBI_API void sbi_error_set_file(sb_error *error, const char *name);
+/* A failure of a whole file. */
+SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *path, const char *why);
 
 /* ==== src/softbody/bytes.h, internal ==== */
 enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
@@ -5933,7 +5991,6 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 /* ==== src/softbody/state.h, internal ==== */
 /* ---- internal: files of checked bytes -------------------------------------------------------------------- */
 
-SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
 /* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
  * and one byte after the end that the head tells. */
 SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
@@ -6020,6 +6077,22 @@ SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, con
         vsnprintf(error->message, sizeof error->message, format, arguments);
         va_end(arguments);
     }
+    return result;
+}
+
+SBI_API void sbi_error_set_file(sb_error *error, const char *name)
+{
+    size_t length = strlen(name), room = sizeof error->file - 1;
+    if (length > room)
+        name += length - room;
+    memcpy(error->file, name, length > room ? room + 1 : length + 1);
+}
+
+SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *path, const char *why)
+{
+    sbi_fail(error, result, "%s", why);
+    if (error)
+        sbi_error_set_file(error, path);
     return result;
 }
 
@@ -6306,6 +6379,292 @@ SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
     return SB_OK;
 }
+
+/* ==== src/softbody/output.c ==== */
+/* output: see output.h. */
+
+#include <errno.h>
+#include <string.h>
+#include <time.h>
+
+/* ---- what C99 leaves to the system: what a name stands for, and putting one file in the place of another ---- */
+
+typedef enum sbi_output_kind {
+    SBI_OUTPUT_NOTHING = 0, /* no such file */
+    SBI_OUTPUT_FILE = 1,    /* a plain file */
+    SBI_OUTPUT_OTHER = 2    /* a device, a pipe, a folder */
+} sbi_output_kind;
+
+#if defined(_WIN32)
+
+#include <sys/stat.h>
+#include <sys/types.h>
+#define SBI_OUTPUT_NEW "wb"
+#define SBI_OUTPUT_SEPARATORS "/\\:"
+
+#if defined(__cplusplus)
+extern "C"
+#endif
+__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
+
+static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
+{
+    struct _stat about;
+    FILE *file = fopen(path, "rb"); /* _stat does not know that NUL and CON are devices */
+    int plain;
+    *mode = 0;
+    if (!file)
+        return SBI_OUTPUT_NOTHING;
+    plain = _fstat(_fileno(file), &about) == 0 && (about.st_mode & _S_IFMT) == _S_IFREG;
+    fclose(file);
+    return plain ? SBI_OUTPUT_FILE : SBI_OUTPUT_OTHER;
+}
+
+/* rename() refuses a target that is there. */
+static int sbi_output_move(const char *from, const char *to)
+{
+    const unsigned long replace_existing = 1;
+    return MoveFileExA(from, to, replace_existing) != 0;
+}
+
+static void sbi_output_set_mode(const char *path, unsigned mode) { (void)path, (void)mode; }
+static int sbi_output_follow(char path[SB_OUTPUT_PATH]) { return path != NULL; }
+
+#elif defined(__unix__) || defined(__APPLE__) || defined(__wasi__)
+
+#include <sys/stat.h>
+#include <sys/types.h>
+#include <unistd.h>
+#define SBI_OUTPUT_NEW "wbx" /* fails when the file is there, where x is known */
+#define SBI_OUTPUT_SEPARATORS "/"
+
+#if defined(__GLIBC__) && !defined(__USE_XOPEN2K) && !defined(__cplusplus)
+extern ssize_t readlink(const char *path, char *link, size_t size); /* POSIX; -std=c99 hides it in glibc */
+#endif
+
+static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
+{
+    struct stat about;
+    *mode = 0;
+    if (stat(path, &about) != 0)
+        return SBI_OUTPUT_NOTHING;
+    *mode = (unsigned)about.st_mode & 07777u;
+    return S_ISREG(about.st_mode) ? SBI_OUTPUT_FILE : SBI_OUTPUT_OTHER;
+}
+
+static int sbi_output_move(const char *from, const char *to) { return rename(from, to) == 0; }
+
+/* Not every file system has permissions; the content is worth more. */
+static void sbi_output_set_mode(const char *path, unsigned mode)
+{
+#if defined(__wasi__)
+    (void)path, (void)mode;
+#else
+    (void)chmod(path, (mode_t)mode);
+#endif
+}
+
+/* Replaces a symbolic link by what it names, from its own folder; 1, 0: no link, -1: too long. */
+static int sbi_output_follow_once(char path[SB_OUTPUT_PATH])
+{
+    char link[SB_OUTPUT_PATH];
+    const char *slash = strrchr(path, '/');
+    size_t folder = slash ? (size_t)(slash - path) + 1 : 0, length;
+    ssize_t got = readlink(path, link, sizeof link);
+    if (got <= 0)
+        return 0;
+    length = (size_t)got;
+    if (link[0] == '/')
+        folder = 0;
+    if (folder + length >= SB_OUTPUT_PATH)
+        return -1;
+    memcpy(path + folder, link, length);
+    path[folder + length] = 0;
+    return 1;
+}
+
+/* Leads the path to the file itself; 0 where the links have no end. */
+static int sbi_output_follow(char path[SB_OUTPUT_PATH])
+{
+    for (int links = 0; links < 40; links++) {
+        int followed = sbi_output_follow_once(path);
+        if (followed <= 0)
+            return followed == 0;
+    }
+    return 0;
+}
+
+#else
+
+#define SBI_OUTPUT_NEW "wb"
+#define SBI_OUTPUT_SEPARATORS "/"
+
+static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
+{
+    FILE *file = fopen(path, "rb");
+    *mode = 0;
+    if (file)
+        fclose(file);
+    return file ? SBI_OUTPUT_FILE : SBI_OUTPUT_NOTHING;
+}
+
+static int sbi_output_move(const char *from, const char *to) { return rename(from, to) == 0; }
+static void sbi_output_set_mode(const char *path, unsigned mode) { (void)path, (void)mode; }
+static int sbi_output_follow(char path[SB_OUTPUT_PATH]) { return path != NULL; }
+
+#endif
+
+/* 1 for the names that POSIX systems give to files that are open already, like /dev/stdout: a file put in the place of
+ * one would not be what is open. */
+static int sbi_output_is_open_file(const char *path)
+{
+    return strncmp(path, "/dev/std", 8) == 0 || strncmp(path, "/dev/fd/", 8) == 0 || strncmp(path, "/proc/", 6) == 0;
+}
+
+/* ---- the file beside the target ---- */
+
+enum {
+    SBI_OUTPUT_STEM = 200, /* bytes of the target's name that are kept: file systems take 255 */
+    SBI_OUTPUT_TAIL = 23,  /* of ".0123456789abcdef.part" and its end */
+    SBI_OUTPUT_TRIES = 16
+};
+
+/* FOLDER/NAME.0123456789abcdef.part, other digits for each try, process and thread; 0 when it is too long. */
+static int sbi_output_name_beside(sb_output *out, int try_number)
+{
+    const char *name = out->target;
+    uint64_t digits = ((uint64_t)(uintptr_t)out ^ (uint64_t)time(NULL) << 32) + (uint64_t)(unsigned)try_number;
+    size_t length;
+    for (const char *p = out->target; *p; p++)
+        if (strchr(SBI_OUTPUT_SEPARATORS, *p))
+            name = p + 1;
+    length = strlen(name);
+    if (length > SBI_OUTPUT_STEM)
+        for (length = SBI_OUTPUT_STEM; length > 0 && ((unsigned char)name[length] & 0xC0) == 0x80;)
+            length--; /* no half of a character of UTF-8 */
+    length += (size_t)(name - out->target);
+    if (length + SBI_OUTPUT_TAIL > SB_OUTPUT_PATH)
+        return 0;
+    digits *= 0x9E3779B97F4A7C15u;
+    digits ^= digits >> 32;
+    memcpy(out->beside, out->target, length);
+    out->beside[length++] = '.';
+    for (int shift = 60; shift >= 0; shift -= 4)
+        out->beside[length++] = "0123456789abcdef"[digits >> shift & 15];
+    memcpy(out->beside + length, ".part", 6);
+    return 1;
+}
+
+/* Makes the file beside the target; NULL with errno. */
+static FILE *sbi_output_make_beside(sb_output *out)
+{
+    unsigned mode;
+    for (int i = 0; i < SBI_OUTPUT_TRIES; i++) {
+        FILE *file;
+        if (!sbi_output_name_beside(out, i))
+            return NULL;
+        if (sbi_output_look(out->beside, &mode) != SBI_OUTPUT_NOTHING)
+            continue;
+        file = fopen(out->beside, SBI_OUTPUT_NEW);
+        if (file || errno != EEXIST)
+            return file;
+    }
+    return NULL;
+}
+
+/* ---- writing ---- */
+
+/* Opens a target that is a device, pipe, folder or open file where it stands, which tells what it cannot be; any other
+ * through a file beside it. */
+static FILE *sbi_output_open_target(sb_output *out, const char **why)
+{
+    unsigned mode;
+    FILE *file;
+    int in_place = sbi_output_is_open_file(out->target);
+    sbi_output_kind kind;
+    *why = "the file cannot be opened for writing";
+    if (!in_place && !sbi_output_follow(out->target))
+        return NULL;
+    in_place = in_place || sbi_output_is_open_file(out->target);
+    kind = sbi_output_look(out->target, &mode);
+    if (in_place || kind == SBI_OUTPUT_OTHER)
+        return fopen(out->target, "wb");
+    if (kind == SBI_OUTPUT_FILE) { /* replacing it would ask for no right to write to it */
+        file = fopen(out->target, "ab");
+        if (!file || fclose(file) != 0)
+            return NULL;
+        *why = "no file can be made beside it: is the disk full, or its folder write-protected?";
+    }
+    file = sbi_output_make_beside(out);
+    if (!file)
+        out->beside[0] = 0;
+    else if (kind == SBI_OUTPUT_FILE)
+        sbi_output_set_mode(out->beside, mode);
+    return file;
+}
+
+SB_API sb_result sb_output_open(sb_output *out, const char *path, sb_error *error)
+{
+    const char *why;
+    size_t length;
+    if (!out || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", out ? "path" : "out");
+    out->file = NULL;
+    out->path = path;
+    out->target[0] = out->beside[0] = 0;
+    length = strlen(path);
+    if (length == 0 || length >= SB_OUTPUT_PATH)
+        return sbi_fail_file(error, SB_ERROR_FILE, path, length ? "the path is too long" : "the path is empty");
+    memcpy(out->target, path, length + 1);
+    out->file = sbi_output_open_target(out, &why);
+    return out->file ? SB_OK : sbi_fail_file(error, SB_ERROR_FILE, path, why);
+}
+
+SB_API sb_result sb_output_close(sb_output *out, sb_error *error)
+{
+    int failed;
+    if (!out || !out->file)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the output is not open");
+    failed = fflush(out->file) != 0;
+    failed |= ferror(out->file) != 0;
+    failed |= fclose(out->file) != 0; /* some systems find only now that the disk is full */
+    out->file = NULL;
+    if (!failed && (!out->beside[0] || sbi_output_move(out->beside, out->target)))
+        return SB_OK;
+    if (out->beside[0])
+        remove(out->beside);
+    return sbi_fail_file(error, SB_ERROR_FILE, out->path,
+                         failed ? "the file cannot be written: is the disk full?"
+                                : "the file cannot be replaced by what was written beside it");
+}
+
+SB_API void sb_output_discard(sb_output *out)
+{
+    if (!out || !out->file)
+        return;
+    fclose(out->file);
+    out->file = NULL;
+    if (out->beside[0])
+        remove(out->beside);
+}
+
+SB_API sb_result sb_file_save(const char *path, const void *bytes, size_t size, sb_error *error)
+{
+    sb_output out;
+    sb_result result;
+    if (!path || (!bytes && size))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", path ? "bytes" : "path");
+    result = sb_output_open(&out, path, error);
+    if (result != SB_OK)
+        return result;
+    if (size && fwrite(bytes, 1, size, out.file) != size) {
+        sb_output_discard(&out);
+        return sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be written: is the disk full?");
+    }
+    return sb_output_close(&out, error);
+}
+#undef SBI_OUTPUT_NEW
+#undef SBI_OUTPUT_SEPARATORS
 
 /* ==== src/softbody/element.c ==== */
 /* element: tables of faces and edges, shape functions, quadrature; tables of custom elements. */
@@ -9838,7 +10197,6 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 #define SB_MESHIO_READER_H
 
 
-#include <stdio.h>
 
 /* ---- numbers ---------------------------------------------------------------------------------------
  * strtod obeys the locale: where the decimal point is a comma it reads "0.5" as 0 and stops. These do not;
@@ -9879,8 +10237,6 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
     __attribute__((format(printf, 3, 4)))
 #endif
     ;
-/* Copies a path into the error, cut at the front when it is too long. */
-SBI_API void sbi_error_set_file(sb_error *error, const char *name);
 
 SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
 /* Steps over blanks; 1 when the line or the file ends here. */
@@ -10146,11 +10502,10 @@ SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *form
 /* Reads what the loader's reader holds; not TetGen's. */
 SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);
 
-/* A file being written. Errors are remembered and told at the end. */
+/* A file being written. Failures are remembered and reported at the end. */
 typedef struct sbi_export {
-    FILE *file;
-    const char *path;
-    int existed, failed, binary;
+    sb_output output;
+    int binary, failed;
 } sbi_export;
 SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error);
 SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error);
@@ -10501,14 +10856,6 @@ SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, 
     reader->node = reader->element = -1;
     reader->name = name ? name : "";
     reader->error = error;
-}
-
-SBI_API void sbi_error_set_file(sb_error *error, const char *name)
-{
-    size_t length = strlen(name), room = sizeof error->file - 1;
-    if (length > room)
-        name += length - room;
-    memcpy(error->file, name, length > room ? room + 1 : length + 1);
 }
 
 SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, const char *format, ...)
@@ -11498,14 +11845,6 @@ static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_opti
 
 /* ==== files ======================================================================================== */
 
-static sb_result sbi_meshio_fail_file(sb_error *error, sb_result result, const char *path, const char *why)
-{
-    sbi_fail(error, result, "%s", why);
-    if (error)
-        sbi_error_set_file(error, path);
-    return result;
-}
-
 /* Twice the room; the content moves along. */
 static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content, size_t *capacity)
 {
@@ -11532,20 +11871,20 @@ SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path,
     content->size = 0;
     content->data = NULL;
     if (!file)
-        return sbi_meshio_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
+        return sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
     content->data = (char *)sbi_alloc(allocator, capacity, 1);
     if (!content->data)
-        result = sbi_meshio_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
+        result = sbi_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
     while (!result && got) {
         if (content->size == capacity && !sbi_meshio_grow_file(allocator, content, &capacity)) {
-            result = sbi_meshio_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
+            result = sbi_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
             break;
         }
         got = fread(content->data + content->size, 1, capacity - content->size, file);
         content->size += got;
     }
     if (!result && ferror(file))
-        result = sbi_meshio_fail_file(error, SB_ERROR_FILE, path, "the file cannot be read");
+        result = sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be read");
     fclose(file);
     return result;
 }
@@ -11974,42 +12313,17 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
 
 SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error)
 {
-    FILE *before = fopen(path, "rb");
-    out->existed = before != NULL;
-    if (before)
-        fclose(before);
-    out->path = path;
-    out->failed = 0;
     out->binary = binary;
-    out->file = fopen(path, "wb");
-    return out->file
-               ? SB_OK
-               : sbi_meshio_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened for writing");
+    out->failed = 0;
+    return sb_output_open(&out->output, path, error);
 }
 
-/* A file cut short would be mistaken for a mesh. What was there before is not removed, since it may be a
- * device. */
-SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error)
-{
-    if (fclose(out->file) != 0)
-        out->failed = 1;
-    if (!out->failed)
-        return SB_OK;
-    if (out->existed) {
-        FILE *emptied = fopen(out->path, "wb");
-        if (emptied)
-            fclose(emptied);
-    } else {
-        remove(out->path);
-    }
-    return sbi_meshio_fail_file(error, SB_ERROR_FILE, out->path,
-                                "the file cannot be written: is the disk full?");
-}
+SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error) { return sb_output_close(&out->output, error); }
 
 static void sbi_export_bytes(sbi_export *out, const void *bytes, size_t size)
 {
-    if (!out->failed && fwrite(bytes, 1, size, out->file) != size)
-        out->failed = 1;
+    if (!out->failed && fwrite(bytes, 1, size, out->output.file) != size)
+        out->failed = 1; /* sb_output_close reports it; the rest would fail as well */
 }
 
 SBI_API void sbi_export_text(sbi_export *out, const char *text) { sbi_export_bytes(out, text, strlen(text)); }
@@ -46210,32 +46524,6 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 
 /* ---- files of images ---- */
 
-static sb_result sbi_image_fail_file(sb_error *error, const char *path, const char *why)
-{
-    sbi_fail(error, SB_ERROR_FILE, "%s", why);
-    if (error)
-        sbi_error_set_file(error, path);
-    return SB_ERROR_FILE;
-}
-
-SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error)
-{
-    FILE *before = fopen(path, "rb"), *file;
-    int existed = before != NULL, failed;
-    if (before)
-        fclose(before);
-    file = fopen(path, "wb");
-    if (!file)
-        return sbi_image_fail_file(error, path, "the file cannot be opened for writing");
-    failed = fwrite(image, 1, size, file) != size;
-    failed |= fclose(file) != 0;
-    if (!failed)
-        return SB_OK;
-    if (!existed) /* what was there before may be a device */
-        remove(path);
-    return sbi_image_fail_file(error, path, "the file cannot be written: is the disk full?");
-}
-
 /* Reads on in growing steps, so that no memory is taken for a size that the file only claims. */
 static sb_result sbi_image_read_rest(const sb_allocator *allocator, FILE *file, unsigned char **image, size_t *size,
                                      sb_error *error)
@@ -46267,7 +46555,7 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
     unsigned char *bytes;
     sb_result result;
     if (!file)
-        return sbi_image_fail_file(error, path, "the file cannot be opened");
+        return sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
     bytes = (unsigned char *)sbi_alloc(allocator, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, 1);
     if (!bytes) {
         fclose(file);
@@ -47390,7 +47678,7 @@ SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, 
     if (!image)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a state of %lu bytes", (unsigned long)size);
     sb_body_state_save(body, image, size);
-    result = sbi_image_write_file(path, image, size, error);
+    result = sb_file_save(path, image, size, error);
     sbi_free(&body->allocator, image);
     return result;
 }
@@ -47683,7 +47971,7 @@ SB_API sb_result sb_recording_save_file(const sb_recording *recording, const cha
     if (!image)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a recording of %lu bytes", (unsigned long)size);
     sb_recording_save(recording, image, size);
-    result = sbi_image_write_file(path, image, size, error);
+    result = sb_file_save(path, image, size, error);
     sbi_free(&recording->allocator, image);
     return result;
 }

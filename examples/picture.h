@@ -845,8 +845,8 @@ static inline void picture_put_be32(unsigned char *out, unsigned value)
         out[i] = (unsigned char)(value >> (24 - 8 * i) & 255);
 }
 
-/* Writes a chunk: length, four letters, data, CRC-32 of letters and data. Returns 1 when all was written. */
-static inline int picture_write_chunk(FILE *file, const char *letters, const unsigned char *data, size_t size)
+/* Writes a chunk: length, four letters, data, CRC-32 of letters and data. */
+static inline void picture_write_chunk(FILE *file, const char *letters, const unsigned char *data, size_t size)
 {
     unsigned char head[8], tail[4];
     unsigned crc = 0xffffffffu;
@@ -858,8 +858,9 @@ static inline int picture_write_chunk(FILE *file, const char *letters, const uns
             crc = crc >> 1 ^ (0xedb88320u & (0u - (crc & 1)));
     }
     picture_put_be32(tail, crc ^ 0xffffffffu);
-    return fwrite(head, 1, 8, file) == 8 && fwrite(data, 1, size, file) == size &&
-           fwrite(tail, 1, 4, file) == 4;
+    fwrite(head, 1, 8, file);
+    fwrite(data, 1, size, file);
+    fwrite(tail, 1, 4, file);
 }
 
 /* Rows of sRGB bytes, each after its filter byte: differences from the row above compress well here. */
@@ -881,7 +882,7 @@ static inline void picture_fill_rows(const picture *p, unsigned char *rows)
 }
 
 /* Writes the picture as an 8-bit RGB PNG. Returns PICTURE_OK, PICTURE_NO_MEMORY (here or in an earlier
- * call) or PICTURE_NO_FILE; then no file is left. */
+ * call) or PICTURE_NO_FILE; then a file that was there is what it was. */
 static inline int picture_save_png(const picture *p, const char *path)
 {
     size_t size = (1 + 3 * (size_t)p->width) * (size_t)p->height, packed = 0;
@@ -889,23 +890,19 @@ static inline int picture_save_png(const picture *p, const char *path)
     unsigned char header[13] = {0, 0, 0, 0, 0, 0, 0, 0, 8, 2, 0, 0, 0}; /* 8 bits per channel, RGB */
     int result = p->out_of_memory || !rows || !stream ? PICTURE_NO_MEMORY : PICTURE_OK;
     if (result == PICTURE_OK) {
-        FILE *there = fopen(path, "rb"), *file; /* what was there before, a device even, is not ours to remove */
-        if (there)
-            fclose(there);
-        file = fopen(path, "wb");
+        sb_output out;
         picture_put_be32(header, (unsigned)p->width);
         picture_put_be32(header + 4, (unsigned)p->height);
         picture_fill_rows(p, rows);
         packed = picture_deflate(rows, size, stream);
-        int written = file && fwrite("\x89PNG\r\n\x1a\n", 1, 8, file) == 8 &&
-                      picture_write_chunk(file, "IHDR", header, sizeof header) &&
-                      picture_write_chunk(file, "IDAT", stream, packed) &&
-                      picture_write_chunk(file, "IEND", header, 0);
-        if (file && fclose(file) != 0)
-            written = 0;
-        if (file && !written && !there)
-            remove(path);
-        result = written ? PICTURE_OK : PICTURE_NO_FILE;
+        result = sb_output_open(&out, path, NULL) == SB_OK ? PICTURE_OK : PICTURE_NO_FILE;
+        if (result == PICTURE_OK) {
+            fwrite("\x89PNG\r\n\x1a\n", 1, 8, out.file);
+            picture_write_chunk(out.file, "IHDR", header, sizeof header);
+            picture_write_chunk(out.file, "IDAT", stream, packed);
+            picture_write_chunk(out.file, "IEND", header, 0);
+            result = sb_output_close(&out, NULL) == SB_OK ? PICTURE_OK : PICTURE_NO_FILE;
+        }
     }
     free(rows);
     free(stream);

@@ -1,4 +1,4 @@
-/* plot.h: line charts as SVG files, for the examples. Needs libc and libm only.
+/* plot.h: line charts as SVG files, for the examples. Needs softbody.h, libc and libm only.
  *
  *     plot p;
  *     plot_begin(&p, "Relaxation");
@@ -17,6 +17,8 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+
+#include "softbody.h"
 
 enum { PLOT_PANELS = 4, PLOT_CURVES = 8 };
 enum { PLOT_PANEL_WIDTH = 560, PLOT_HEIGHT = 470, PLOT_LEFT = 78, PLOT_RIGHT = 22, PLOT_TOP = 84, PLOT_BOTTOM = 62 };
@@ -259,27 +261,23 @@ static inline void plot_write_panel(FILE *file, const plot_panel *panel, int pla
     fputs("</g>\n", file);
 }
 
-/* Writes the chart; 1, or 0 when the file cannot be written (then none is left). */
+/* Writes the chart; 1, or 0 when the file cannot be written (then one that was there is what it was). */
 static inline int plot_save_svg(const plot *p, const char *path)
 {
-    FILE *file = fopen(path, "wb");
-    int width = PLOT_PANEL_WIDTH * (p->panel_count > 0 ? p->panel_count : 1), ok;
-    if (!file)
+    int width = PLOT_PANEL_WIDTH * (p->panel_count > 0 ? p->panel_count : 1);
+    sb_output out;
+    if (sb_output_open(&out, path, NULL) != SB_OK)
         return 0;
-    fprintf(file,
+    fprintf(out.file,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
             "font-family=\"sans-serif\" font-size=\"12\" fill=\"#2c3440\">\n"
             "<rect width=\"100%%\" height=\"100%%\" fill=\"white\"/>\n",
             width, PLOT_HEIGHT + 36, width, PLOT_HEIGHT + 36);
-    plot_write_label(file, PLOT_LEFT, 24, "font-size=\"17\" font-weight=\"bold\"", p->title);
+    plot_write_label(out.file, PLOT_LEFT, 24, "font-size=\"17\" font-weight=\"bold\"", p->title);
     for (int i = 0; i < p->panel_count; i++)
-        plot_write_panel(file, p->panels + i, i);
-    fputs("</svg>\n", file);
-    ok = !ferror(file);
-    ok = fclose(file) == 0 && ok;
-    if (!ok)
-        remove(path);
-    return ok;
+        plot_write_panel(out.file, p->panels + i, i);
+    fputs("</svg>\n", out.file);
+    return sb_output_close(&out, NULL) == SB_OK;
 }
 
 #endif /* PLOT_H */

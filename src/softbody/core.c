@@ -81,6 +81,22 @@ SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, con
     return result;
 }
 
+SBI_API void sbi_error_set_file(sb_error *error, const char *name)
+{
+    size_t length = strlen(name), room = sizeof error->file - 1;
+    if (length > room)
+        name += length - room;
+    memcpy(error->file, name, length > room ? room + 1 : length + 1);
+}
+
+SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *path, const char *why)
+{
+    sbi_fail(error, result, "%s", why);
+    if (error)
+        sbi_error_set_file(error, path);
+    return result;
+}
+
 /* ---- memory ---- */
 
 SBI_API int sbi_size_add(size_t *total, size_t count, size_t size)

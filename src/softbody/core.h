@@ -217,6 +217,10 @@ SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, con
     __attribute__((format(printf, 4, 5)))
 #endif
     ;
+/* Copies a path into the error, cut at the front when it is too long. */
+SBI_API void sbi_error_set_file(sb_error *error, const char *name);
+/* A failure of a whole file. */
+SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *path, const char *why);
 #endif
 
 SB_INLINE int sbi_min_int(int a, int b) { return a < b ? a : b; }

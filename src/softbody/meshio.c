@@ -38,14 +38,6 @@ static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_opti
 
 /* ==== files ======================================================================================== */
 
-static sb_result sbi_meshio_fail_file(sb_error *error, sb_result result, const char *path, const char *why)
-{
-    sbi_fail(error, result, "%s", why);
-    if (error)
-        sbi_error_set_file(error, path);
-    return result;
-}
-
 /* Twice the room; the content moves along. */
 static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content, size_t *capacity)
 {
@@ -72,20 +64,20 @@ SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path,
     content->size = 0;
     content->data = NULL;
     if (!file)
-        return sbi_meshio_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
+        return sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
     content->data = (char *)sbi_alloc(allocator, capacity, 1);
     if (!content->data)
-        result = sbi_meshio_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
+        result = sbi_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
     while (!result && got) {
         if (content->size == capacity && !sbi_meshio_grow_file(allocator, content, &capacity)) {
-            result = sbi_meshio_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
+            result = sbi_fail_file(error, SB_ERROR_MEMORY, path, "out of memory while reading a file");
             break;
         }
         got = fread(content->data + content->size, 1, capacity - content->size, file);
         content->size += got;
     }
     if (!result && ferror(file))
-        result = sbi_meshio_fail_file(error, SB_ERROR_FILE, path, "the file cannot be read");
+        result = sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be read");
     fclose(file);
     return result;
 }
@@ -514,42 +506,17 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
 
 SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error)
 {
-    FILE *before = fopen(path, "rb");
-    out->existed = before != NULL;
-    if (before)
-        fclose(before);
-    out->path = path;
-    out->failed = 0;
     out->binary = binary;
-    out->file = fopen(path, "wb");
-    return out->file
-               ? SB_OK
-               : sbi_meshio_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened for writing");
+    out->failed = 0;
+    return sb_output_open(&out->output, path, error);
 }
 
-/* A file cut short would be mistaken for a mesh. What was there before is not removed, since it may be a
- * device. */
-SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error)
-{
-    if (fclose(out->file) != 0)
-        out->failed = 1;
-    if (!out->failed)
-        return SB_OK;
-    if (out->existed) {
-        FILE *emptied = fopen(out->path, "wb");
-        if (emptied)
-            fclose(emptied);
-    } else {
-        remove(out->path);
-    }
-    return sbi_meshio_fail_file(error, SB_ERROR_FILE, out->path,
-                                "the file cannot be written: is the disk full?");
-}
+SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error) { return sb_output_close(&out->output, error); }
 
 static void sbi_export_bytes(sbi_export *out, const void *bytes, size_t size)
 {
-    if (!out->failed && fwrite(bytes, 1, size, out->file) != size)
-        out->failed = 1;
+    if (!out->failed && fwrite(bytes, 1, size, out->output.file) != size)
+        out->failed = 1; /* sb_output_close reports it; the rest would fail as well */
 }
 
 SBI_API void sbi_export_text(sbi_export *out, const char *text) { sbi_export_bytes(out, text, strlen(text)); }

@@ -146,8 +146,8 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 /* ---- writing -----------------------------------------------------------------------------------------
  * All writers check the mesh first (SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX; _UNSUPPORTED for custom elements whose
  * table has no vtk_type) and touch no file then. They take
- * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) no part of a file stays behind; a
- * file that was there before is then empty. */
+ * no memory. When writing fails (SB_ERROR_FILE: no such folder, disk full) the file is what it was before, or is
+ * not there: see sb_output_open. */
 
 typedef enum sb_field_location { SB_FIELD_NODES = 0, SB_FIELD_ELEMENTS = 1 } sb_field_location;
 

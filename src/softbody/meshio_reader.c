@@ -319,14 +319,6 @@ SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, 
     reader->error = error;
 }
 
-SBI_API void sbi_error_set_file(sb_error *error, const char *name)
-{
-    size_t length = strlen(name), room = sizeof error->file - 1;
-    if (length > room)
-        name += length - room;
-    memcpy(error->file, name, length > room ? room + 1 : length + 1);
-}
-
 SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, const char *format, ...)
 {
     char message[200];

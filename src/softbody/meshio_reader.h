@@ -5,7 +5,7 @@
 
 #include "meshio.h"
 
-#include <stdio.h>
+#include "output.h"
 
 /* ---- numbers ---------------------------------------------------------------------------------------
  * strtod obeys the locale: where the decimal point is a comma it reads "0.5" as 0 and stops. These do not;
@@ -46,8 +46,6 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
     __attribute__((format(printf, 3, 4)))
 #endif
     ;
-/* Copies a path into the error, cut at the front when it is too long. */
-SBI_API void sbi_error_set_file(sb_error *error, const char *name);
 
 SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
 /* Steps over blanks; 1 when the line or the file ends here. */
@@ -313,11 +311,10 @@ SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *form
 /* Reads what the loader's reader holds; not TetGen's. */
 SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);
 
-/* A file being written. Errors are remembered and told at the end. */
+/* A file being written. Failures are remembered and reported at the end. */
 typedef struct sbi_export {
-    FILE *file;
-    const char *path;
-    int existed, failed, binary;
+    sb_output output;
+    int binary, failed;
 } sbi_export;
 SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary, sb_error *error);
 SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error);

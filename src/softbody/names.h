@@ -11,6 +11,10 @@
 #if SBI_NAMES_PASTE(SBI_NAMES_OF_, SB_REAL)
 #define sb_result_string sb_result_string_f32
 #define sb_jobs_openmp sb_jobs_openmp_f32
+#define sb_output_open sb_output_open_f32
+#define sb_output_close sb_output_close_f32
+#define sb_output_discard sb_output_discard_f32
+#define sb_file_save sb_file_save_f32
 #define sb_element_name sb_element_name_f32
 #define sb_element_face sb_element_face_f32
 #define sb_element_edge sb_element_edge_f32

@@ -14,7 +14,7 @@
 #include "body_state.h"
 #include "constraint.h"
 #include "load.h"
-#include "meshio_reader.h"
+#include "output.h"
 
 enum {
     SBI_RECORD_VERSION = 2,
@@ -272,7 +272,7 @@ SB_API sb_result sb_recording_save_file(const sb_recording *recording, const cha
     if (!image)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a recording of %lu bytes", (unsigned long)size);
     sb_recording_save(recording, image, size);
-    result = sbi_image_write_file(path, image, size, error);
+    result = sb_file_save(path, image, size, error);
     sbi_free(&recording->allocator, image);
     return result;
 }

@@ -44,7 +44,7 @@ SB_API sb_result sb_recording_save(const sb_recording *recording, void *buffer, 
  * (version, precision), SB_ERROR_MEMORY, SB_ERROR_ARGUMENT, with *recording untouched. */
 SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_allocator *allocator,
                                    sb_recording **recording, sb_error *error);
-/* The same with a file; SB_ERROR_FILE when it cannot be opened, read or written. */
+/* The same with a file; SB_ERROR_FILE when it cannot be opened, read or written (then it is what it was before). */
 SB_API sb_result sb_recording_save_file(const sb_recording *recording, const char *path, sb_error *error);
 SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *allocator, sb_recording **recording,
                                         sb_error *error);

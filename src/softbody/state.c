@@ -7,36 +7,10 @@
 #include "body_state.h"
 #include "constraint.h"
 #include "load.h"
-#include "meshio_reader.h"
+#include "output.h"
 #include "step_explicit.h"
 
 /* ---- files of images ---- */
-
-static sb_result sbi_image_fail_file(sb_error *error, const char *path, const char *why)
-{
-    sbi_fail(error, SB_ERROR_FILE, "%s", why);
-    if (error)
-        sbi_error_set_file(error, path);
-    return SB_ERROR_FILE;
-}
-
-SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error)
-{
-    FILE *before = fopen(path, "rb"), *file;
-    int existed = before != NULL, failed;
-    if (before)
-        fclose(before);
-    file = fopen(path, "wb");
-    if (!file)
-        return sbi_image_fail_file(error, path, "the file cannot be opened for writing");
-    failed = fwrite(image, 1, size, file) != size;
-    failed |= fclose(file) != 0;
-    if (!failed)
-        return SB_OK;
-    if (!existed) /* what was there before may be a device */
-        remove(path);
-    return sbi_image_fail_file(error, path, "the file cannot be written: is the disk full?");
-}
 
 /* Reads on in growing steps, so that no memory is taken for a size that the file only claims. */
 static sb_result sbi_image_read_rest(const sb_allocator *allocator, FILE *file, unsigned char **image, size_t *size,
@@ -69,7 +43,7 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
     unsigned char *bytes;
     sb_result result;
     if (!file)
-        return sbi_image_fail_file(error, path, "the file cannot be opened");
+        return sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
     bytes = (unsigned char *)sbi_alloc(allocator, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, 1);
     if (!bytes) {
         fclose(file);
@@ -1192,7 +1166,7 @@ SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, 
     if (!image)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a state of %lu bytes", (unsigned long)size);
     sb_body_state_save(body, image, size);
-    result = sbi_image_write_file(path, image, size, error);
+    result = sb_file_save(path, image, size, error);
     sbi_free(&body->allocator, image);
     return result;
 }

@@ -34,7 +34,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error);
 
 /* The same with a file. The body's allocator lends the bytes meanwhile. SB_ERROR_FILE: cannot be opened, read or
- * written; no part of a file that could not be written whole stays behind. */
+ * written; a file that could not be written whole is what it was before: see sb_output_open. */
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error);
 SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error);
 
@@ -45,7 +45,6 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body);
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* ---- internal: files of checked bytes -------------------------------------------------------------------- */
 
-SBI_API sb_result sbi_image_write_file(const char *path, const unsigned char *image, size_t size, sb_error *error);
 /* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
  * and one byte after the end that the head tells. */
 SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
