@@ -61,7 +61,8 @@ static const char help[] =
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
     "written.\n"
-    "A solve that fails: 3, and the outputs hold the last converged state.\n";
+    "A solve that fails: 3, and the outputs hold the last converged state. Also 2: an output or stdout that cannot be\n"
+    "written.\n";
 
 enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3 };
 
@@ -409,12 +410,11 @@ static int check_outputs(run *r)
 static int write_output(run *r, const case_statement *s)
 {
     char *path = output_path(r, s->path);
-    FILE *file = path ? fopen(path, "wb") : NULL;
-    int ok = file != NULL;
-    if (file) {
-        writers[s->form->code](r, s, file);
-        ok = !ferror(file);
-        ok = fclose(file) == 0 && ok;
+    sb_output out;
+    int ok = path && sb_output_open(&out, path, NULL) == SB_OK;
+    if (ok) {
+        writers[s->form->code](r, s, out.file);
+        ok = sb_output_close(&out, NULL) == SB_OK;
     }
     if (!ok)
         case_fail(&r->file, s->line, "cannot write %.500s", path ? path : s->path);
@@ -555,7 +555,7 @@ static int take_arguments(run *r, int argc, char **argv)
     return r->case_path && r->mass_kind < 3;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     run r;
     int status;
@@ -572,3 +572,5 @@ int main(int argc, char **argv)
     release(&r);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("case_solve", program(argc, argv), EXIT_WRONG_CASE); }

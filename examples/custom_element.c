@@ -6,6 +6,8 @@
  * The first part is all that a new element takes. The second puts it to the patch test, which an element must pass to
  * converge: on a distorted mesh whose boundary follows a linear field, every inner node must find that field. The third
  * bends a beam of wedges under its own weight and writes it for ParaView. */
+#include "system.h"
+
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -271,7 +273,7 @@ static int take_arguments(int argc, char **argv, int *cells, const char **path)
     return EXIT_FINE;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     const char *path = "custom_element.vtk";
     int cells = 3, status;
@@ -291,3 +293,5 @@ int main(int argc, char **argv)
     fprintf(stderr, "custom_element: %s%s%s\n", error.file, error.file[0] ? ": " : "", error.message);
     return EXIT_FAILED;
 }
+
+int main(int argc, char **argv) { return finish("custom_element", program(argc, argv), EXIT_FAILED); }

@@ -494,7 +494,7 @@ static int run_all(const settings *s, const char *folder, FILE *csv, plot *p, se
     return status;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings s = {"cylinder_study", 0, 0, 1e-4, 1};
     option list[] = {
@@ -509,8 +509,8 @@ int main(int argc, char **argv)
     char path[512];
     static series curves[2][SERIES];
     plot p;
-    FILE *csv;
-    int status;
+    sb_output csv;
+    int status, written;
     if (!options_parse("cylinder_study", list, OPTIONS, &folder, 1, argc, argv))
         return EXIT_USAGE;
     if (s.help) {
@@ -523,21 +523,24 @@ int main(int argc, char **argv)
         return 0;
     }
     snprintf(path, sizeof path, "%s.csv", s.out);
-    csv = fopen(path, "wb");
-    if (!csv) {
+    if (sb_output_open(&csv, path, NULL) != SB_OK) {
         fprintf(stderr, "cylinder_study: %s: cannot be written\n", path);
         return EXIT_USAGE;
     }
     plot_begin(&p, "Cylinders on immersed grids");
-    status = run_all(&s, folder, csv, &p, curves);
-    if (fclose(csv) != 0 && !status)
-        status = EXIT_USAGE;
-    snprintf(path, sizeof path, "%s.svg", s.out);
-    if (!status && !plot_save_svg(&p, path)) {
+    status = run_all(&s, folder, csv.file, &p, curves);
+    written = sb_output_close(&csv, NULL) == SB_OK;
+    if (!status && written) {
+        snprintf(path, sizeof path, "%s.svg", s.out);
+        written = plot_save_svg(&p, path);
+    }
+    if (!written) {
         fprintf(stderr, "cylinder_study: %s: cannot be written\n", path);
-        status = EXIT_USAGE;
+        status = status ? status : EXIT_USAGE;
     }
     if (!status)
         printf("%s.csv and %s.svg written\n", s.out, s.out);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("cylinder_study", program(argc, argv), EXIT_USAGE); }

@@ -475,16 +475,15 @@ static int write_frame(scene *s, const char *folder, int index)
 static int write_series(const char *folder, int count, double interval)
 {
     char path[PATH_SIZE];
-    FILE *file = join_path(path, folder, "demo.vtk.series") ? fopen(path, "w") : NULL;
-    int good = file != NULL;
-    if (file) {
-        fprintf(file, "{\"file-series-version\": \"1.0\", \"files\": [\n");
+    sb_output out;
+    int good = join_path(path, folder, "demo.vtk.series") && sb_output_open(&out, path, NULL) == SB_OK;
+    if (good) {
+        fprintf(out.file, "{\"file-series-version\": \"1.0\", \"files\": [\n");
         for (int i = 0; i < count; i++)
-            fprintf(file, "  {\"name\": \"demo_%04d.vtk\", \"time\": %.6g}%s\n", i, i * interval,
+            fprintf(out.file, "  {\"name\": \"demo_%04d.vtk\", \"time\": %.6g}%s\n", i, i * interval,
                     i + 1 < count ? "," : "");
-        fprintf(file, "]}\n");
-        good = !ferror(file);
-        good = fclose(file) == 0 && good;
+        fprintf(out.file, "]}\n");
+        good = sb_output_close(&out, NULL) == SB_OK;
     }
     if (!good)
         fprintf(stderr, "demo: %s cannot be written\n", path);
@@ -698,7 +697,7 @@ static int demo(const settings *set)
     return status;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     char folder[PATH_SIZE];
     default_folder(argc > 0 ? argv[0] : "", folder);
@@ -711,3 +710,5 @@ int main(int argc, char **argv)
     }
     return demo(&set);
 }
+
+int main(int argc, char **argv) { return finish("demo", program(argc, argv), EXIT_USAGE); }

@@ -32,5 +32,5 @@ int main(int argc, char **argv)
     printf("it sags by %.1f mm, the largest von Mises stress is %.0f Pa\n", 1e3 * sag, stress);
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
-    return 0;
+    return fflush(stdout) ? perror("hello"), 1 : 0;
 }

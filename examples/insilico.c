@@ -790,7 +790,7 @@ static int run(work *w, const char *path)
     return status ? status : failed ? EXIT_FAILED : 0;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings set = {"all", "pbsm,nicp,icp,cpd", "insilico.svg", 0, 0, 0, 0, 12, 32, 1, 0, 1, 0.08, 0, 0, 10, 20, 30};
     const char *file = NULL;
@@ -840,3 +840,5 @@ int main(int argc, char **argv)
     free_work(&w);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("insilico", program(argc, argv), EXIT_USAGE); }

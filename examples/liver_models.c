@@ -6,6 +6,8 @@
  * registration (2014): a liver is deformed as by breathing and as by an instrument, once with each material of the
  * literature; printed is how far each lands from the reference (Raghunathan et al. 2010), beside the thesis' table
  * 4.4. Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 a step failed or memory is short. */
+#include "system.h"
+
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -402,7 +404,7 @@ static int run(const settings *set)
     return status;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings s = {NULL, NULL, 1, 0.0485, 0.01107, 3, 15, 8, 0};
     const option options[] = {
@@ -430,3 +432,5 @@ int main(int argc, char **argv)
     }
     return run(&s);
 }
+
+int main(int argc, char **argv) { return finish("liver_models", program(argc, argv), EXIT_USAGE); }

@@ -41,7 +41,7 @@ typedef struct trial {
     unsigned long long seed;
     double *distances; /* mm, [targets] */
     int hits;
-    FILE *table;
+    sb_output table; /* table.file is NULL: none is wanted */
 } trial;
 
 /* ---- tissue and needle ---- */
@@ -168,8 +168,8 @@ static void report(trial *t, int number, scene_point *target, double extra, doub
     if (!set->quiet)
         printf("%4d  %7.2f %7.2f %7.2f  %+6.1f  %6.2f  %8.3f  %5d  %s\n", number + 1, x, y, z, extra, moved,
                1e3 * distance, steps, outcome);
-    if (t->table)
-        fprintf(t->table, "%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%s\n", number + 1, x, y, z, extra, moved, 1e3 * distance,
+    if (t->table.file)
+        fprintf(t->table.file, "%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%s\n", number + 1, x, y, z, extra, moved, 1e3 * distance,
                 steps, outcome);
 }
 
@@ -417,7 +417,7 @@ static int run(trial *t, const settings *set)
     return SCENE_OK;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings set = {NULL, NULL, 1, 20e3, 0.45, 20, 0.5, 0.1, 0.1, 1.0, 10, 0.02, 0.05, 100, 1, 0, 0, 0};
     trial t;
@@ -435,19 +435,22 @@ int main(int argc, char **argv)
         return SCENE_SOLVE;
     if (set.output) {
         snprintf(path, sizeof path, "%s.csv", set.output);
-        t.table = fopen(path, "w");
-        if (!t.table) {
+        if (sb_output_open(&t.table, path, NULL) != SB_OK) {
             fprintf(stderr, "needle_control: %s cannot be written\n", path);
             free(t.distances);
             return SCENE_USAGE;
         }
-        fprintf(t.table, "target,x_mm,y_mm,z_mm,%s,moved_mm,distance_mm,steps,outcome\n",
+        fprintf(t.table.file, "target,x_mm,y_mm,z_mm,%s,moved_mm,distance_mm,steps,outcome\n",
                 set.push ? "force_n" : "curvature_error_percent");
     }
     status = run(&t, &set);
-    if (t.table)
-        fclose(t.table);
+    if (t.table.file && sb_output_close(&t.table, NULL) != SB_OK) {
+        fprintf(stderr, "needle_control: %s cannot be written\n", path);
+        status = status ? status : SCENE_USAGE;
+    }
     scene_end(&t.s);
     free(t.distances);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("needle_control", program(argc, argv), SCENE_USAGE); }

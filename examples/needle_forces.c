@@ -7,6 +7,8 @@
  * capsule; viscous friction drags the tissue along and lets go; the hand moves sideways. Each is written as a chart
  * (SVG) and as numbers (CSV). Exit status: 0, 2 wrong usage or a file that cannot be written, 3 a step failed or memory
  * is short. */
+#include "system.h"
+
 #define SB_IMPLEMENTATION
 #define NDL_IMPLEMENTATION
 #include "needle.h"
@@ -151,18 +153,16 @@ static void note(record *r, double a, double b, double c, double d, double e)
 
 static int write_numbers(const record *r, const char *path)
 {
-    FILE *file = fopen(path, "wb");
-    int ok;
-    if (!file)
+    sb_output out;
+    if (sb_output_open(&out, path, NULL) != SB_OK)
         return 0;
     for (int k = 0; k < r->series; k++)
-        fprintf(file, "%s%s", k ? "," : "", r->names[k]);
+        fprintf(out.file, "%s%s", k ? "," : "", r->names[k]);
     for (int i = 0; i < r->count; i++)
         for (int k = 0; k < r->series; k++)
-            fprintf(file, "%s%.9g", k ? "," : "\n", r->values[k][i]);
-    fputc('\n', file);
-    ok = !ferror(file);
-    return fclose(file) == 0 && ok;
+            fprintf(out.file, "%s%.9g", k ? "," : "\n", r->values[k][i]);
+    fputc('\n', out.file);
+    return sb_output_close(&out, NULL) == SB_OK;
 }
 
 /* Writes PREFIX_NAME.svg and .csv. */
@@ -368,7 +368,7 @@ static int run_all(const settings *s)
     return status;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings s = {50000, 30, "needle_forces", 0};
     const option options[] = {
@@ -390,3 +390,5 @@ int main(int argc, char **argv)
     }
     return run_all(&s);
 }
+
+int main(int argc, char **argv) { return finish("needle_forces", program(argc, argv), EXIT_USAGE); }

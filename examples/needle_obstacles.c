@@ -44,7 +44,7 @@ typedef struct course {
     int time_count;
     double length, straight;                      /* m: of the straight way, and its distance from the cylinders */
     double last;                                  /* s, when the last step ended */
-    FILE *table;
+    sb_output table;
     scene_steering steering;
 } course;
 
@@ -165,8 +165,8 @@ static int after_step(void *user, scene *s, const ndl_steer *steer)
         c->times[c->time_count++] = 1e3 * (now - c->last);
     c->clearance = fmin(c->clearance, clearance);
     c->most_motion = fmax(c->most_motion, scene_distance(target, c->steering.target.X));
-    if (c->table)
-        fprintf(c->table, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", s->time, 1e3 * (double)tip.x,
+    if (c->table.file)
+        fprintf(c->table.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", s->time, 1e3 * (double)tip.x,
                 1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x, 1e3 * (double)target.y,
                 1e3 * (double)target.z, 1e3 * scene_distance(tip, target), 1e3 * clearance);
     snprintf(words, sizeof words, "%.1f mm to go, clearance %.2f mm", 1e3 * scene_distance(tip, target),
@@ -302,7 +302,7 @@ static int run(course *c)
     return reached && c->clearance > 0 ? (int)SCENE_OK : (int)MISSED;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings set = {NULL, "obstacles", 1, 30e3, 0.45, 20, 0.5, 0.08, 0.008, 0.1, 2.0, 1.0, 0.02, 0.05, 7, 13, 1, 0};
     course c;
@@ -315,17 +315,21 @@ int main(int argc, char **argv)
     memset(&c, 0, sizeof c);
     c.set = &set;
     snprintf(path, sizeof path, "%s.csv", set.output);
-    c.table = fopen(path, "w");
-    if (!c.table) {
+    if (sb_output_open(&c.table, path, NULL) != SB_OK) {
         fprintf(stderr, "needle_obstacles: %s cannot be written\n", path);
         return SCENE_USAGE;
     }
-    fprintf(c.table, "t,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm,distance_mm,clearance_mm\n");
+    fprintf(c.table.file, "t,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm,distance_mm,clearance_mm\n");
     c.times = (double *)malloc(MOST_TIMES * sizeof *c.times);
     status = c.times ? run(&c) : SCENE_SOLVE;
-    fclose(c.table);
+    if (sb_output_close(&c.table, NULL) != SB_OK) {
+        fprintf(stderr, "needle_obstacles: %s cannot be written\n", path);
+        status = status && status != MISSED ? status : (int)SCENE_USAGE;
+    }
     scene_end(&c.s);
     free(c.path.points);
     free(c.times);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("needle_obstacles", program(argc, argv), SCENE_USAGE); }

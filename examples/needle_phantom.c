@@ -372,22 +372,25 @@ static int run(phantom *p)
     if (!make_block(p) || !place_needle(p) || !place_markers(p))
         return SCENE_USAGE;
     for (int b = 0; b < BENDS; b++) {
-        FILE *table;
-        int good;
+        sb_output table;
+        int good, written;
         if (strcmp(set->bend, "both") != 0 && strcmp(set->bend, bend_names[b]) != 0)
             continue;
         snprintf(path, sizeof path, "%s_%s.csv", set->output, bend_names[b]);
-        table = fopen(path, "w");
-        if (!table) {
+        if (sb_output_open(&table, path, NULL) != SB_OK) {
             scene_complain(&p->s, path, "cannot be written");
             return SCENE_USAGE;
         }
-        fprintf(table, "t,fed_mm,marker,x_mm,y_mm,z_mm,dx_mm,dy_mm,dz_mm\n");
-        good = run_bend(p, b, table);
+        fprintf(table.file, "t,fed_mm,marker,x_mm,y_mm,z_mm,dx_mm,dy_mm,dz_mm\n");
+        good = run_bend(p, b, table.file);
         progress_end();
-        fclose(table);
+        written = sb_output_close(&table, NULL) == SB_OK;
         if (!good)
             return SCENE_SOLVE;
+        if (!written) {
+            scene_complain(&p->s, path, "cannot be written");
+            return SCENE_USAGE;
+        }
         printf("%s and %s_%s.png written\n", path, set->output, bend_names[b]);
     }
     snprintf(path, sizeof path, "%s.svg", set->output);
@@ -411,7 +414,7 @@ static void end(phantom *p)
     scene_end(&p->s);
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings set = {NULL, "phantom", "both", 1,  125.89e3, 0.453, 25, 0.5, 0.15, 0.16,
                     0.02, 0.05,      -6,     60, 24,       8,     5,  1,   0};
@@ -427,3 +430,5 @@ int main(int argc, char **argv)
     end(&p);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("needle_phantom", program(argc, argv), SCENE_USAGE); }

@@ -46,7 +46,7 @@ typedef struct work {
     double deepest;         /* m fed at the end of the insertions */
     int consistent, blocked;
     double worst_quality;
-    FILE *csv;
+    sb_output csv; /* csv.file is NULL: none is open */
     /* compact copy of the tissue for files and pictures */
     int *number;            /* of each node slot, or -1 */
     sb_vec3 *points, *displacement;
@@ -138,12 +138,11 @@ static int plan_run(work *w)
     }
     if (!w->set->csv)
         return 0;
-    w->csv = fopen(w->set->csv, "w");
-    if (!w->csv)
+    if (sb_output_open(&w->csv, w->set->csv, NULL) != SB_OK)
         return complain_file(w->set->csv);
     fputs("t,tip_x,tip_y,tip_z,base_fx,base_fy,base_fz,base_torque,static,dynamic,trials,iterations,quality,"
           "min_dihedral,max_dihedral,ms\n",
-          w->csv);
+          w->csv.file);
     return 0;
 }
 
@@ -240,33 +239,30 @@ static int write_needle(work *w, int frame)
 {
     const ndl_needle *needle = w->body.needle;
     const ndl_rod *rod = ndl_needle_rod(needle);
-    int n = ndl_rod_node_count(rod), good;
+    int n = ndl_rod_node_count(rod);
     char path[PATH_SIZE], ending[32];
-    FILE *file;
+    sb_output out;
     snprintf(ending, sizeof ending, "_needle_%04d.vtk", frame);
     name_file(w, ending, path);
-    file = fopen(path, "w");
-    if (!file)
+    if (sb_output_open(&out, path, NULL) != SB_OK)
         return complain_file(path);
-    fprintf(file, "# vtk DataFile Version 3.0\nneedle\nASCII\nDATASET POLYDATA\nPOINTS %d double\n", n);
+    fprintf(out.file, "# vtk DataFile Version 3.0\nneedle\nASCII\nDATASET POLYDATA\nPOINTS %d double\n", n);
     for (int i = 0; i < n; i++) {
         sb_vec3 x = ndl_rod_positions(rod)[i];
-        fprintf(file, "%.9g %.9g %.9g\n", (double)x.x, (double)x.y, (double)x.z);
+        fprintf(out.file, "%.9g %.9g %.9g\n", (double)x.x, (double)x.y, (double)x.z);
     }
-    fprintf(file, "LINES 1 %d\n%d", n + 1, n);
+    fprintf(out.file, "LINES 1 %d\n%d", n + 1, n);
     for (int i = 0; i < n; i++)
-        fprintf(file, " %d", i);
-    fprintf(file, "\nPOINT_DATA %d\nSCALARS contact int 1\nLOOKUP_TABLE default\n", n);
+        fprintf(out.file, " %d", i);
+    fprintf(out.file, "\nPOINT_DATA %d\nSCALARS contact int 1\nLOOKUP_TABLE default\n", n);
     for (int i = 0; i < n; i++)
-        fprintf(file, "%d\n", (int)ndl_needle_contact(needle, i));
-    fprintf(file, "VECTORS force double\n");
+        fprintf(out.file, "%d\n", (int)ndl_needle_contact(needle, i));
+    fprintf(out.file, "VECTORS force double\n");
     for (int i = 0; i < n; i++) {
         sb_vec3 f = ndl_needle_contact_force(needle, i);
-        fprintf(file, "%.9g %.9g %.9g\n", (double)f.x, (double)f.y, (double)f.z);
+        fprintf(out.file, "%.9g %.9g %.9g\n", (double)f.x, (double)f.y, (double)f.z);
     }
-    good = !ferror(file);
-    good = fclose(file) == 0 && good;
-    return good ? 0 : complain_file(path);
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : complain_file(path);
 }
 
 static int write_frame(work *w)
@@ -283,24 +279,20 @@ static int write_series(const work *w, const char *kind)
 {
     char path[PATH_SIZE], ending[32];
     const char *name = w->set->prefix;
-    FILE *file;
-    int good;
+    sb_output out;
     for (const char *c = name; *c; c++)
         if (*c == '/' || *c == '\\')
             name = c + 1;
     snprintf(ending, sizeof ending, "%s.vtk.series", kind);
     name_file(w, ending, path);
-    file = fopen(path, "w");
-    if (!file)
+    if (sb_output_open(&out, path, NULL) != SB_OK)
         return complain_file(path);
-    fprintf(file, "{\"file-series-version\": \"1.0\", \"files\": [\n");
+    fprintf(out.file, "{\"file-series-version\": \"1.0\", \"files\": [\n");
     for (int i = 0; i < w->frames; i++)
-        fprintf(file, "  {\"name\": \"%s%s_%04d.vtk\", \"time\": %.6g}%s\n", name, kind, i, i * FRAME_STEPS * STEP,
+        fprintf(out.file, "  {\"name\": \"%s%s_%04d.vtk\", \"time\": %.6g}%s\n", name, kind, i, i * FRAME_STEPS * STEP,
                 i + 1 < w->frames ? "," : "");
-    fprintf(file, "]}\n");
-    good = !ferror(file);
-    good = fclose(file) == 0 && good;
-    return good ? 0 : complain_file(path);
+    fprintf(out.file, "]}\n");
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : complain_file(path);
 }
 
 static int write_chart(const work *w)
@@ -422,8 +414,8 @@ static void note_step(work *w, const ndl_step_info *info)
     w->consistent += info->consistent;
     w->blocked += info->blocked;
     w->worst_quality = fmin(w->worst_quality, (double)quality);
-    if (w->csv)
-        fprintf(w->csv, "%.6g,%.9g,%.9g,%.9g,%.6g,%.6g,%.6g,%.6g,%d,%d,%d,%d,%.5g,%.5g,%.5g,%.4g\n", values[TIME],
+    if (w->csv.file)
+        fprintf(w->csv.file, "%.6g,%.9g,%.9g,%.9g,%.6g,%.6g,%.6g,%.6g,%d,%d,%d,%d,%.5g,%.5g,%.5g,%.4g\n", values[TIME],
                 (double)tip.x, (double)tip.y, (double)tip.z, values[FORCE_X], values[FORCE_Y], values[FORCE_Z],
                 (double)torque.x, info->static_nodes, info->dynamic_nodes, info->trials, info->iterations,
                 (double)quality, values[MIN_ANGLE], values[MAX_ANGLE], values[MILLISECONDS]);
@@ -472,13 +464,7 @@ static int write_lists(work *w)
 
 static int close_csv(work *w)
 {
-    int good = 1;
-    if (w->csv) {
-        good = !ferror(w->csv);
-        good = fclose(w->csv) == 0 && good;
-        w->csv = NULL;
-    }
-    return good ? 0 : complain_file(w->set->csv);
+    return !w->csv.file || sb_output_close(&w->csv, NULL) == SB_OK ? 0 : complain_file(w->set->csv);
 }
 
 static int compare_numbers(const void *a, const void *b)
@@ -538,7 +524,7 @@ static int check_settings(const settings *s)
     return 1;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     static settings s;
     s.tip = "bevel";
@@ -569,3 +555,5 @@ int main(int argc, char **argv)
     }
     return check_settings(&s) ? run(&s) : EXIT_USAGE;
 }
+
+int main(int argc, char **argv) { return finish("needle_prostate", program(argc, argv), EXIT_USAGE); }

@@ -416,26 +416,21 @@ static int load_all(work *w, const char *const files[2])
 
 /* ---- what is written ------------------------------------------------------------------------------------------- */
 
-static int close_written(const char *path, FILE *file)
-{
-    int bad = ferror(file);
-    return fclose(file) != 0 || bad ? complain(path, "could not be written") : 0;
-}
-
 /* In the unit of the files. */
 static int write_points(const settings *set, const char *path, const sb_vec3 *points, int count, int numbered)
 {
-    FILE *file = fopen(path, "w");
-    if (!file)
-        return complain(path, strerror(errno));
-    fputs(numbered ? "# node ux uy uz\n" : "# x y z\n", file);
+    sb_output out;
+    sb_error error;
+    if (sb_output_open(&out, path, &error) != SB_OK)
+        return complain_error(path, &error);
+    fputs(numbered ? "# node ux uy uz\n" : "# x y z\n", out.file);
     for (int i = 0; i < count; i++) {
         if (numbered)
-            fprintf(file, "%d ", i);
-        fprintf(file, "%.9g %.9g %.9g\n", (double)points[i].x / set->scale, (double)points[i].y / set->scale,
+            fprintf(out.file, "%d ", i);
+        fprintf(out.file, "%.9g %.9g %.9g\n", (double)points[i].x / set->scale, (double)points[i].y / set->scale,
                 (double)points[i].z / set->scale);
     }
-    return close_written(path, file);
+    return sb_output_close(&out, &error) == SB_OK ? 0 : complain_error(path, &error);
 }
 
 static int write_targets(const work *w)
@@ -588,7 +583,7 @@ static int check_settings(const settings *set, const char *const files[2])
     return 0;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
     const char *files[2] = {NULL, NULL};
@@ -640,3 +635,5 @@ int main(int argc, char **argv)
     free_work(&w);
     return status;
 }
+
+int main(int argc, char **argv) { return finish("register_liver", program(argc, argv), EXIT_USAGE); }

@@ -574,7 +574,7 @@ static int check_settings(settings *s)
     return 1;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     static settings s;
     s.out = "surface_out.vtk";
@@ -622,3 +622,5 @@ int main(int argc, char **argv)
     }
     return check_settings(&s) ? run(&s) : EXIT_USAGE;
 }
+
+int main(int argc, char **argv) { return finish("surface_to_sim", program(argc, argv), EXIT_USAGE); }

@@ -6,6 +6,8 @@
  * Written are a chart (SVG) and the numbers (CSV). The models are those of tables 4.1 and 4.2 of Suwelack, Real-time
  * biomechanical modeling for intraoperative soft tissue registration (2014). Exit status: 0, 2 wrong usage or a file
  * that cannot be written, 3 a step failed or memory is short. */
+#include "system.h"
+
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -135,21 +137,19 @@ static int output_path(char *path, size_t size, const char *name, const char *en
 
 static int write_numbers(const char *path, const model *models, const double *times, int count)
 {
-    FILE *file = fopen(path, "wb");
-    int ok;
-    if (!file)
+    sb_output out;
+    if (sb_output_open(&out, path, NULL) != SB_OK)
         return 0;
-    fputs("time_s", file);
+    fputs("time_s", out.file);
     for (int m = 0; m < MODELS; m++)
-        fprintf(file, ",\"%s: stress held (Pa)\",\"%s: stretch under load\"", models[m].name, models[m].name);
+        fprintf(out.file, ",\"%s: stress held (Pa)\",\"%s: stretch under load\"", models[m].name, models[m].name);
     for (int i = 0; i < count; i++) {
-        fprintf(file, "\n%.9g", times[i]);
+        fprintf(out.file, "\n%.9g", times[i]);
         for (int m = 0; m < MODELS; m++)
-            fprintf(file, ",%.9g,%.9g", models[m].stress[i], models[m].stretched[i]);
+            fprintf(out.file, ",%.9g,%.9g", models[m].stress[i], models[m].stretched[i]);
     }
-    fputc('\n', file);
-    ok = !ferror(file);
-    return fclose(file) == 0 && ok;
+    fputc('\n', out.file);
+    return sb_output_close(&out, NULL) == SB_OK;
 }
 
 static int write_chart(const char *path, const settings *s, const model *models, const double *times, int count)
@@ -231,7 +231,7 @@ static int study(const settings *s)
     return status;
 }
 
-int main(int argc, char **argv)
+static int program(int argc, char **argv)
 {
     settings s = {1.1, 50, 0.01, 1000, 120, "viscoelastic", 0};
     const option options[] = {
@@ -259,3 +259,5 @@ int main(int argc, char **argv)
     }
     return study(&s);
 }
+
+int main(int argc, char **argv) { return finish("viscoelastic", program(argc, argv), EXIT_USAGE); }

@@ -441,5 +441,83 @@ expect 2 'is none of: pbsm' insilico --methods magic
 expect 2 'no-such-file.vtk' insilico no-such-file.vtk
 expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o no-such-folder/x.svg
 
+# ---- a full disk ----
+all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
+    needle_control needle_obstacles needle_phantom register_liver insilico case_solve"
+# full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
+full_stdout() {
+    program=$1
+    shift
+    "$programs/$program" "$@" >/dev/full 2>output.txt
+    got=$?
+    if [ $got != 0 ] && [ $got -lt 126 ] && grep -q '^'"$program"': .*\(cannot be written\|No space\)' output.txt; then
+        pass
+    else
+        fail "$program $*, full stdout: exit status $got"
+    fi
+}
+# full_disk FILE PROGRAM [ARGUMENT...]: FILE is there and cannot be written: it stays, alone, and the program says so
+full_disk() {
+    file=$1 program=$2
+    shift 2
+    rm -rf full
+    mkdir full
+    echo old >"full/$file"
+    {
+        trap '' XFSZ
+        ulimit -f 0
+        "$programs/$program" "$@" 2>&1
+        echo "exit status $?"
+    } | cat >output.txt
+    if ! grep -q '^exit status 0$' output.txt && grep -q "^\($program\|full.case:6\): .*\(full/$file\|written\)" output.txt &&
+        [ "$(cat "full/$file")" = old ] && [ "$(ls full)" = "$file" ]; then
+        pass
+    else
+        fail "$program $*, full disk: $(tail -n 2 output.txt), folder: $(ls full)"
+    fi
+}
+if [ -c /dev/full ]; then
+    for program in $all; do
+        [ $program = hello ] || full_stdout $program --help
+    done
+    full_stdout hello
+    full_stdout custom_element -n 1
+    full_stdout viscoelastic --points 30
+else
+    skip "no /dev/full"
+fi
+if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
+    full_disk x.vtk custom_element -n 1 -o full/x.vtk
+    full_disk demo.png demo --no-vtk --frames 10 -o full
+    full_disk demo_0000.vtk demo --frames 10 --every 5 -o full
+    full_disk x.csv viscoelastic --points 30 -o full/x
+    full_disk x.svg viscoelastic --points 30 -o full/x
+    full_disk respiration_0.vtk liver_models --cells 4 --steps 1 -o full
+    full_disk x.vtk surface_to_sim box.obj --cells 4 --steps 1 -o full/x.vtk
+    full_disk mesh.vtk surface_to_sim box.obj --cells 4 --steps 0 --mesh full/mesh.vtk
+    full_disk x.csv needle_prostate --seconds 0.5 --csv full/x.csv -o full/y
+    full_disk x_0000.vtk needle_prostate --seconds 0.5 -o full/x
+    full_disk x_stick_slip.svg needle_forces -o full/x
+    full_disk x.csv needle_control --targets 1 -o full/x
+    full_disk x.csv needle_obstacles -o full/x
+    full_disk x_single.csv needle_phantom --bend single --cells 4 --depth 0.02 -o full/x
+    surface_mesh="surface_to_sim box.obj --cells 4 --steps 0 --mesh full_case.vtk"
+    "$programs"/$surface_mesh >/dev/null && seq 0 20 >full_nodes
+    printf '%s\n' 'mesh full_case.vtk' 'material corotated E=1000 nu=0.3 density=1000' 'gravity 0 0 -1' \
+        'fix xyz nodes=full_nodes' 'solve static steps=1 tol=1e-6' 'output displacement full/x.txt' >full.case
+    full_disk x.txt case_solve full.case
+    sed -i.old '/^output/d' full.case
+    full_disk x.vtk case_solve full.case full/x.vtk
+    if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
+        for file in -o --displacement --targets-out; do
+            full_disk x.txt register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/deformed_surface.obj" \
+                --method icp --aligned --targets points.txt --targets-out other.txt $file full/x.txt
+        done
+    fi
+    full_disk x.svg insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o full/x.svg
+else
+    skip "the size of files cannot be limited"
+fi
+
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]
