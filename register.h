@@ -389,10 +389,12 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
 
 typedef enum reg_cloud_format {
     REG_CLOUD_AUTO = 0, /* told by the content, else by the end of the name */
-    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, commas or semicolons;
-                         * more columns are left alone, and so are columns 4 to 6 when those of the first point have not
-                         * about unit length (colours). # and // begin comments; a first line that begins with no number
-                         * may be a heading, one with a single number the count */
+    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, or commas, or
+                         * semicolons; between semicolons decimal commas are read as well. A line that could mean two
+                         * things (`0,5 0,25 1,5`) is an error. More columns are left alone, and so are columns 4 to 6
+                         * when those of the first point have not about unit length (colours). # and // begin comments;
+                         * a first line without any number is a heading, one with a single whole number the count of
+                         * points, which must be right */
     REG_CLOUD_PLY = 2,  /* ASCII or binary of both byte orders; of the vertices x y z and, when all are there, nx ny nz;
                          * everything else is stepped over */
     REG_CLOUD_MESH = 3  /* the nodes of any file that sb_mesh_load reads (but TetGen's), with or without cells */
@@ -2316,46 +2318,128 @@ REG_API sb_result reg_cloud_estimate_normals(reg_cloud *cloud, int k, const sb_v
 /* cloud_file: reading and writing clouds, on the readers of meshes. Part of the room cloud. */
 
 
+#include <limits.h>
+
 /* ==== text ======================================================================================================== */
 
-/* The next number or word between blanks, commas and semicolons; 0 at the end of the line. */
-static int regi_xyz_word(sbi_reader *reader, sbi_word *word)
+/* A text of points that is being read. */
+typedef struct regi_xyz {
+    sbi_loader *loader;
+    char decimal;                /* the mark that fractions between semicolons have: '.', ',' or 0, not known yet */
+    int declared, declared_line; /* the number of points that the first line gives; -1: it gives none */
+} regi_xyz;
+
+/* 1 when the line has a semicolon: then commas are decimal marks. */
+static int regi_xyz_has_semicolon(const sbi_reader *reader)
 {
-    size_t start;
-    while (!sbi_reader_at_line_end(reader) && (reader->data[reader->at] == ',' || reader->data[reader->at] == ';'))
-        reader->at++;
+    for (size_t at = reader->at; at < reader->size && !strchr("\n\r#", reader->data[at]); at++)
+        if (reader->data[at] == ';')
+            return 1;
+    return 0;
+}
+
+/* The next field of the line, which may be empty between two separators; 0 at the end. *separator: what is before it:
+ * 0 on the first call of a line, else a semicolon, a comma or, for nothing but blanks, a blank. */
+static int regi_xyz_field(sbi_reader *reader, int semicolons, sbi_word *field, char *separator)
+{
+    const char *marks = semicolons ? ";" : ",";
+    int is_first = *separator == 0;
     if (sbi_reader_at_line_end(reader))
         return 0;
-    start = reader->at;
-    if (sbi_reader_left(reader) > 1 && memcmp(reader->data + start, "//", 2) == 0)
+    if (!is_first) {
+        *separator = reader->data[reader->at] == marks[0] ? marks[0] : ' ';
+        reader->at += *separator == marks[0];
+        if (sbi_reader_at_line_end(reader))
+            return 0;
+    } else {
+        *separator = ' ';
+    }
+    field->text = reader->data + reader->at;
+    if (sbi_reader_left(reader) > 1 && memcmp(field->text, "//", 2) == 0)
         return 0;
-    while (reader->at < reader->size && !strchr(" \t\v\f\r\n,;#", reader->data[reader->at]))
+    while (reader->at < reader->size && !strchr(" \t\v\f\r\n#", reader->data[reader->at]) &&
+           reader->data[reader->at] != marks[0])
         reader->at++;
-    if (reader->at == start) /* a NUL, which strchr finds as well: the word is that */
-        reader->at++;
-    word->text = reader->data + start;
-    word->length = reader->at - start;
+    field->length = (size_t)(reader->data + reader->at - field->text);
     return 1;
 }
 
-/* The first up to six numbers of the line; a word behind the third that is none ends them. *first: what the first word
- * was, 1 a number, 0 none, -1 not finite. */
-static sb_result regi_xyz_line(sbi_reader *reader, double x[6], int *count, int *first)
+/* Whether a field is meant as a number. */
+static int regi_xyz_like_number(sbi_word field)
 {
-    sbi_word word;
+    double value;
+    size_t i = 0;
+    while (i < field.length && i < 2 && strchr("+-.,", field.text[i]))
+        i++;
+    return (i < field.length && field.text[i] >= '0' && field.text[i] <= '9') ||
+           sbi_parse_real(field.text, field.length, &value) != 0;
+}
+
+/* As sbi_parse_real, with a decimal comma between semicolons; -2: both marks in one file. */
+static int regi_xyz_number(regi_xyz *xyz, sbi_word field, int semicolons, double *value)
+{
+    char text[64];
+    const char *comma = (const char *)memchr(field.text, ',', field.length);
+    int parsed;
+    if (!comma || field.length >= sizeof text) {
+        parsed = sbi_parse_real(field.text, field.length, value);
+    } else {
+        memcpy(text, field.text, field.length);
+        text[comma - field.text] = '.';
+        parsed = sbi_parse_real(text, field.length, value);
+    }
+    if (parsed > 0 && semicolons && (comma || memchr(field.text, '.', field.length))) {
+        char mark = comma ? ',' : '.';
+        if (xyz->decimal && xyz->decimal != mark)
+            return -2;
+        xyz->decimal = mark;
+    }
+    return parsed;
+}
+
+static sb_result regi_xyz_fail_field(const sbi_reader *reader, sbi_word field, int parsed)
+{
     char text[32];
+    if (parsed == -2)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s': decimal points and decimal commas in one file",
+                               sbi_word_print(field, text));
+    if (parsed < 0)
+        return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "'%s' is not finite", sbi_word_print(field, text));
+    if (field.length == 0)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "nothing between two separators where a number should be");
+    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' is not a number", sbi_word_print(field, text));
+}
+
+/* `0,05,1,5`, `0,5 0,25 1,5`: columns, or decimal commas? Nobody can know. */
+static int regi_xyz_is_ambiguous(sbi_word field, char separator, char first_separator)
+{
+    size_t sign = field.length > 0 && (field.text[0] == '-' || field.text[0] == '+') ? 1 : 0;
+    if (separator != first_separator)
+        return 1;
+    return separator == ',' && field.length > sign + 1 && field.text[sign] == '0' && field.text[sign + 1] >= '0' &&
+           field.text[sign + 1] <= '9';
+}
+
+/* The first up to six numbers of the line; a field behind the third that is none ends them. */
+static sb_result regi_xyz_line(regi_xyz *xyz, double x[6], int *count)
+{
+    sbi_reader *reader = &xyz->loader->reader;
+    int semicolons = regi_xyz_has_semicolon(reader);
+    char separator = 0, first_separator = 0;
+    sbi_word field;
     *count = 0;
-    *first = 0;
-    while (*count < 6 && regi_xyz_word(reader, &word)) {
-        int parsed = sbi_parse_real(word.text, word.length, x + *count);
-        if (*count == 0)
-            *first = parsed;
-        if (parsed < 0)
-            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "'%s' is not finite", sbi_word_print(word, text));
+    while (*count < 6 && regi_xyz_field(reader, semicolons, &field, &separator)) {
+        int parsed = regi_xyz_number(xyz, field, semicolons, x + *count);
         if (parsed == 0 && *count >= 3)
             break;
-        if (parsed == 0)
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' is not a number", sbi_word_print(word, text));
+        if (parsed <= 0)
+            return regi_xyz_fail_field(reader, field, parsed);
+        if (*count == 1)
+            first_separator = separator;
+        if (*count >= 1 && regi_xyz_is_ambiguous(field, separator, first_separator))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                                   "are the commas between columns, or in numbers? Write decimal points, or semicolons "
+                                   "between the columns");
         ++*count;
     }
     return SB_OK;
@@ -2368,46 +2452,81 @@ static int regi_xyz_has_normals(const double x[6], int count)
     return count == 6 && squared > 0.25 && squared < 4;
 }
 
-/* 1 for a first line that is a heading, or holds nothing but the number of points. */
-static int regi_xyz_is_heading(const sbi_reader *reader)
+/* 1 for a first line that is a heading, or holds nothing but the number of points, which is noted. */
+static int regi_xyz_is_heading(regi_xyz *xyz)
 {
-    sbi_reader quiet = *reader;
+    sbi_reader ahead = xyz->loader->reader;
+    int semicolons = regi_xyz_has_semicolon(&ahead), fields = 0, numbers = 0;
+    char separator = 0;
+    sbi_word field, first = {NULL, 0};
+    int64_t declared;
+    while (regi_xyz_field(&ahead, semicolons, &field, &separator)) {
+        if (fields++ == 0)
+            first = field;
+        numbers += regi_xyz_like_number(field);
+    }
+    if (numbers == 0)
+        return 1;
+    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 || declared > INT_MAX)
+        return 0;
+    xyz->declared = (int)declared;
+    xyz->declared_line = xyz->loader->reader.line;
+    return 1;
+}
+
+static int regi_xyz_is_empty(const sbi_reader *reader)
+{
+    sbi_reader ahead = *reader;
+    char separator = 0;
+    sbi_word field;
+    return !regi_xyz_field(&ahead, regi_xyz_has_semicolon(reader), &field, &separator);
+}
+
+/* A point, and its normal where the first one has one. */
+static sb_result regi_xyz_point(regi_xyz *xyz, int *with_normals)
+{
+    sbi_loader *loader = xyz->loader;
+    int count;
     double x[6];
-    int count, first;
-    quiet.error = NULL;
-    regi_xyz_line(&quiet, x, &count, &first);
-    return first == 0 || (first > 0 && count == 1);
+    sb_result result = regi_xyz_line(xyz, x, &count);
+    if (!result && count < 3)
+        result = sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "a point needs three numbers, here are %d", count);
+    if (!result && loader->node_count == 0)
+        *with_normals = regi_xyz_has_normals(x, count);
+    if (!result && *with_normals && count < 6)
+        result = sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "a point without the normal that the first one has");
+    if (!result)
+        result = sbi_loader_add_node(loader, x);
+    if (!result && *with_normals)
+        result = sbi_loader_add_normal(loader, x + 3);
+    return result;
 }
 
 static sb_result regi_xyz_read(sbi_loader *loader)
 {
     sbi_reader *reader = &loader->reader;
-    int with_normals = 0, headings = 1, count, first;
-    sb_result result = SB_OK;
-    double x[6];
+    sb_result result = sbi_reader_check_text(reader);
+    int with_normals = 0, is_first = 1;
+    regi_xyz xyz;
+    xyz.loader = loader;
+    xyz.decimal = 0;
+    xyz.declared = -1;
+    xyz.declared_line = 0;
     reader->comment = '#';
     for (; reader->at < reader->size && !result; sbi_reader_next_line(reader)) {
-        sbi_reader ahead = *reader;
-        sbi_word word;
-        if (!regi_xyz_word(&ahead, &word))
+        if (regi_xyz_is_empty(reader))
             continue;
         reader->node = (int)loader->node_count;
-        if (headings-- > 0 && regi_xyz_is_heading(reader))
-            continue;
-        headings = 0;
-        result = regi_xyz_line(reader, x, &count, &first);
-        if (!result && count < 3)
-            result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "a point needs three numbers, here are %d", count);
-        if (!result && loader->node_count == 0)
-            with_normals = regi_xyz_has_normals(x, count);
-        if (!result && with_normals && count < 6)
-            result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "a point without the normal that the first one has");
-        if (!result)
-            result = sbi_loader_add_node(loader, x);
-        if (!result && with_normals)
-            result = sbi_loader_add_normal(loader, x + 3);
+        if (!is_first || !regi_xyz_is_heading(&xyz))
+            result = regi_xyz_point(&xyz, &with_normals);
+        is_first = 0;
     }
     reader->node = -1;
+    if (!result && xyz.declared >= 0 && (size_t)xyz.declared != loader->node_count) {
+        reader->line = xyz.declared_line;
+        result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "the first line says %d points, there are %lu", xyz.declared,
+                                 (unsigned long)loader->node_count);
+    }
     return result;
 }
 

@@ -10238,6 +10238,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
+ * by it; any other is an error with its line. */
+SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
+
 SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
 /* Steps over blanks; 1 when the line or the file ends here. */
 SBI_API int sbi_reader_at_line_end(sbi_reader *reader);
@@ -10929,6 +10933,22 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
         reader->at += sbi_reader_newline(reader, reader->at);
         sbi_reader_count_line(reader);
     }
+}
+
+SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
+{
+    sbi_reader ahead;
+    const char *nul;
+    if (sbi_reader_left(reader) > 0 && reader->data[reader->size - 1] == 0)
+        reader->size--;
+    nul = sbi_reader_left(reader) ? (const char *)memchr(reader->data + reader->at, 0, sbi_reader_left(reader)) : NULL;
+    if (!nul)
+        return SB_OK;
+    ahead = *reader;
+    ahead.size = (size_t)(nul - reader->data);
+    while (ahead.at < ahead.size)
+        sbi_reader_next_line(&ahead);
+    return sbi_reader_fail(&ahead, SB_ERROR_FORMAT, "a NUL byte: the file is damaged, or no text in UTF-8");
 }
 
 SBI_API int sbi_reader_line_word(sbi_reader *reader, sbi_word *word)
@@ -11969,10 +11989,20 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
+/* By its byte order mark. */
+static int sbi_meshio_is_utf16(const sbi_reader *reader)
+{
+    return reader->size >= 4 && !sbi_stl_is_binary(reader->data, reader->size) &&
+           ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
+            (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
+}
+
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
+    if (sbi_meshio_is_utf16(reader))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
     if (*format == SB_FILE_AUTO)
@@ -13368,7 +13398,7 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
                                "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
                                sbi_word_print(word, text));
     vtk->reader->binary = vtk->reader->big_endian = vtk->binary;
-    return SB_OK;
+    return vtk->binary ? SB_OK : sbi_reader_check_text(vtk->reader);
 }
 
 static sb_result sbi_vtk_finish(const sbi_vtk *vtk)
@@ -14954,7 +14984,7 @@ static sb_result sbi_gmsh_format(sbi_gmsh *gmsh)
                                (long long)binary, (long long)bytes);
     gmsh->size_bytes = (int)bytes;
     if (!binary)
-        return SB_OK;
+        return sbi_reader_check_text(gmsh->reader);
     sbi_reader_next_line(gmsh->reader);
     gmsh->binary = gmsh->reader->binary = 1;
     one = sbi_reader_bytes(gmsh->reader, 1, 4, "$MeshFormat");
@@ -16623,7 +16653,9 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
     int64_t dimension = 0;
     sb_result result;
     reader->comment = '#';
-    result = sbi_reader_count(reader, "the number of points", 8, &count);
+    result = sbi_reader_check_text(reader);
+    if (!result)
+        result = sbi_reader_count(reader, "the number of points", 8, &count);
     if (!result)
         result = sbi_reader_integer(reader, "dimension", &dimension);
     if (!result && dimension != 3)
@@ -16741,7 +16773,9 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base)
     int64_t corners = 0;
     sb_result result;
     reader->comment = '#';
-    result = sbi_reader_count(reader, "the number of tetrahedra", 10, &count);
+    result = sbi_reader_check_text(reader);
+    if (!result)
+        result = sbi_reader_count(reader, "the number of tetrahedra", 10, &count);
     if (!result)
         result = sbi_reader_integer(reader, "the number of nodes of a tetrahedron", &corners);
     if (!result && corners != 4 && corners != 10)
@@ -16898,7 +16932,9 @@ SBI_API sb_result sbi_obj_read(sbi_loader *loader)
     obj.loader = loader;
     obj.reader = &loader->reader;
     obj.reader->comment = '#';
-    result = sbi_obj_pass(&obj, 0);
+    result = sbi_reader_check_text(obj.reader);
+    if (!result)
+        result = sbi_obj_pass(&obj, 0);
     if (result)
         return result;
     obj.reader->at = 0;
@@ -17059,7 +17095,9 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
     sb_result result;
     if (!binary)
         binary = !sbi_reader_peek(reader, &word) || !sbi_word_is(word, "solid");
-    result = binary ? sbi_stl_binary(loader) : sbi_stl_ascii(loader);
+    result = binary ? sbi_stl_binary(loader) : sbi_reader_check_text(reader);
+    if (!result && !binary)
+        result = sbi_stl_ascii(loader);
     if (result)
         return result;
     corners = (int)loader->node_count;
@@ -17276,7 +17314,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not tell the format");
     sbi_reader_next_line(ply->reader);
     ply->reader->binary = binary > 0;
-    return result;
+    return result || binary > 0 ? result : sbi_reader_check_text(ply->reader);
 }
 
 static sb_result sbi_ply_real(sbi_ply *ply, const sbi_ply_type *type, const char *what, double *value)
@@ -17487,6 +17525,8 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     result = sbi_off_keyword(reader, &extras);
     if (!result && sbi_reader_peek(reader, &word) && sbi_word_is(word, "BINARY"))
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "binary OFF files are not supported");
+    if (!result)
+        result = sbi_reader_check_text(reader);
     if (!result)
         result = sbi_reader_count(reader, "the number of vertices", 6, &counts[0]);
     if (!result)

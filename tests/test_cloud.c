@@ -136,6 +136,90 @@ static void test_text(void)
     }
 }
 
+/* Texts of other countries and programs: read right, or refused with the line; never something else. */
+static void test_text_forms(void)
+{
+    static const char *const good[] = {"0,5;0,25;1,5\n-1,5;+2,25;3\n",   "0.5;0.25;1.5\n-1.5;2.25;3;\n",
+                                       "x;y;z\n,5;0,25;15e-1;\n-1,5; 2,25 ;3,000\n", "2\n0.5 .25 1.5\n-1.5 2.25 3\n",
+                                       "\xEF\xBB\xBF" "0.5 0.25 1.5\n-1.5 2.25 3",
+                                       "\xEF\xBB\xBF" "2\r\n0.5,0.25,1.5,\r\n-1.5, 2.25 , 3\r\n",
+                                       "0.5 0.25 1.5 a,b;c\n-1.5 2.25 3 12:30\n", "0.5,0.25,1.5,,,\n-1.5,2.25,3,,,"};
+    static const struct {
+        const char *text, *message;
+        int line;
+    } bad[] = {{"0,5 0,25 1,5\n", "commas", 1},
+               {"1 2 3\n0,5\t1\t2\n", "commas", 2},
+               {"1,2,3 0,0,1\n", "commas", 1},
+               {"0,05,0,25,1,5\n", "commas", 1},
+               {"1,2,-05\n", "commas", 1},
+               {"1,234;2,000;3,5\n999.5;1;2\n", "decimal points and decimal commas", 2},
+               {"1.234,5;1;2\n1;2;3\n", "'1.234,5' is not a number", 1},
+               {"1,2,3;255,0,0\n", "'1,2,3' is not a number", 1},
+               {"1;;2;3\n", "between two separators", 1},
+               {"1,2,,3\n", "between two separators", 1},
+               {";1;2;3\n", "between two separators", 1},
+               {"# c\n3\n1 2 3\n4 5 6\n", "says 3 points, there are 2", 2},
+               {"1\n1 2 3\n4 5 6\n", "says 1 points, there are 2", 1},
+               {"0\n1 2 3\n", "says 0 points, there are 1", 1},
+               {"-1\n1 2 3\n", "needs three numbers", 1},
+               {"0.5\n1 2 3\n", "needs three numbers", 1},
+               {"99999999999\n1 2 3\n", "needs three numbers", 1},
+               {"1d0 2 3\n4 5 6\n", "'1d0' is not a number", 1},
+               {".5d0 2 3\n4 5 6\n", "'.5d0' is not a number", 1},
+               {"x 2 3\n4 5 6\n", "'x' is not a number", 1},
+               {"nan nan nan\n4 5 6\n", "not finite", 1},
+               {"1 2 3\nx y z\n", "'x' is not a number", 2}};
+    reg_cloud cloud;
+    sb_error error;
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
+        if (!CHECK_OK(load_text(&cloud, good[i], REG_CLOUD_XYZ, &error))) {
+            printf("    %s: %s\n", good[i], error.message);
+            continue;
+        }
+        CHECK_INT(cloud.count, 2);
+        CHECK(cloud.points[0].x == REAL(0.5) && cloud.points[0].y == REAL(0.25) && cloud.points[0].z == REAL(1.5));
+        CHECK(cloud.points[1].x == REAL(-1.5) && cloud.points[1].y == REAL(2.25) && cloud.points[1].z == 3);
+        CHECK(cloud.normals == NULL);
+        reg_cloud_free(&cloud);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        sb_result result = load_text(&cloud, bad[i].text, REG_CLOUD_XYZ, &error);
+        if (!CHECK(result == SB_ERROR_FORMAT || result == SB_ERROR_NOT_FINITE) ||
+            !CHECK(strstr(error.message, bad[i].message) != NULL) || !CHECK_INT(error.line, bad[i].line))
+            printf("    %s: %s\n", bad[i].text, result ? error.message : "");
+    }
+}
+
+/* A byte order mark before, a NUL in, and behind each format's text. */
+static void test_marks_and_nuls(void)
+{
+    static const char ply[] = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+                              "property float z\nend_header\n1 2 3\n4 5 6\n";
+    static const char *const texts[3] = {"1 2 3\n4 5 6\n", ply, "v 1 2 3\nv 4 5 6\n"};
+    static const reg_cloud_format formats[3] = {REG_CLOUD_XYZ, REG_CLOUD_PLY, REG_CLOUD_MESH};
+    reg_cloud cloud;
+    sb_error error;
+    for (int i = 0; i < 3; i++) {
+        char text[256] = "\xEF\xBB\xBF";
+        size_t size = 3 + strlen(texts[i]), last = size - 3;
+        int lines = 0;
+        strcat(text, texts[i]);
+        for (size_t k = 0; k < last; k++)
+            lines += text[k] == '\n';
+        for (size_t nuls = 0; nuls < 2; nuls++)
+            if (CHECK_OK(reg_cloud_load_memory(&cloud, text, size + nuls, formats[i], "m.obj", 1, NULL, &error))) {
+                CHECK(cloud.count == 2 && cloud.points[1].y == 5);
+                reg_cloud_free(&cloud);
+            }
+        CHECK_RESULT(reg_cloud_load_memory(&cloud, text, size + 2, formats[i], "m.obj", 1, NULL, &error),
+                     SB_ERROR_FORMAT);
+        text[last] = 0;
+        CHECK_RESULT(reg_cloud_load_memory(&cloud, text, size, formats[i], "m.obj", 1, NULL, &error), SB_ERROR_FORMAT);
+        CHECK(strstr(error.message, "NUL") != NULL);
+        CHECK_INT(error.line, lines + 1);
+    }
+}
+
 static void test_formats(void)
 {
     int wrong = 9;
@@ -544,7 +628,9 @@ static void test_bad_points(void)
 }
 
 CHECK_SUITE(cloud, {"ascii ply", test_ascii_ply}, {"binary ply", test_binary_ply}, {"round trip", test_round_trip},
-            {"text", test_text}, {"formats", test_formats}, {"from mesh", test_from_mesh}, {"normals", test_normals},
+            {"text", test_text},
+            {"texts of other countries and programs", test_text_forms},
+            {"byte order marks and NUL bytes", test_marks_and_nuls}, {"formats", test_formats}, {"from mesh", test_from_mesh}, {"normals", test_normals},
             {"normals of little", test_normals_of_little}, {"thin", test_thin}, {"spread", test_spread},
             {"outlier rules", test_rules}, {"remove outliers", test_remove}, {"smooth", test_smooth},
             {"smooth a mesh", test_smooth_mesh}, {"smooth little", test_smooth_little}, {"memory", test_memory},

@@ -497,6 +497,54 @@ static sb_result load_text(sb_mesh *mesh, const char *text, sb_file_format forma
     return sb_mesh_load_memory(mesh, text, strlen(text), format, "text", NULL, error);
 }
 
+/* Each text format with a byte order mark, with a NUL behind it, which is forgiven, and in it, which is not. */
+static void test_marks_and_nuls(void)
+{
+    static const struct {
+        const char *text;
+        sb_file_format format;
+    } texts[] = {
+        {"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0\n1 0 0\n0 1 0\n"
+         "POLYGONS 1 4\n3 0 1 2\n", SB_FILE_VTK},
+        {"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n$Elements\n1\n"
+         "1 2 2 0 1 1 2 3\n$EndElements\n", SB_FILE_GMSH},
+        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n# end\n", SB_FILE_OBJ},
+        {"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+         "endsolid s\n", SB_FILE_STL},
+        {"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+         "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+         SB_FILE_PLY},
+        {"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", SB_FILE_OFF}};
+    sb_mesh mesh;
+    sb_error error;
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        char text[512] = "\xEF\xBB\xBF";
+        size_t size = 3 + strlen(texts[i].text);
+        int lines = 0;
+        strcat(text, texts[i].text);
+        for (size_t k = 0; k < size; k++)
+            lines += text[k] == '\n';
+        for (size_t skip = 0; skip <= 3; skip += 3)
+            for (size_t nuls = 0; nuls < 2; nuls++) {
+                memset(&mesh, 0, sizeof mesh);
+                if (CHECK_OK(sb_mesh_load_memory(&mesh, text + skip, size - skip + nuls, SB_FILE_AUTO, "text", NULL,
+                                                 &error)))
+                    CHECK(mesh.node_count == 3 && mesh.element_count == 1);
+                else
+                    printf("    %s: %s\n", texts[i].text, error.message);
+                sb_mesh_free(&mesh);
+            }
+        text[size - 2] = 0; /* in the last line, be it a comment */
+        CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, texts[i].format, "text", NULL, &error), SB_ERROR_FORMAT);
+        CHECK(strstr(error.message, "NUL") != NULL);
+        CHECK_INT(error.line, lines);
+    }
+    CHECK_RESULT(sb_mesh_load_memory(&mesh, "\xFF\xFEv\0 \0001\0", 8, SB_FILE_AUTO, "a.obj", NULL, &error),
+                 SB_ERROR_UNSUPPORTED);
+    CHECK_RESULT(sb_mesh_load_memory(&mesh, "\xFE\xFF\0v\0 \0001", 8, SB_FILE_AUTO, "a.obj", NULL, &error),
+                 SB_ERROR_UNSUPPORTED);
+}
+
 static void test_variants(void)
 {
     for (int i = 0; i < SEED_COUNT; i++) {
@@ -2037,7 +2085,8 @@ static void test_mutations(void)
     CHECK(reads > loads / 50 && reads < loads);
 }
 
-CHECK_SUITE(meshio, {"every variant of every format", test_variants}, {"vtk number types", test_vtk_types},
+CHECK_SUITE(meshio, {"every variant of every format", test_variants},
+            {"byte order marks and NUL bytes", test_marks_and_nuls}, {"vtk number types", test_vtk_types},
             {"vtk cells", test_vtk_cells}, {"vtk regions", test_vtk_regions},
             {"gmsh tet10 order", test_gmsh_tet10}, {"gmsh hex20 and hex27 order", test_gmsh_hexes},
             {"quadratic elements in texts", test_quadratic_texts}, {"surface texts", test_surface_texts},

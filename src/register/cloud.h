@@ -40,10 +40,12 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
 
 typedef enum reg_cloud_format {
     REG_CLOUD_AUTO = 0, /* told by the content, else by the end of the name */
-    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, commas or semicolons;
-                         * more columns are left alone, and so are columns 4 to 6 when those of the first point have not
-                         * about unit length (colours). # and // begin comments; a first line that begins with no number
-                         * may be a heading, one with a single number the count */
+    REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, or commas, or
+                         * semicolons; between semicolons decimal commas are read as well. A line that could mean two
+                         * things (`0,5 0,25 1,5`) is an error. More columns are left alone, and so are columns 4 to 6
+                         * when those of the first point have not about unit length (colours). # and // begin comments;
+                         * a first line without any number is a heading, one with a single whole number the count of
+                         * points, which must be right */
     REG_CLOUD_PLY = 2,  /* ASCII or binary of both byte orders; of the vertices x y z and, when all are there, nx ny nz;
                          * everything else is stepped over */
     REG_CLOUD_MESH = 3  /* the nodes of any file that sb_mesh_load reads (but TetGen's), with or without cells */

@@ -781,7 +781,7 @@ static sb_result sbi_gmsh_format(sbi_gmsh *gmsh)
                                (long long)binary, (long long)bytes);
     gmsh->size_bytes = (int)bytes;
     if (!binary)
-        return SB_OK;
+        return sbi_reader_check_text(gmsh->reader);
     sbi_reader_next_line(gmsh->reader);
     gmsh->binary = gmsh->reader->binary = 1;
     one = sbi_reader_bytes(gmsh->reader, 1, 4, "$MeshFormat");

@@ -392,6 +392,22 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
     }
 }
 
+SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
+{
+    sbi_reader ahead;
+    const char *nul;
+    if (sbi_reader_left(reader) > 0 && reader->data[reader->size - 1] == 0)
+        reader->size--;
+    nul = sbi_reader_left(reader) ? (const char *)memchr(reader->data + reader->at, 0, sbi_reader_left(reader)) : NULL;
+    if (!nul)
+        return SB_OK;
+    ahead = *reader;
+    ahead.size = (size_t)(nul - reader->data);
+    while (ahead.at < ahead.size)
+        sbi_reader_next_line(&ahead);
+    return sbi_reader_fail(&ahead, SB_ERROR_FORMAT, "a NUL byte: the file is damaged, or no text in UTF-8");
+}
+
 SBI_API int sbi_reader_line_word(sbi_reader *reader, sbi_word *word)
 {
     size_t start;

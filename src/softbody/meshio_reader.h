@@ -47,6 +47,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
+ * by it; any other is an error with its line. */
+SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
+
 SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
 /* Steps over blanks; 1 when the line or the file ends here. */
 SBI_API int sbi_reader_at_line_end(sbi_reader *reader);

@@ -140,7 +140,9 @@ SBI_API sb_result sbi_obj_read(sbi_loader *loader)
     obj.loader = loader;
     obj.reader = &loader->reader;
     obj.reader->comment = '#';
-    result = sbi_obj_pass(&obj, 0);
+    result = sbi_reader_check_text(obj.reader);
+    if (!result)
+        result = sbi_obj_pass(&obj, 0);
     if (result)
         return result;
     obj.reader->at = 0;
@@ -301,7 +303,9 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
     sb_result result;
     if (!binary)
         binary = !sbi_reader_peek(reader, &word) || !sbi_word_is(word, "solid");
-    result = binary ? sbi_stl_binary(loader) : sbi_stl_ascii(loader);
+    result = binary ? sbi_stl_binary(loader) : sbi_reader_check_text(reader);
+    if (!result && !binary)
+        result = sbi_stl_ascii(loader);
     if (result)
         return result;
     corners = (int)loader->node_count;
@@ -518,7 +522,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not tell the format");
     sbi_reader_next_line(ply->reader);
     ply->reader->binary = binary > 0;
-    return result;
+    return result || binary > 0 ? result : sbi_reader_check_text(ply->reader);
 }
 
 static sb_result sbi_ply_real(sbi_ply *ply, const sbi_ply_type *type, const char *what, double *value)
@@ -729,6 +733,8 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     result = sbi_off_keyword(reader, &extras);
     if (!result && sbi_reader_peek(reader, &word) && sbi_word_is(word, "BINARY"))
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "binary OFF files are not supported");
+    if (!result)
+        result = sbi_reader_check_text(reader);
     if (!result)
         result = sbi_reader_count(reader, "the number of vertices", 6, &counts[0]);
     if (!result)

@@ -37,7 +37,9 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
     int64_t dimension = 0;
     sb_result result;
     reader->comment = '#';
-    result = sbi_reader_count(reader, "the number of points", 8, &count);
+    result = sbi_reader_check_text(reader);
+    if (!result)
+        result = sbi_reader_count(reader, "the number of points", 8, &count);
     if (!result)
         result = sbi_reader_integer(reader, "dimension", &dimension);
     if (!result && dimension != 3)
@@ -155,7 +157,9 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base)
     int64_t corners = 0;
     sb_result result;
     reader->comment = '#';
-    result = sbi_reader_count(reader, "the number of tetrahedra", 10, &count);
+    result = sbi_reader_check_text(reader);
+    if (!result)
+        result = sbi_reader_count(reader, "the number of tetrahedra", 10, &count);
     if (!result)
         result = sbi_reader_integer(reader, "the number of nodes of a tetrahedron", &corners);
     if (!result && corners != 4 && corners != 10)

@@ -659,7 +659,7 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
                                "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
                                sbi_word_print(word, text));
     vtk->reader->binary = vtk->reader->big_endian = vtk->binary;
-    return SB_OK;
+    return vtk->binary ? SB_OK : sbi_reader_check_text(vtk->reader);
 }
 
 static sb_result sbi_vtk_finish(const sbi_vtk *vtk)
