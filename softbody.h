@@ -12163,7 +12163,7 @@ static void sbi_meshio_write_notes(const sbi_loader *loader, const sb_load_optio
         sbi_meshio_note(report, "%d tet10 had gmsh's node order and were put in VTK's", changes->reordered);
     if (report->flipped_elements)
         sbi_meshio_note(report, "%d elements were inside out and were turned", report->flipped_elements);
-    if (loader->region_rank && mesh->regions)
+    if (loader->region_rank && mesh->regions && strcmp(loader->region_field, "region") != 0)
         sbi_meshio_note(report, "regions are the cell field %s", loader->region_field);
     if (!options->sets)
         sbi_meshio_note_names(loader, report);
@@ -14147,9 +14147,12 @@ static sb_result sbi_sets_fill(sbi_set_maker *maker, int begin, int end)
     if (!result && !sbi_sets_allocate(maker, set))
         result = sbi_loader_no_memory(maker->loader);
     set->node_count = set->element_count = set->face_count = 0;
-    for (int i = begin; i < end && !result; i++)
-        if (maker->members[maker->order[i]].cell >= 0)
-            sbi_sets_put_cell(maker, &maker->members[maker->order[i]], set);
+    for (int i = begin, before = -1; i < end && !result; i++) {
+        const sbi_set_member *member = &maker->members[maker->order[i]];
+        if (member->cell > before) /* a cell may be in a group twice */
+            sbi_sets_put_cell(maker, member, set);
+        before = member->cell > before ? member->cell : before;
+    }
     if (!result && set->node_count)
         result = sbi_sets_sort_nodes(maker, set);
     maker->sets->count++;

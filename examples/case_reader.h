@@ -218,6 +218,7 @@ typedef struct case_file {
     const case_statement *element, *gravity;      /* or NULL */
 
     sb_mesh mesh;
+    sb_load_report mesh_report;   /* what loading it did */
     sb_index_lists node_elements; /* of the mesh; made when faces are looked up */
     sb_region_material *region_materials;
     int region_material_count; /* 0: the one material has no region */
@@ -976,12 +977,14 @@ static inline int case_load_mesh(case_file *c)
 {
     const case_statement *s = c->mesh_statement, *element = c->element;
     char *path = case_input_path(c, s->path);
+    sb_load_options options = sb_default_load_options();
     sb_error error;
     sb_result result;
     int duplicates;
     if (!path)
         return case_fail_memory(c, s->line);
-    result = sb_mesh_load(&c->mesh, path, NULL, &error);
+    options.report = &c->mesh_report;
+    result = sb_mesh_load(&c->mesh, path, &options, &error);
     free(path);
     if (result != SB_OK)
         return case_fail_library(c, s->line, &error);

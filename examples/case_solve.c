@@ -20,7 +20,8 @@ static const char help[] =
     "A case is plain text: one statement per line, # starts a comment, units are SI, indices count from 0,\n"
     "input files are relative to the case file.\n"
     "\n"
-    "  mesh      FILE                        VTK legacy or gmsh: tet4, tet10, hex8, hex20 or hex27\n"
+    "  mesh      FILE                        VTK (.vtk, .vtu), gmsh, Medit or TetGen: tet4, tet10, hex8,\n"
+    "                                        hex20 or hex27; wedges, pyramids and mixed cells become tets\n"
     "  element   tet10sr|hex8bbar            one rotation per element (corotated); hex8 for nearly incompressible\n"
     "                                        material; default: as in the file\n"
     "  material  MODEL E=.. nu=.. density=.. [region=ID]\n"
@@ -483,12 +484,20 @@ static int write_all(run *r)
 
 /* ---- the program --------------------------------------------------------------------------------------- */
 
+/* What was converted in the mesh, or not taken of it. */
+static void print_notes(const run *r)
+{
+    for (int i = 0; i < r->file.mesh_report.note_count; i++)
+        fprintf(stderr, "%s:%d: note: %s\n", r->case_path, r->file.mesh_statement->line, r->file.mesh_report.notes[i]);
+}
+
 static int solve_and_write(run *r)
 {
     clock_t begin = clock();
     double seconds;
     if (!case_read(&r->file, r->case_path))
         return complain(r);
+    print_notes(r);
     r->file.mass = r->mass_kind;
     if (!case_create_body(&r->file, &r->body) || !prepare(r) || !check_outputs(r))
         return complain(r);

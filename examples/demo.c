@@ -92,8 +92,8 @@ static void print_help(const settings *defaults)
     option options[OPTION_COUNT];
     list_options(&s, options);
     printf("usage: demo [ORGAN] [OPTIONS]\n\n"
-           "Presses a ball into an organ that lies under gravity. ORGAN: a volume mesh in metres (VTK, gmsh\n"
-           "or TetGen); without it a liver-like one is made.\n\n");
+           "Presses a ball into an organ that lies under gravity. ORGAN: a volume mesh in metres (VTK, VTU,\n"
+           "gmsh, Medit or TetGen); without it a liver-like one is made.\n\n");
     options_print(options, OPTION_COUNT);
     printf("\nmaterials:");
     for (int i = 0; i < MATERIAL_COUNT; i++)
@@ -221,10 +221,16 @@ static int complain_memory(void)
 static sb_result get_organ(const settings *set, sb_mesh *mesh, sb_error *error)
 {
     sb_load_options options = sb_default_load_options();
+    sb_load_report report;
+    sb_result result;
     options.scale = REAL(set->scale);
-    if (set->organ)
-        return sb_mesh_load(mesh, set->organ, &options, error);
-    return sb_mesh_organ(SB_TET4, 16, NULL, mesh, error);
+    options.report = &report;
+    if (!set->organ)
+        return sb_mesh_organ(SB_TET4, 16, NULL, mesh, error);
+    result = sb_mesh_load(mesh, set->organ, &options, error);
+    for (int i = 0; !result && i < report.note_count; i++)
+        fprintf(stderr, "demo: %s: note: %s\n", set->organ, report.notes[i]);
+    return result;
 }
 
 /* Loads or makes the mesh, its surface and the arrays that go with them. */

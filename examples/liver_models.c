@@ -426,7 +426,7 @@ static int program(int argc, char **argv)
         printf("usage: liver_models [LIVER] [OPTIONS]\n\n"
                "Deforms a liver as by breathing and as by an instrument, once with each material of the\n"
                "literature, and prints how far the results are apart. LIVER: a volume mesh in metres (VTK,\n"
-               "gmsh or TetGen), z towards the head, x to the patient's left; without it one is made.\n\n");
+               "VTU, gmsh, Medit or TetGen), z towards the head, x to the patient's left; without it one is made.\n\n");
         options_print(options, count);
         return 0;
     }

@@ -532,7 +532,7 @@ static int program(int argc, char **argv)
     s.seconds = 18;
     const option options[] = {
         {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
-         "tissue of tets in metres, the highest region is the prostate (VTK, gmsh, TetGen); default: made here"},
+         "tissue of tets in metres, the highest region is the prostate (VTK, VTU, gmsh, Medit, TetGen); default: made here"},
         {"--tip", "KIND", OPTION_TEXT, NULL, NULL, &s.tip, 0, 0, "bevel or symmetric"},
         {"--seconds", "S", OPTION_NUMBER, NULL, &s.seconds, NULL, 0.5, 1e5, "length of the run, steps are of 0.02 s"},
         {"--csv", "FILE", OPTION_TEXT, NULL, NULL, &s.csv, 0, 0, "a line for each step"},

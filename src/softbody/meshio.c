@@ -336,7 +336,7 @@ static void sbi_meshio_write_notes(const sbi_loader *loader, const sb_load_optio
         sbi_meshio_note(report, "%d tet10 had gmsh's node order and were put in VTK's", changes->reordered);
     if (report->flipped_elements)
         sbi_meshio_note(report, "%d elements were inside out and were turned", report->flipped_elements);
-    if (loader->region_rank && mesh->regions)
+    if (loader->region_rank && mesh->regions && strcmp(loader->region_field, "region") != 0)
         sbi_meshio_note(report, "regions are the cell field %s", loader->region_field);
     if (!options->sets)
         sbi_meshio_note_names(loader, report);

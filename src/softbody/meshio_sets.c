@@ -268,9 +268,12 @@ static sb_result sbi_sets_fill(sbi_set_maker *maker, int begin, int end)
     if (!result && !sbi_sets_allocate(maker, set))
         result = sbi_loader_no_memory(maker->loader);
     set->node_count = set->element_count = set->face_count = 0;
-    for (int i = begin; i < end && !result; i++)
-        if (maker->members[maker->order[i]].cell >= 0)
-            sbi_sets_put_cell(maker, &maker->members[maker->order[i]], set);
+    for (int i = begin, before = -1; i < end && !result; i++) {
+        const sbi_set_member *member = &maker->members[maker->order[i]];
+        if (member->cell > before) /* a cell may be in a group twice */
+            sbi_sets_put_cell(maker, member, set);
+        before = member->cell > before ? member->cell : before;
+    }
     if (!result && set->node_count)
         result = sbi_sets_sort_nodes(maker, set);
     maker->sets->count++;

@@ -26,7 +26,7 @@ static const struct fuzz_target {
 } fuzz_targets[] = {{"vtk", fuzz_vtk},       {"gmsh", fuzz_gmsh}, {"tetgen", fuzz_tetgen},
                     {"surface", fuzz_surface}, {"geometry", fuzz_geometry}, {"mesh", fuzz_mesh}, {"case", fuzz_case},
                     {"state", fuzz_state},   {"record", fuzz_record}, {"body", fuzz_body},
-                    {"cloud", fuzz_cloud}};
+                    {"cloud", fuzz_cloud},   {"vtu", fuzz_vtu}, {"medit", fuzz_medit}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
 static const struct fuzz_target *fuzz_find_target(const char *name)

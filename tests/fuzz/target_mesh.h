@@ -42,24 +42,49 @@ static void fuzz_take_mesh(sb_result result, sb_mesh *mesh, const sb_error *erro
     sb_mesh_free(mesh);
 }
 
+/* Sets name what is there, in order. */
+static void fuzz_use_sets(const sb_mesh *mesh, sb_mesh_sets *sets)
+{
+    for (int i = 0; i < sets->count; i++) {
+        const sb_mesh_set *set = &sets->sets[i];
+        FUZZ_REQUIRE(memchr(set->name, 0, sizeof set->name) != NULL && set->dimension >= 0 && set->dimension <= 3);
+        FUZZ_REQUIRE(sb_mesh_sets_find(sets, set->name, set->dimension) != NULL);
+        for (int k = 0; k < set->node_count; k++)
+            FUZZ_REQUIRE(set->nodes[k] < mesh->node_count && set->nodes[k] > (k ? set->nodes[k - 1] : -1));
+        for (int k = 0; k < set->element_count; k++)
+            FUZZ_REQUIRE(set->elements[k] < mesh->element_count && set->elements[k] > (k ? set->elements[k - 1] : -1));
+        for (int k = 0; k < set->face_count * set->face_corners; k++)
+            FUZZ_REQUIRE(set->faces[k] >= 0 && set->faces[k] < mesh->node_count);
+    }
+    sb_mesh_sets_free(sets);
+}
+
 static void fuzz_load(const uint8_t *data, size_t size, sb_file_format format)
 {
     sb_mesh mesh;
     sb_error error;
     sb_load_report report;
     sb_load_options options = sb_default_load_options();
+    sb_mesh_sets sets;
     sb_result result;
     options.fix_orientation = (int)(size & 1);
     options.report = &report;
+    options.sets = size & 2 ? &sets : NULL;
     memset(&mesh, 0, sizeof mesh);
     result = sb_mesh_load_memory(&mesh, data, size, format, "fuzz", &options, &error);
-    if (result == SB_OK)
+    if (result == SB_OK) {
         FUZZ_REQUIRE(report.unreferenced_nodes >= 0 && report.unreferenced_nodes <= mesh.node_count);
+        FUZZ_REQUIRE(report.note_count >= 0 && report.note_count <= SB_LOAD_NOTES);
+        if (options.sets)
+            fuzz_use_sets(&mesh, &sets);
+    }
     fuzz_take_mesh(result, &mesh, &error);
 }
 
 static void fuzz_vtk(const uint8_t *data, size_t size) { fuzz_load(data, size, SB_FILE_VTK); }
 static void fuzz_gmsh(const uint8_t *data, size_t size) { fuzz_load(data, size, SB_FILE_GMSH); }
+static void fuzz_vtu(const uint8_t *data, size_t size) { fuzz_load(data, size, SB_FILE_VTU); }
+static void fuzz_medit(const uint8_t *data, size_t size) { fuzz_load(data, size, SB_FILE_MEDIT); }
 /* The reader that the content tells. */
 static void fuzz_mesh(const uint8_t *data, size_t size) { fuzz_load(data, size, SB_FILE_AUTO); }
 
