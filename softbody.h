@@ -15287,11 +15287,14 @@ static sb_result sbi_medit_text_section(sbi_medit *medit, sbi_word keyword, int 
 SBI_API int sbi_medit_is_binary(const char *data, size_t size)
 {
     const unsigned char *b = (const unsigned char *)data;
-    int little = size >= 12 && b[0] == 1 && !b[1] && !b[2] && !b[3];
-    int big = size >= 12 && b[3] == 1 && !b[0] && !b[1] && !b[2];
-    int version = little ? b[4] : b[7], keyword = little ? b[8] : b[11];
-    if (!little && !big)
+    int little, version, keyword;
+    if (size < 12)
         return 0;
+    little = b[0] == 1 && !b[1] && !b[2] && !b[3];
+    if (!little && !(b[3] == 1 && !b[0] && !b[1] && !b[2]))
+        return 0;
+    version = little ? b[4] : b[7];
+    keyword = little ? b[8] : b[11];
     for (int i = 0; i < 3; i++) /* the rest of version and first keyword, which is Dimension */
         if (b[little ? 5 + i : 4 + i] || b[little ? 9 + i : 8 + i])
             return 0;
