@@ -26,6 +26,10 @@
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
  * side of the tissue is stopped there.
  *
+ * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
+ * ndl_needle_def.entry_slip for figures. A tissue with needles cannot be saved or loaded (SB_ERROR_UNSUPPORTED). What is
+ * embedded in its first mesh goes by ndl_tissue_original_positions, not by ndl_tissue_positions.
+ *
  * A FIRST PROGRAM
  *
  * A bevelled nitinol needle is pushed 4 cm into a block of gel, turned by half a turn on its way, and drawn out again;
@@ -255,6 +259,7 @@
 #define ndl_tissue_set_material ndl_tissue_set_material_f32
 #define ndl_tissue_step ndl_tissue_step_f32
 #define ndl_tissue_positions ndl_tissue_positions_f32
+#define ndl_tissue_original_positions ndl_tissue_original_positions_f32
 #define ndl_tissue_velocities ndl_tissue_velocities_f32
 #define ndl_tissue_reactions ndl_tissue_reactions_f32
 #define ndl_tissue_get_energies ndl_tissue_get_energies_f32
@@ -930,6 +935,12 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
 /* ---- readings: no allocation ----
  * Arrays are by node slot, [mesh->node_end], of nodes in use; valid until the mesh next changes. */
 NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue);  /* m */
+/* positions[nodes of the def's mesh] (m): where the material is now that was at those nodes. Once needles or a remesher
+ * have moved nodes in the material these are not the nodes' positions, and they alone are what an sb_embedding or
+ * sb_embedding_mapping of the def's mesh goes by (sb_embedding_update, sb_embedding_forces): with ndl_tissue_positions
+ * it would be wrong by millimetres, and nothing could tell. As long as no node is moved both are the same bits.
+ * SB_ERROR_ARGUMENT for NULL. Cost: of a copy and, per node moved, of a walk through the mesh. */
+NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions);
 NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue); /* m/s */
 /* Force (N) of the supports on the tissue at the end of the last step, 0 on free nodes: with gravity and forces the
  * rate of momentum. */
@@ -1320,6 +1331,13 @@ typedef struct ndl_needle_def {
     int membrane_count;
     ndl_cutting cutting;    /* default NULL: by the tables */
     void *cutting_user;
+    sb_real entry_slip;     /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
+                             * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in one
+                             * step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons. Default
+                             * 0.25; 0: the entry stays where the needle met the skin, with flatter tets about it.
+                             * Either way single steps within the first edge below curved skin may have forces that no
+                             * tissue makes: of 200 needles in ellipsoids, with half a newton to cut, the most was over
+                             * 10 N for 5 with 0.25 (218 N once) and for 8 with 0 (1,730 N once) */
     int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. The largest of
                              * all needles' holds */
     sb_allocator allocator; /* default malloc */
@@ -1429,7 +1447,8 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
  * A remesher's state belongs with that of the tissue whose mesh it changes: save both at the same time, and load the
  * tissue first. A remesher refuses a state that was saved with another mesh than its tissue now has.
  *
- * What an ndl_needle is at is not saved: it is made anew after a load, which a tissue with needles refuses.
+ * What an ndl_needle is at is not saved: a tissue with needles, in it or outside, refuses both save and load. Save
+ * before the first needle is made or after the last one is destroyed; a step that fails needs no state to go back to.
  *
  * size: bytes that save writes for the object as it is; splits make it grow. save: size must be at least that, what is
  * behind stays; nothing that a step could notice changes, nothing is allocated. load: size may be larger than what was
@@ -1438,9 +1457,10 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
  * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another
- * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
- * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
- * allocates where the object has less room than the state needs, else nothing. */
+ * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more
+ * room than the allocator gives, or, at a save, a change of the mesh found no memory for the matrix and no step has
+ * made it up yet. A load allocates where the object has less room than the state needs; a remesher's takes a copy of
+ * the topology for the time of the call, on which it undoes all splits before it trusts them. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
@@ -1473,6 +1493,9 @@ SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d
     return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
 }
 NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
+/* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by rounding:
+ * the best tet about the start, its weights cut off. */
+NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *tissue, sb_vec3 X, int start, sb_real weights[4]);
 /* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
 NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets);
 
@@ -1493,6 +1516,10 @@ NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
 NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
 
 /* ==== src/needle/remesh.h, internal ==== */
+#define NDLI_ENTRY_SLIP ((sb_real)0.25) /* the defaults of entry_slip */
+/* ndl_remesh_puncture with another entry_slip than the remesher's. */
+NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                               ndl_remesh_info *info, sb_error *error);
 /* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
  * also when tets about it would be worse than `enough` and than they are. */
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
@@ -5221,8 +5248,7 @@ NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
     tissue->change_mass = 0;
 }
 
-/* Tet of a point that lies in the material, or just outside by rounding: then the nearest of the last one's nodes. */
-static int ndli_tissue_source(const ndl_tissue_mesh *t, sb_vec3 X, int start, sb_real w[4])
+NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *t, sb_vec3 X, int start, sb_real w[4])
 {
     int tet = ndl_tissue_mesh_find(t, t->X, X, start, w), best = start;
     sb_real most = -SB_REAL_MAX, sum = 0;
@@ -5856,7 +5882,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
     def.max_smoothed = 16;
-    def.entry_slip = (sb_real)0.25;
+    def.entry_slip = NDLI_ENTRY_SLIP;
     def.cookie = NDLI_REMESH_COOKIE;
     return def;
 }
@@ -7298,7 +7324,7 @@ static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X,
 }
 
 /* Leaves the best entry first among the finalists, with what has to make way for it; 0: no memory. */
-static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X)
+static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X, sb_real slip)
 {
     int holders[2][4];
     sb_real longest = 0;
@@ -7318,7 +7344,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
     if (r->final_count && r->outcome >= sb_min(r->before, r->def.smooth_below / 2))
         return 1;
     r->here.count = r->core_count; /* making way has widened it */
-    ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
+    ndli_remesh_try_slipped(r, face, X, slip * longest);
     return !r->final_count || ndli_remesh_make_way(r, (const int(*)[4])holders);
 }
 
@@ -7338,7 +7364,7 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
     return SB_OK;
 }
 
-static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
+static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
 {
     int holder[4], face[3], k = 0, good = 1, node;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
@@ -7353,7 +7379,7 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
-    if (!ndli_remesh_try_entries(r, holder, face, hit->X))
+    if (!ndli_remesh_try_entries(r, holder, face, hit->X, slip))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
@@ -7371,17 +7397,23 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
-                                      sb_error *error)
+NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                               ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, 0, info, error);
     if (result == SB_OK)
         result = ndli_remesh_check_hit(remesh, hit, error);
     if (result == SB_OK)
-        result = ndli_remesh_do_puncture(remesh, hit, error);
+        result = ndli_remesh_do_puncture(remesh, hit, slip, error);
     if (result == SB_OK && info)
         *info = remesh->info;
     return result;
+}
+
+NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
+                                      sb_error *error)
+{
+    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
@@ -7534,8 +7566,8 @@ static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
 static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
 {
     ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
-    for (int i = 0; i < counts[1]; i++)
-        ndli_remesh_walk_split(needle->stack + i, image);
+    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
+        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
     ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
 }
 
@@ -7602,12 +7634,16 @@ NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
 /* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
 static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
 {
-    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 0 ||
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
         s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
         return 0;
-    for (int i = 0; i < s->size; i++)
+    for (int i = 0; i < s->size; i++) {
         if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
             return 0;
+        for (int j = 0; j < i; j++)
+            if (s->simplex[i] == s->simplex[j])
+                return 0;
+    }
     return 1;
 }
 
@@ -7653,6 +7689,158 @@ static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsign
     return image.used;
 }
 
+/* ---- the rehearsal of an image ----
+ * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
+ * of an image are undone on a copy of the tissue's topology first. */
+typedef struct ndli_rehearsal {
+    const ndl_tissue_mesh *mesh;
+    int *tets;   /* [tet_end][4]; first -1: not in use */
+    int *stars;  /* [node_end] tets of a node; -1: undone */
+    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
+    unsigned char *threaded; /* [node_end] 1: on a needle */
+} ndli_rehearsal;
+
+static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
+{
+    for (int c = 0; c < 4; c++)
+        h->stars[nodes[c]] += step;
+}
+
+/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
+static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
+{
+    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
+    for (int j = 0; j < s->size; j++) {
+        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
+            return 0;
+        h->takers[parts[j]] = needle;
+    }
+    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
+        return 0;
+    for (int c = 0; c < 4; c++)
+        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
+    if (!ndli_remesh_holds(whole, s->simplex, s->size))
+        return 0;
+    for (int j = 1; j < s->size; j++) {
+        int *part = h->tets + 4 * (size_t)parts[j];
+        for (int c = 0; c < 4; c++)
+            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
+                return 0;
+        ndli_rehearsal_count(h, part, -1);
+        part[0] = -1;
+    }
+    ndli_rehearsal_count(h, first, -1);
+    ndli_rehearsal_count(h, whole, 1);
+    memcpy(first, whole, sizeof whole);
+    return 1;
+}
+
+/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
+static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
+                               int pool_count, int needle)
+{
+    int end = pool_count;
+    for (int i = depth - 1; i >= 0; i--) {
+        ndli_split s;
+        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
+        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDL_NODE_CREATED) ||
+            h->stars[s.simplex[0]] < 1)
+            return 0;
+        end = s.first;
+        for (int g = 0; g < s.count; g++) {
+            int parts[4];
+            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
+            if (!ndli_rehearsal_join(h, &s, parts, needle))
+                return 0;
+        }
+        if (h->stars[s.node] != 0)
+            return 0;
+        h->stars[s.node] = -1;
+    }
+    return end == 0;
+}
+
+/* Nodes of a needle, entry first: its own, each once, joined by edges. */
+static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
+{
+    const ndl_tissue_mesh *mesh = h->mesh;
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
+        if (!(mesh->node_flags[node] & NDL_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
+            return 0;
+        h->threaded[node] = 1;
+        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
+            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
+        if (!joined)
+            return 0;
+    }
+    return 1;
+}
+
+static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    sbi_free(&r->def.allocator, h->tets);
+    sbi_free(&r->def.allocator, h->stars);
+    sbi_free(&r->def.allocator, h->takers);
+    sbi_free(&r->def.allocator, h->threaded);
+}
+
+/* 0: no memory. */
+static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
+    h->mesh = r->mesh;
+    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
+    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
+    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
+    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
+    if (!h->tets || !h->stars || !h->takers || !h->threaded)
+        return 0;
+    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
+    for (size_t t = 0; t < tets; t++) {
+        h->takers[t] = -1;
+        if (h->tets[4 * t] >= 0)
+            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
+    }
+    return 1;
+}
+
+/* Every needle of an image whose indices are in their ranges. */
+static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
+{
+    const ndl_tissue_mesh *mesh = r->mesh;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
+        int counts[4];
+        memcpy(counts, in, sizeof counts);
+        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
+        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
+            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
+                            "those of the tissue", i);
+        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
+    }
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDL_NODE_NEEDLE) ||
+            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDL_NODE_CREATED)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
+                                 "needle or the split of node %d", i);
+    return SB_OK;
+}
+
+static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, sb_error *error)
+{
+    ndli_rehearsal rehearsal;
+    sb_result result;
+    memset(&rehearsal, 0, sizeof rehearsal);
+    result = ndli_rehearsal_begin(r, &rehearsal)
+                 ? ndli_rehearsal_play(r, &rehearsal, in + ndli_image_room(sizeof(ndli_remesh_head)), error)
+                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
+    ndli_rehearsal_free(r, &rehearsal);
+    return result;
+}
+
 static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
 {
     ndli_remesh_head own;
@@ -7665,8 +7853,9 @@ static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_h
         return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
     if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
         return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
-    if (head->release_cursor < 0)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
+    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
+                        head->release_cursor);
     return SB_OK;
 }
 
@@ -7728,6 +7917,8 @@ NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t
     in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
     size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
     result = ndli_remesh_pass(remesh, in, size, 0, error);
+    if (result == SB_OK)
+        result = ndli_remesh_rehearse(remesh, in, error);
     if (result == SB_OK)
         result = ndli_remesh_pass(remesh, in, size, 1, error);
     if (result == SB_OK)
@@ -10179,6 +10370,24 @@ NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_rea
 /* ---- readings ---- */
 
 NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue->mesh.x; }
+NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions)
+{
+    const ndl_tissue_mesh *mesh;
+    if (!tissue || !positions)
+        return SB_ERROR_ARGUMENT;
+    mesh = &tissue->mesh;
+    memcpy(positions, mesh->x, (size_t)mesh->original_nodes * sizeof(sb_vec3));
+    for (int i = 0; i < mesh->displaced_count; i++) {
+        int node = mesh->displaced[i];
+        sb_real w[4];
+        const int *n = mesh->tets + 4 * (size_t)ndli_tissue_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
+        positions[node] = sb_v3(0, 0, 0);
+        for (int c = 0; c < 4; c++)
+            positions[node] = sb_v3_madd(positions[node], w[c], mesh->x[n[c]]);
+    }
+    return SB_OK;
+}
+
 NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue->mesh.v; }
 NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue->reaction; }
 
@@ -10271,9 +10480,10 @@ typedef struct ndli_tissue_head {
 
 /* Where parts begin that are compared or checked before they are read. */
 typedef struct ndli_tissue_places {
-    size_t lame, X, x, v, a, mass, owner, star, displaced, displaced_at, flags;
-    size_t tets, neighbours, next, prev, regions, density;
-    size_t force, internal, arm, aggregate, role, quats, old_quats, stale, centre;
+    size_t lame, X, X0, x, v, a, mass, owner, star, displaced, displaced_at, flags;
+    size_t tets, neighbours, next, prev, regions, density, volumes, qualities;
+    size_t force, target, target_velocity, reaction, internal, arm, aggregate, role, has_velocity;
+    size_t quats, old_quats, stale, centre, inverse_radius, factor;
     size_t end;
 } ndli_tissue_places;
 
@@ -10338,7 +10548,7 @@ static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_
     size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end;
     p->lame = ndli_image_part(image, t->lame, (size_t)h->material_count, 2 * sizeof(sb_real));
     p->X = ndli_image_part(image, mesh->X, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
+    p->X0 = ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
     p->x = ndli_image_part(image, mesh->x, nodes, sizeof(sb_vec3));
     p->v = ndli_image_part(image, mesh->v, nodes, sizeof(sb_vec3));
     p->a = ndli_image_part(image, mesh->a, nodes, sizeof(sb_vec3));
@@ -10354,8 +10564,8 @@ static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_
     p->prev = ndli_image_part(image, mesh->corner_prev, tets, 4 * sizeof(int));
     p->regions = ndli_image_part(image, mesh->regions, tets, sizeof(int));
     p->density = ndli_image_part(image, mesh->tet_density, tets, sizeof(sb_real));
-    ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
-    ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
+    p->volumes = ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
+    p->qualities = ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
 }
 
 static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
@@ -10363,21 +10573,21 @@ static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli
     size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end, lanes = ndli_state_lanes(h->tet_end);
     size_t aggregates = (size_t)h->coarse_count;
     p->force = ndli_image_part(image, t->force, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
+    p->target = ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
+    p->target_velocity = ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
+    p->reaction = ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
     p->internal = ndli_image_part(image, t->internal, h->seen ? nodes : 0, sizeof(sb_vec3));
     p->arm = ndli_image_part(image, t->arm, nodes, sizeof(sb_vec3));
     p->aggregate = ndli_image_part(image, t->aggregate, nodes, sizeof(int));
     p->role = ndli_image_part(image, t->role, nodes, 1);
-    ndli_image_part(image, t->has_velocity, nodes, 1);
+    p->has_velocity = ndli_image_part(image, t->has_velocity, nodes, 1);
     p->quats = ndli_image_part(image, t->quats, lanes, 4 * sizeof(sb_real));
     p->old_quats = ndli_image_part(image, t->old_quats, lanes, 4 * sizeof(sb_real));
     p->stale = ndli_image_part(image, t->stale_tet, tets, 1);
     p->centre = ndli_image_part(image, t->coarse.centre, aggregates, sizeof(sb_vec3));
-    ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
-    ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
-                    ((size_t)h->coarse_width + 1) * sizeof(double));
+    p->inverse_radius = ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
+    p->factor = ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
+                                ((size_t)h->coarse_width + 1) * sizeof(double));
     p->end = image->used;
 }
 
@@ -10575,7 +10785,8 @@ static int ndli_state_tet_lives(const ndli_state_reader *r, int tet)
     return tet >= 0 && tet < r->head->tet_end && ndli_image_int(r->in + r->places->tets, 4 * (size_t)tet) >= 0;
 }
 
-/* Whether the corner is one of its node's ring. */
+/* Whether the corner is one of its node's ring: what follows is of a tet in use, and a ring's first has none before it,
+ * so that none goes round. */
 static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
 {
     const ndli_tissue_places *p = r->places;
@@ -10584,11 +10795,48 @@ static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
     int prev = ndli_image_int(r->in + p->prev, at), corners = 4 * r->head->tet_end;
     if (!ndli_state_lives(r, node) || next < -1 || next >= corners || prev < -1 || prev >= corners)
         return 0;
-    if (next >= 0 && (ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
+    if (next >= 0 && (!ndli_state_tet_lives(r, next / 4) || ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
                       ndli_image_int(r->in + p->tets, (size_t)next) != node))
         return 0;
-    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner
+    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner && ndli_state_tet_lives(r, prev / 4)
                      : ndli_image_int(r->in + p->star, (size_t)node) == corner;
+}
+
+static void ndli_state_nodes_of(const ndli_state_reader *r, int tet, int nodes[4])
+{
+    memcpy(nodes, r->in + r->places->tets + 4 * (size_t)tet * sizeof(int), 4 * sizeof(int));
+}
+
+/* Whether the tet has the nodes of another's face, which lies opposite the other's corner. */
+static int ndli_state_has_face(const ndli_state_reader *r, int tet, const int other[4], int corner)
+{
+    int nodes[4], shared = 0;
+    ndli_state_nodes_of(r, tet, nodes);
+    for (int c = 0; c < 4; c++)
+        for (int k = 0; k < 4; k++)
+            shared += c != corner && nodes[k] == other[c];
+    return shared == 3;
+}
+
+/* Whether both sides of the tet's faces know each other, and faces without another side have none. Rings are sound. */
+static int ndli_state_faces_hold(const ndli_state_reader *r, int tet)
+{
+    const ndli_tissue_places *p = r->places;
+    int nodes[4];
+    ndli_state_nodes_of(r, tet, nodes);
+    for (int c = 0; c < 4; c++) {
+        int other = ndli_image_int(r->in + p->neighbours, 4 * (size_t)tet + (size_t)c), back = 0;
+        int node = nodes[(c + 1) % 4];
+        for (int k = 0; other >= 0 && k < 4; k++)
+            back |= ndli_image_int(r->in + p->neighbours, 4 * (size_t)other + (size_t)k) == tet;
+        if (other >= 0 && (other == tet || !back || !ndli_state_has_face(r, other, nodes, c)))
+            return 0;
+        for (int k = other < 0 ? ndli_image_int(r->in + p->star, (size_t)node) : -1; k >= 0;
+             k = ndli_image_int(r->in + p->next, (size_t)k))
+            if (k / 4 != tet && ndli_state_has_face(r, k / 4, nodes, c))
+                return 0;
+    }
+    return 1;
 }
 
 static int ndli_state_tet_holds(const ndl_tissue *t, const ndli_state_reader *r, int tet)
@@ -10613,20 +10861,31 @@ static int ndli_state_node_holds(const ndl_tissue *t, const ndli_state_reader *r
 {
     const ndli_tissue_places *p = r->places;
     size_t at = (size_t)node;
-    int role = r->in[p->role + at], lives = ndli_state_lives(r, node), count = 0;
+    int role = r->in[p->role + at], flags = r->in[p->flags + at], lives = flags != 0, count = 0;
     int aggregate = ndli_image_int(r->in + p->aggregate, at), place = ndli_image_int(r->in + p->displaced_at, at);
-    if (role > NDLI_ROW_COUPLED || (role == NDLI_ROW_ABSENT) != !lives || aggregate < 0 ||
-        aggregate >= t->coarse.count || place < -1 || place >= r->head->displaced_count ||
+    int original = node < t->mesh.original_nodes, star = ndli_image_int(r->in + p->star, at);
+    int created = (flags & NDL_NODE_CREATED) != 0;
+    int moved = lives && original &&
+                memcmp(r->in + p->X + at * sizeof(sb_vec3), r->in + p->X0 + at * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
+    if (role > NDLI_ROW_ABSENT || (role == NDLI_ROW_ABSENT) != !lives || r->in[p->has_velocity + at] > 1 ||
+        (lives && !(flags & NDL_NODE_ALIVE)) || flags > 2 * NDL_NODE_NEEDLE - 1 || aggregate < 0 ||
+        aggregate >= t->coarse.count || ndli_image_int(r->in + p->owner, at) < -1 || (original && !lives) ||
+        (lives && original == created))
+        return -1;
+    if (place < -1 || place >= r->head->displaced_count || (place >= 0) != moved ||
         (place >= 0 && ndli_image_int(r->in + p->displaced, (size_t)place) != node))
         return -1;
     if (!lives)
         return 0;
-    for (int k = ndli_image_int(r->in + p->star, at); k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
-        if (k < 0 || k >= 4 * r->head->tet_end || ndli_image_int(r->in + p->tets, (size_t)k) != node)
+    if (star < 0 || star >= 4 * r->head->tet_end || !ndli_state_tet_lives(r, star / 4) ||
+        ndli_image_int(r->in + p->prev, (size_t)star) != -1)
+        return -1;
+    for (int k = star; k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
+        if (ndli_image_int(r->in + p->tets, (size_t)k) != node)
             return -1;
         count++;
     }
-    return count > 0 ? count : -1;
+    return count;
 }
 
 /* Whether a list of free slots has so many, none of them in use. */
@@ -10647,12 +10906,12 @@ static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state
     const ndli_tissue_head *h = r->head;
     int tets = 0, nodes = 0;
     int64_t corners = 0;
-    for (int e = 0; e < h->tet_end; e++)
-        if (ndli_state_tet_lives(r, e)) {
-            if (!ndli_state_tet_holds(t, r, e))
-                return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
-            tets++;
-        }
+    for (int e = 0; e < h->tet_end; e++) {
+        int lives = ndli_state_tet_lives(r, e);
+        if (lives ? !ndli_state_tet_holds(t, r, e) : e < t->mesh.original_tets)
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
+        tets += lives;
+    }
     for (int i = 0; i < h->node_end; i++) {
         int count = ndli_state_node_holds(t, r, i);
         if (count < 0)
@@ -10660,6 +10919,10 @@ static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state
         nodes += count > 0;
         corners += count;
     }
+    for (int e = 0; e < h->tet_end; e++)
+        if (ndli_state_tet_lives(r, e) && !ndli_state_faces_hold(r, e))
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged: tet %d and a neighbour "
+                                    "disagree", e);
     for (int i = 0; i < h->displaced_count; i++) {
         int node = ndli_image_int(r->in + r->places->displaced, (size_t)i);
         if (!ndli_state_lives(r, node) || ndli_image_int(r->in + r->places->displaced_at, (size_t)node) != i)
@@ -10672,23 +10935,94 @@ static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state
     return SB_OK;
 }
 
-static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
+/* ---- numbers ---- */
+
+static sb_real ndli_state_real(const unsigned char *array, size_t i)
+{
+    sb_real value;
+    memcpy(&value, array + i * sizeof value, sizeof value);
+    return value;
+}
+
+static sb_vec3 ndli_state_vector(const unsigned char *array, int i)
+{
+    sb_vec3 value;
+    memcpy(&value, array + (size_t)i * sizeof value, sizeof value);
+    return value;
+}
+
+static int ndli_state_is_positive(sb_real value) { return value > 0 && value <= SB_REAL_MAX; }
+
+static int ndli_state_all_finite(const ndli_state_reader *r)
 {
     const ndli_tissue_places *p = r->places;
     const ndli_tissue_head *h = r->head;
-    size_t nodes = 3 * (size_t)h->node_end;
-    int good = ndli_image_is_finite(r->in + p->X, nodes) && ndli_image_is_finite(r->in + p->x, nodes) &&
-               ndli_image_is_finite(r->in + p->v, nodes) && ndli_image_is_finite(r->in + p->a, nodes) &&
-               ndli_image_is_finite(r->in + p->mass, nodes / 3) && ndli_image_is_finite(r->in + p->force, 2 * nodes) &&
-               ndli_image_is_finite(r->in + p->density, (size_t)h->tet_end) &&
-               ndli_image_is_finite(r->in + p->lame, 2 * (size_t)h->material_count) &&
-               ndli_image_is_finite(r->in + p->quats, 8 * ndli_state_lanes(h->tet_end));
-    for (int i = 0; i < 12; i++) {
+    const size_t vectors[] = {p->X,     p->X0,     p->x,               p->v,        p->a,
+                              p->force, p->target, p->target_velocity, p->reaction, p->arm};
+    size_t nodes = 3 * (size_t)h->node_end, aggregates = (size_t)h->coarse_count, factor = 6 * aggregates;
+    int good = ndli_image_is_finite(r->in + p->internal, h->seen ? nodes : 0) &&
+               ndli_image_is_finite(r->in + p->centre, 3 * aggregates) &&
+               ndli_image_is_finite(r->in + p->inverse_radius, aggregates) &&
+               ndli_image_is_finite(r->in + p->quats, 4 * ndli_state_lanes(h->tet_end)) &&
+               ndli_image_is_finite(r->in + p->old_quats, 4 * ndli_state_lanes(h->tet_end));
+    for (size_t k = 0; k < sizeof vectors / sizeof *vectors; k++)
+        good = good && ndli_image_is_finite(r->in + vectors[k], nodes);
+    for (size_t i = 0; i < 12 + (h->coarse_usable ? factor * ((size_t)h->coarse_width + 1) : 0); i++) {
         double value;
-        memcpy(&value, r->in + sizeof(uint64_t) + (size_t)i * sizeof value, sizeof value);
+        memcpy(&value, r->in + (i < 12 ? sizeof(uint64_t) + i * sizeof value : p->factor + (i - 12) * sizeof value),
+               sizeof value);
         good = good && value - value == 0;
     }
-    return good ? SB_OK : sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
+    return good;
+}
+
+/* Whether a rotation is one, but for rounding: what is not even near would make numbers that are none. */
+static int ndli_state_turns(const unsigned char *quats, int tet)
+{
+    size_t at = (size_t)(tet / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(tet % SB_POLAR_LANES);
+    sb_real square = 0;
+    for (size_t k = 0; k < 4; k++) {
+        sb_real q = ndli_state_real(quats, at + k * SB_POLAR_LANES);
+        square += q * q;
+    }
+    return square > (sb_real)0.9 && square < (sb_real)1.1;
+}
+
+/* Volume and quality that are told and those that the corners have, the density, the rotations. */
+static int ndli_state_tet_measures(const ndli_state_reader *r, int tet)
+{
+    const ndli_tissue_places *p = r->places;
+    size_t at = (size_t)tet;
+    int n[4];
+    sb_vec3 X[4];
+    ndli_state_nodes_of(r, tet, n);
+    for (int c = 0; c < 4; c++)
+        X[c] = ndli_state_vector(r->in + p->X, n[c]);
+    return ndli_state_is_positive(ndli_state_real(r->in + p->volumes, at)) &&
+           ndli_state_is_positive(ndli_state_real(r->in + p->qualities, at)) &&
+           ndli_state_is_positive(ndli_tissue_quality(X[0], X[1], X[2], X[3])) &&
+           ndli_state_is_positive(ndli_state_real(r->in + p->density, at)) && r->in[p->stale + at] <= 1 &&
+           ndli_state_turns(r->in + p->quats, tet) && ndli_state_turns(r->in + p->old_quats, tet);
+}
+
+/* After the topology. */
+static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
+{
+    const ndli_tissue_places *p = r->places;
+    if (!ndli_state_all_finite(r))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
+    for (int m = 0; m < r->head->material_count; m++)
+        if (!ndli_state_is_positive(ndli_state_real(r->in + p->lame, 2 * (size_t)m + 1)) ||
+            !sb_is_finite(ndli_state_real(r->in + p->lame, 2 * (size_t)m)))
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: material %d has no stiffness", m);
+    for (int i = 0; i < r->head->node_end; i++)
+        if (ndli_state_lives(r, i) && !ndli_state_is_positive(ndli_state_real(r->in + p->mass, (size_t)i)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved tissue is damaged: node %d has no mass", i);
+    for (int e = 0; e < r->head->tet_end; e++)
+        if (ndli_state_tet_lives(r, e) && !ndli_state_tet_measures(r, e))
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged: tet %d is flat, inverted, "
+                                    "without mass or not turned by a rotation", e);
+    return SB_OK;
 }
 
 static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
@@ -10704,7 +11038,9 @@ static sb_result ndli_state_check_head(const ndl_tissue *t, const ndli_tissue_he
         h->node_end > limit || h->tet_end > limit || h->displaced_count < 0 || h->displaced_count > h->node_count ||
         h->free_node < -1 || h->free_tet < -1 || !ndli_state_is_flag(h->changed) || !ndli_state_is_flag(h->seen) ||
         !ndli_state_is_flag(h->acceleration_known) || !ndli_state_is_flag(h->ledger_open) ||
-        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_width < 0 || h->coarse_width > width ||
+        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_fresh < 0 || h->coarse_wasted < 0 ||
+        h->node_end < t->mesh.original_nodes || h->tet_end < t->mesh.original_tets || h->coarse_width < 0 ||
+        h->coarse_width > width ||
         !(h->damping_mass >= 0) || !(h->damping_stiffness >= 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has counts or flags out of their range");
     return SB_OK;
@@ -10734,8 +11070,8 @@ static sb_result ndli_state_check_tissue(ndl_tissue *t, const void *buffer, size
     reader.in = in;
     reader.head = &head;
     reader.places = &places;
-    result = ndli_state_check_numbers(&reader, error);
-    return result == SB_OK ? ndli_state_check_topology(t, &reader, error) : result;
+    result = ndli_state_check_topology(t, &reader, error);
+    return result == SB_OK ? ndli_state_check_numbers(&reader, error) : result;
 }
 
 /* ---- memory for a state ---- */
@@ -10801,12 +11137,20 @@ NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue)
     return tissue ? ndli_state_size_of(tissue) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
 }
 
+/* What a needle is at is no part of a state, and the mesh without it is of no use. */
+static sb_result ndli_state_refuse_needles(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a tissue with needles is neither saved nor loaded: destroy them first");
+}
+
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error)
 {
     ndl_tissue view;
     size_t needed;
     if (!tissue || !buffer)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", tissue ? "buffer" : "tissue");
+    if (tissue->site)
+        return ndli_state_refuse_needles(error);
     if (tissue->broken)
         return sbi_fail(error, SB_ERROR_MEMORY, "a change of the mesh found no memory: no state before a step has");
     needed = ndl_tissue_state_size(tissue);
@@ -10825,7 +11169,7 @@ NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t
     if (!tissue)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
     if (tissue->site)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a tissue with needles takes no saved state: destroy them first");
+        return ndli_state_refuse_needles(error);
     result = ndli_state_check_tissue(tissue, buffer, size, error);
     if (result == SB_OK)
         result = ndli_state_reserve(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD, error);
@@ -13356,6 +13700,7 @@ struct ndl_needle {
     ndl_cutting cutting_at;
     void *cutting_user;
     int max_trials;
+    sb_real entry_slip;
     double edge_length;   /* m, of nodes outside */
 
     ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */
@@ -13889,7 +14234,8 @@ static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_er
     sb_error own;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+    return ndli_tip_judge(
+        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
@@ -13989,7 +14335,7 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
     if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
                             ndli_to(rod->x[rod->node_count - 1]), &hit))
-        ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
+        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
@@ -14115,6 +14461,14 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
 }
 static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->tissue->site->mean_edge; }
 
+/* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
+ * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside could
+ * not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
+static ndli_v3 ndli_nodes_first_tip(const ndl_needle *needle, ndli_v3 entry)
+{
+    return ndli_madd(entry, ndli_nodes_tail(needle, entry), needle->rod->tangent[needle->rod->node_count - 2]);
+}
+
 /* ---- what belongs to coupled nodes ---- */
 
 /* The old node that a new one is: that of the same tissue node, for a new tip the old tip, else -1. */
@@ -14218,7 +14572,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     for (int k = 1; k < count; k++)
         ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
     if (shallow && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
-        ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
+        ndli_nodes_put(&list, old_count ? rod->x[rod->node_count - 1] : ndli_nodes_first_tip(needle, end),
+                       ndli_v(0, 0, 0));
     for (int k = 0; k < count; k++)
         ndli_nodes_carry(needle, old_first, old_count, first, k, count);
     bad = ndli_rod_reparameterise(rod, list.x, list.count);
@@ -14824,6 +15179,7 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
     def.damping_stretch = def.damping_bending = (sb_real)1e-4;
     def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.entry_slip = NDLI_ENTRY_SLIP;
     def.max_trials = 10;
     def.cookie = NDLI_NEEDLE_COOKIE;
     return def;
@@ -14892,6 +15248,9 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         sb_abs(def->bend_curvature) * def->bend_length > 3)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "bend_length is %g and bend_curvature %g", (double)def->bend_length,
                         (double)def->bend_curvature);
+    if (!(def->entry_slip >= 0) || !(def->entry_slip <= NDLI_ENTRY_SLIP))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "entry_slip is %g, not in [0, %g]", (double)def->entry_slip,
+                        (double)NDLI_ENTRY_SLIP);
     if (def->max_trials < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
     result = ndli_needle_check_frictions(def, error);
@@ -15008,6 +15367,7 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->cutting_at = def->cutting;
     needle->cutting_user = def->cutting_user;
     needle->max_trials = def->max_trials;
+    needle->entry_slip = def->entry_slip;
     needle->outlet = rod->x[1];
     needle->axis = rod->tangent[0];
     needle->line.first = rod->node_count;

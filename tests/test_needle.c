@@ -640,6 +640,9 @@ static void long_bend(ndl_needle_def *d) { d->bend_length = d->length; }
 static void negative_bend(ndl_needle_def *d) { d->bend_length = REAL(-0.01); }
 static void sharp_bend(ndl_needle_def *d) { d->bend_length = REAL(0.04), d->bend_curvature = 1000; }
 static void nan_bend(ndl_needle_def *d) { d->bend_curvature = REAL(NAN); }
+static void negative_slip(ndl_needle_def *d) { d->entry_slip = REAL(-0.01); }
+static void long_slip(ndl_needle_def *d) { d->entry_slip = REAL(0.26); }
+static void nan_slip(ndl_needle_def *d) { d->entry_slip = REAL(NAN); }
 static void no_trials(ndl_needle_def *d) { d->max_trials = 0; }
 static void negative_damping(ndl_needle_def *d) { d->damping_bending = -1; }
 static void bad_section(ndl_needle_def *d) { d->section.radius = 0; }
@@ -683,6 +686,9 @@ static void test_bad_definitions(void)
         {negative_bend, SB_ERROR_ARGUMENT, "bend_length"},
         {sharp_bend, SB_ERROR_ARGUMENT, "bend_curvature"},
         {nan_bend, SB_ERROR_ARGUMENT, "bend_curvature"},
+        {negative_slip, SB_ERROR_ARGUMENT, "entry_slip"},
+        {long_slip, SB_ERROR_ARGUMENT, "entry_slip"},
+        {nan_slip, SB_ERROR_ARGUMENT, "entry_slip"},
         {no_trials, SB_ERROR_ARGUMENT, "max_trials"},
         {negative_damping, SB_ERROR_ARGUMENT, "damping"},
         {bad_section, SB_ERROR_ARGUMENT, "radius"},
@@ -966,23 +972,38 @@ static void test_needles_that_come_and_go(void)
     CHECK(memory.bytes == 0);
 }
 
-/* A load would leave the needles with nodes of another mesh. */
-static void test_load_with_needles(void)
+/* A load would leave the needles with nodes of another mesh, and no load would take what a save wrote of them: both are
+ * refused from the first needle's creation to the last one's end, in the tissue and outside. */
+static void test_states_with_needles(void)
 {
     needle_scene s = needle_scene_default();
-    if (needle_scene_make(&s)) {
-        size_t size = ndl_tissue_state_size(s.tissue);
-        void *state = malloc(size);
+    size_t size;
+    void *state;
+    if (!needle_scene_make_tissue(&s)) {
+        needle_scene_free(&s);
+        return;
+    }
+    size = ndl_tissue_state_size(s.tissue);
+    state = malloc(size);
+    CHECK_OK(ndl_tissue_save(s.tissue, state, size, &s.error));
+    for (int frames = needle_scene_add(&s, sb_v3(0, 0, 0)) ? 0 : 3; frames < 3; frames++) {
+        size_t now_size = ndl_tissue_state_size(s.tissue);
+        void *now = malloc(now_size);
         unsigned long long before;
-        CHECK_OK(ndl_tissue_save(s.tissue, state, size, &s.error));
-        needle_scene_run(&s, dt, 60, needle_command(speed, 0));
+        needle_scene_run(&s, dt, 30 * frames, needle_command(speed, 0));
         before = needle_scene_bits(&s);
+        memset(&s.error, 0, sizeof s.error);
+        CHECK_RESULT(ndl_tissue_save(s.tissue, now, now_size, &s.error), SB_ERROR_UNSUPPORTED);
+        CHECK(s.error.result == SB_ERROR_UNSUPPORTED && strstr(s.error.message, "needles"));
         CHECK_RESULT(ndl_tissue_load(s.tissue, state, size, &s.error), SB_ERROR_UNSUPPORTED);
         CHECK(before == needle_scene_bits(&s));
-        ndl_needle_destroy(s.needles[--s.count]);
-        CHECK_OK(ndl_tissue_load(s.tissue, state, size, &s.error));
-        free(state);
+        free(now);
     }
+    if (s.count && CHECK(ndl_needle_depth(s.needles[0]) > 0))
+        ndl_needle_destroy(s.needles[--s.count]);
+    CHECK_OK(ndl_tissue_load(s.tissue, state, size, &s.error));
+    CHECK_OK(ndl_tissue_save(s.tissue, state, size, &s.error));
+    free(state);
     needle_scene_free(&s);
 }
 
@@ -1218,4 +1239,4 @@ CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes 
             {"steps without memory", test_steps_without_memory},
             {"steps take no memory", test_steps_take_no_memory},
             {"needles that come and go", test_needles_that_come_and_go},
-            {"a load with needles", test_load_with_needles}, {"long random use", test_long_random_use}, {"random scenes", test_random_scenes});
+            {"states with needles", test_states_with_needles}, {"long random use", test_long_random_use}, {"random scenes", test_random_scenes});

@@ -83,6 +83,7 @@
 #define ndl_tissue_set_material ndl_tissue_set_material_f32
 #define ndl_tissue_step ndl_tissue_step_f32
 #define ndl_tissue_positions ndl_tissue_positions_f32
+#define ndl_tissue_original_positions ndl_tissue_original_positions_f32
 #define ndl_tissue_velocities ndl_tissue_velocities_f32
 #define ndl_tissue_reactions ndl_tissue_reactions_f32
 #define ndl_tissue_get_energies ndl_tissue_get_energies_f32

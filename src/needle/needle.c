@@ -92,6 +92,7 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
     def.damping_stretch = def.damping_bending = (sb_real)1e-4;
     def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.entry_slip = NDLI_ENTRY_SLIP;
     def.max_trials = 10;
     def.cookie = NDLI_NEEDLE_COOKIE;
     return def;
@@ -160,6 +161,9 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         sb_abs(def->bend_curvature) * def->bend_length > 3)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "bend_length is %g and bend_curvature %g", (double)def->bend_length,
                         (double)def->bend_curvature);
+    if (!(def->entry_slip >= 0) || !(def->entry_slip <= NDLI_ENTRY_SLIP))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "entry_slip is %g, not in [0, %g]", (double)def->entry_slip,
+                        (double)NDLI_ENTRY_SLIP);
     if (def->max_trials < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
     result = ndli_needle_check_frictions(def, error);
@@ -276,6 +280,7 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->cutting_at = def->cutting;
     needle->cutting_user = def->cutting_user;
     needle->max_trials = def->max_trials;
+    needle->entry_slip = def->entry_slip;
     needle->outlet = rod->x[1];
     needle->axis = rod->tangent[0];
     needle->line.first = rod->node_count;

@@ -20,6 +20,10 @@
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
  * side of the tissue is stopped there.
  *
+ * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
+ * ndl_needle_def.entry_slip for figures. A tissue with needles cannot be saved or loaded (SB_ERROR_UNSUPPORTED). What is
+ * embedded in its first mesh goes by ndl_tissue_original_positions, not by ndl_tissue_positions.
+ *
  * A FIRST PROGRAM
  *
  * A bevelled nitinol needle is pushed 4 cm into a block of gel, turned by half a turn on its way, and drawn out again;

@@ -77,6 +77,14 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
 }
 static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->tissue->site->mean_edge; }
 
+/* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
+ * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside could
+ * not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
+static ndli_v3 ndli_nodes_first_tip(const ndl_needle *needle, ndli_v3 entry)
+{
+    return ndli_madd(entry, ndli_nodes_tail(needle, entry), needle->rod->tangent[needle->rod->node_count - 2]);
+}
+
 /* ---- what belongs to coupled nodes ---- */
 
 /* The old node that a new one is: that of the same tissue node, for a new tip the old tip, else -1. */
@@ -180,7 +188,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     for (int k = 1; k < count; k++)
         ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
     if (shallow && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
-        ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
+        ndli_nodes_put(&list, old_count ? rod->x[rod->node_count - 1] : ndli_nodes_first_tip(needle, end),
+                       ndli_v(0, 0, 0));
     for (int k = 0; k < count; k++)
         ndli_nodes_carry(needle, old_first, old_count, first, k, count);
     bad = ndli_rod_reparameterise(rod, list.x, list.count);

@@ -27,6 +27,7 @@ struct ndl_needle {
     ndl_cutting cutting_at;
     void *cutting_user;
     int max_trials;
+    sb_real entry_slip;
     double edge_length;   /* m, of nodes outside */
 
     ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */

@@ -133,7 +133,8 @@ static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_er
     sb_error own;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(needle, ndl_remesh_puncture(remesh, needle->index, &hit, done, &own), &own, error);
+    return ndli_tip_judge(
+        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
@@ -233,7 +234,7 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
     if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
                             ndli_to(rod->x[rod->node_count - 1]), &hit))
-        ndl_remesh_puncture(remesh, needle->index, &hit, NULL, NULL); /* without success it is out: a little early */
+        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,

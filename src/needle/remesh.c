@@ -221,7 +221,7 @@ NDL_API ndl_remesh_def ndl_default_remesh_def(void)
     def.smooth_below = (sb_real)0.55;
     def.release_above = (sb_real)0.6;
     def.max_smoothed = 16;
-    def.entry_slip = (sb_real)0.25;
+    def.entry_slip = NDLI_ENTRY_SLIP;
     def.cookie = NDLI_REMESH_COOKIE;
     return def;
 }
@@ -1663,7 +1663,7 @@ static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X,
 }
 
 /* Leaves the best entry first among the finalists, with what has to make way for it; 0: no memory. */
-static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X)
+static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X, sb_real slip)
 {
     int holders[2][4];
     sb_real longest = 0;
@@ -1683,7 +1683,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
     if (r->final_count && r->outcome >= sb_min(r->before, r->def.smooth_below / 2))
         return 1;
     r->here.count = r->core_count; /* making way has widened it */
-    ndli_remesh_try_slipped(r, face, X, r->def.entry_slip * longest);
+    ndli_remesh_try_slipped(r, face, X, slip * longest);
     return !r->final_count || ndli_remesh_make_way(r, (const int(*)[4])holders);
 }
 
@@ -1703,7 +1703,7 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
     return SB_OK;
 }
 
-static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
+static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
 {
     int holder[4], face[3], k = 0, good = 1, node;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
@@ -1718,7 +1718,7 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
-    if (!ndli_remesh_try_entries(r, holder, face, hit->X))
+    if (!ndli_remesh_try_entries(r, holder, face, hit->X, slip))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
@@ -1736,17 +1736,23 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
-                                      sb_error *error)
+NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                               ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, 0, info, error);
     if (result == SB_OK)
         result = ndli_remesh_check_hit(remesh, hit, error);
     if (result == SB_OK)
-        result = ndli_remesh_do_puncture(remesh, hit, error);
+        result = ndli_remesh_do_puncture(remesh, hit, slip, error);
     if (result == SB_OK && info)
         *info = remesh->info;
     return result;
+}
+
+NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
+                                      sb_error *error)
+{
+    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
@@ -1899,8 +1905,8 @@ static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
 static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
 {
     ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
-    for (int i = 0; i < counts[1]; i++)
-        ndli_remesh_walk_split(needle->stack + i, image);
+    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
+        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
     ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
 }
 
@@ -1967,12 +1973,16 @@ NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
 /* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
 static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
 {
-    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 0 ||
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
         s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
         return 0;
-    for (int i = 0; i < s->size; i++)
+    for (int i = 0; i < s->size; i++) {
         if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
             return 0;
+        for (int j = 0; j < i; j++)
+            if (s->simplex[i] == s->simplex[j])
+                return 0;
+    }
     return 1;
 }
 
@@ -2018,6 +2028,158 @@ static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsign
     return image.used;
 }
 
+/* ---- the rehearsal of an image ----
+ * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
+ * of an image are undone on a copy of the tissue's topology first. */
+typedef struct ndli_rehearsal {
+    const ndl_tissue_mesh *mesh;
+    int *tets;   /* [tet_end][4]; first -1: not in use */
+    int *stars;  /* [node_end] tets of a node; -1: undone */
+    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
+    unsigned char *threaded; /* [node_end] 1: on a needle */
+} ndli_rehearsal;
+
+static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
+{
+    for (int c = 0; c < 4; c++)
+        h->stars[nodes[c]] += step;
+}
+
+/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
+static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
+{
+    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
+    for (int j = 0; j < s->size; j++) {
+        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
+            return 0;
+        h->takers[parts[j]] = needle;
+    }
+    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
+        return 0;
+    for (int c = 0; c < 4; c++)
+        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
+    if (!ndli_remesh_holds(whole, s->simplex, s->size))
+        return 0;
+    for (int j = 1; j < s->size; j++) {
+        int *part = h->tets + 4 * (size_t)parts[j];
+        for (int c = 0; c < 4; c++)
+            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
+                return 0;
+        ndli_rehearsal_count(h, part, -1);
+        part[0] = -1;
+    }
+    ndli_rehearsal_count(h, first, -1);
+    ndli_rehearsal_count(h, whole, 1);
+    memcpy(first, whole, sizeof whole);
+    return 1;
+}
+
+/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
+static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
+                               int pool_count, int needle)
+{
+    int end = pool_count;
+    for (int i = depth - 1; i >= 0; i--) {
+        ndli_split s;
+        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
+        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDL_NODE_CREATED) ||
+            h->stars[s.simplex[0]] < 1)
+            return 0;
+        end = s.first;
+        for (int g = 0; g < s.count; g++) {
+            int parts[4];
+            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
+            if (!ndli_rehearsal_join(h, &s, parts, needle))
+                return 0;
+        }
+        if (h->stars[s.node] != 0)
+            return 0;
+        h->stars[s.node] = -1;
+    }
+    return end == 0;
+}
+
+/* Nodes of a needle, entry first: its own, each once, joined by edges. */
+static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
+{
+    const ndl_tissue_mesh *mesh = h->mesh;
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
+        if (!(mesh->node_flags[node] & NDL_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
+            return 0;
+        h->threaded[node] = 1;
+        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
+            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
+        if (!joined)
+            return 0;
+    }
+    return 1;
+}
+
+static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    sbi_free(&r->def.allocator, h->tets);
+    sbi_free(&r->def.allocator, h->stars);
+    sbi_free(&r->def.allocator, h->takers);
+    sbi_free(&r->def.allocator, h->threaded);
+}
+
+/* 0: no memory. */
+static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
+    h->mesh = r->mesh;
+    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
+    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
+    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
+    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
+    if (!h->tets || !h->stars || !h->takers || !h->threaded)
+        return 0;
+    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
+    for (size_t t = 0; t < tets; t++) {
+        h->takers[t] = -1;
+        if (h->tets[4 * t] >= 0)
+            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
+    }
+    return 1;
+}
+
+/* Every needle of an image whose indices are in their ranges. */
+static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
+{
+    const ndl_tissue_mesh *mesh = r->mesh;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
+        int counts[4];
+        memcpy(counts, in, sizeof counts);
+        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
+        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
+            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
+                            "those of the tissue", i);
+        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
+    }
+    for (int i = 0; i < mesh->node_end; i++)
+        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDL_NODE_NEEDLE) ||
+            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDL_NODE_CREATED)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
+                                 "needle or the split of node %d", i);
+    return SB_OK;
+}
+
+static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, sb_error *error)
+{
+    ndli_rehearsal rehearsal;
+    sb_result result;
+    memset(&rehearsal, 0, sizeof rehearsal);
+    result = ndli_rehearsal_begin(r, &rehearsal)
+                 ? ndli_rehearsal_play(r, &rehearsal, in + ndli_image_room(sizeof(ndli_remesh_head)), error)
+                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
+    ndli_rehearsal_free(r, &rehearsal);
+    return result;
+}
+
 static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
 {
     ndli_remesh_head own;
@@ -2030,8 +2192,9 @@ static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_h
         return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
     if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
         return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
-    if (head->release_cursor < 0)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged");
+    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
+                        head->release_cursor);
     return SB_OK;
 }
 
@@ -2093,6 +2256,8 @@ NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t
     in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
     size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
     result = ndli_remesh_pass(remesh, in, size, 0, error);
+    if (result == SB_OK)
+        result = ndli_remesh_rehearse(remesh, in, error);
     if (result == SB_OK)
         result = ndli_remesh_pass(remesh, in, size, 1, error);
     if (result == SB_OK)

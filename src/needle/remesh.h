@@ -104,6 +104,10 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+#define NDLI_ENTRY_SLIP ((sb_real)0.25) /* the defaults of entry_slip */
+/* ndl_remesh_puncture with another entry_slip than the remesher's. */
+NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                               ndl_remesh_info *info, sb_error *error);
 /* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
  * also when tets about it would be worse than `enough` and than they are. */
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,

@@ -26,9 +26,10 @@ typedef struct ndli_tissue_head {
 
 /* Where parts begin that are compared or checked before they are read. */
 typedef struct ndli_tissue_places {
-    size_t lame, X, x, v, a, mass, owner, star, displaced, displaced_at, flags;
-    size_t tets, neighbours, next, prev, regions, density;
-    size_t force, internal, arm, aggregate, role, quats, old_quats, stale, centre;
+    size_t lame, X, X0, x, v, a, mass, owner, star, displaced, displaced_at, flags;
+    size_t tets, neighbours, next, prev, regions, density, volumes, qualities;
+    size_t force, target, target_velocity, reaction, internal, arm, aggregate, role, has_velocity;
+    size_t quats, old_quats, stale, centre, inverse_radius, factor;
     size_t end;
 } ndli_tissue_places;
 
@@ -93,7 +94,7 @@ static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_
     size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end;
     p->lame = ndli_image_part(image, t->lame, (size_t)h->material_count, 2 * sizeof(sb_real));
     p->X = ndli_image_part(image, mesh->X, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
+    p->X0 = ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
     p->x = ndli_image_part(image, mesh->x, nodes, sizeof(sb_vec3));
     p->v = ndli_image_part(image, mesh->v, nodes, sizeof(sb_vec3));
     p->a = ndli_image_part(image, mesh->a, nodes, sizeof(sb_vec3));
@@ -109,8 +110,8 @@ static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_
     p->prev = ndli_image_part(image, mesh->corner_prev, tets, 4 * sizeof(int));
     p->regions = ndli_image_part(image, mesh->regions, tets, sizeof(int));
     p->density = ndli_image_part(image, mesh->tet_density, tets, sizeof(sb_real));
-    ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
-    ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
+    p->volumes = ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
+    p->qualities = ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
 }
 
 static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
@@ -118,21 +119,21 @@ static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli
     size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end, lanes = ndli_state_lanes(h->tet_end);
     size_t aggregates = (size_t)h->coarse_count;
     p->force = ndli_image_part(image, t->force, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
-    ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
+    p->target = ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
+    p->target_velocity = ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
+    p->reaction = ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
     p->internal = ndli_image_part(image, t->internal, h->seen ? nodes : 0, sizeof(sb_vec3));
     p->arm = ndli_image_part(image, t->arm, nodes, sizeof(sb_vec3));
     p->aggregate = ndli_image_part(image, t->aggregate, nodes, sizeof(int));
     p->role = ndli_image_part(image, t->role, nodes, 1);
-    ndli_image_part(image, t->has_velocity, nodes, 1);
+    p->has_velocity = ndli_image_part(image, t->has_velocity, nodes, 1);
     p->quats = ndli_image_part(image, t->quats, lanes, 4 * sizeof(sb_real));
     p->old_quats = ndli_image_part(image, t->old_quats, lanes, 4 * sizeof(sb_real));
     p->stale = ndli_image_part(image, t->stale_tet, tets, 1);
     p->centre = ndli_image_part(image, t->coarse.centre, aggregates, sizeof(sb_vec3));
-    ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
-    ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
-                    ((size_t)h->coarse_width + 1) * sizeof(double));
+    p->inverse_radius = ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
+    p->factor = ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
+                                ((size_t)h->coarse_width + 1) * sizeof(double));
     p->end = image->used;
 }
 
@@ -330,7 +331,8 @@ static int ndli_state_tet_lives(const ndli_state_reader *r, int tet)
     return tet >= 0 && tet < r->head->tet_end && ndli_image_int(r->in + r->places->tets, 4 * (size_t)tet) >= 0;
 }
 
-/* Whether the corner is one of its node's ring. */
+/* Whether the corner is one of its node's ring: what follows is of a tet in use, and a ring's first has none before it,
+ * so that none goes round. */
 static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
 {
     const ndli_tissue_places *p = r->places;
@@ -339,11 +341,48 @@ static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
     int prev = ndli_image_int(r->in + p->prev, at), corners = 4 * r->head->tet_end;
     if (!ndli_state_lives(r, node) || next < -1 || next >= corners || prev < -1 || prev >= corners)
         return 0;
-    if (next >= 0 && (ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
+    if (next >= 0 && (!ndli_state_tet_lives(r, next / 4) || ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
                       ndli_image_int(r->in + p->tets, (size_t)next) != node))
         return 0;
-    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner
+    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner && ndli_state_tet_lives(r, prev / 4)
                      : ndli_image_int(r->in + p->star, (size_t)node) == corner;
+}
+
+static void ndli_state_nodes_of(const ndli_state_reader *r, int tet, int nodes[4])
+{
+    memcpy(nodes, r->in + r->places->tets + 4 * (size_t)tet * sizeof(int), 4 * sizeof(int));
+}
+
+/* Whether the tet has the nodes of another's face, which lies opposite the other's corner. */
+static int ndli_state_has_face(const ndli_state_reader *r, int tet, const int other[4], int corner)
+{
+    int nodes[4], shared = 0;
+    ndli_state_nodes_of(r, tet, nodes);
+    for (int c = 0; c < 4; c++)
+        for (int k = 0; k < 4; k++)
+            shared += c != corner && nodes[k] == other[c];
+    return shared == 3;
+}
+
+/* Whether both sides of the tet's faces know each other, and faces without another side have none. Rings are sound. */
+static int ndli_state_faces_hold(const ndli_state_reader *r, int tet)
+{
+    const ndli_tissue_places *p = r->places;
+    int nodes[4];
+    ndli_state_nodes_of(r, tet, nodes);
+    for (int c = 0; c < 4; c++) {
+        int other = ndli_image_int(r->in + p->neighbours, 4 * (size_t)tet + (size_t)c), back = 0;
+        int node = nodes[(c + 1) % 4];
+        for (int k = 0; other >= 0 && k < 4; k++)
+            back |= ndli_image_int(r->in + p->neighbours, 4 * (size_t)other + (size_t)k) == tet;
+        if (other >= 0 && (other == tet || !back || !ndli_state_has_face(r, other, nodes, c)))
+            return 0;
+        for (int k = other < 0 ? ndli_image_int(r->in + p->star, (size_t)node) : -1; k >= 0;
+             k = ndli_image_int(r->in + p->next, (size_t)k))
+            if (k / 4 != tet && ndli_state_has_face(r, k / 4, nodes, c))
+                return 0;
+    }
+    return 1;
 }
 
 static int ndli_state_tet_holds(const ndl_tissue *t, const ndli_state_reader *r, int tet)
@@ -368,20 +407,31 @@ static int ndli_state_node_holds(const ndl_tissue *t, const ndli_state_reader *r
 {
     const ndli_tissue_places *p = r->places;
     size_t at = (size_t)node;
-    int role = r->in[p->role + at], lives = ndli_state_lives(r, node), count = 0;
+    int role = r->in[p->role + at], flags = r->in[p->flags + at], lives = flags != 0, count = 0;
     int aggregate = ndli_image_int(r->in + p->aggregate, at), place = ndli_image_int(r->in + p->displaced_at, at);
-    if (role > NDLI_ROW_COUPLED || (role == NDLI_ROW_ABSENT) != !lives || aggregate < 0 ||
-        aggregate >= t->coarse.count || place < -1 || place >= r->head->displaced_count ||
+    int original = node < t->mesh.original_nodes, star = ndli_image_int(r->in + p->star, at);
+    int created = (flags & NDL_NODE_CREATED) != 0;
+    int moved = lives && original &&
+                memcmp(r->in + p->X + at * sizeof(sb_vec3), r->in + p->X0 + at * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
+    if (role > NDLI_ROW_ABSENT || (role == NDLI_ROW_ABSENT) != !lives || r->in[p->has_velocity + at] > 1 ||
+        (lives && !(flags & NDL_NODE_ALIVE)) || flags > 2 * NDL_NODE_NEEDLE - 1 || aggregate < 0 ||
+        aggregate >= t->coarse.count || ndli_image_int(r->in + p->owner, at) < -1 || (original && !lives) ||
+        (lives && original == created))
+        return -1;
+    if (place < -1 || place >= r->head->displaced_count || (place >= 0) != moved ||
         (place >= 0 && ndli_image_int(r->in + p->displaced, (size_t)place) != node))
         return -1;
     if (!lives)
         return 0;
-    for (int k = ndli_image_int(r->in + p->star, at); k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
-        if (k < 0 || k >= 4 * r->head->tet_end || ndli_image_int(r->in + p->tets, (size_t)k) != node)
+    if (star < 0 || star >= 4 * r->head->tet_end || !ndli_state_tet_lives(r, star / 4) ||
+        ndli_image_int(r->in + p->prev, (size_t)star) != -1)
+        return -1;
+    for (int k = star; k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
+        if (ndli_image_int(r->in + p->tets, (size_t)k) != node)
             return -1;
         count++;
     }
-    return count > 0 ? count : -1;
+    return count;
 }
 
 /* Whether a list of free slots has so many, none of them in use. */
@@ -402,12 +452,12 @@ static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state
     const ndli_tissue_head *h = r->head;
     int tets = 0, nodes = 0;
     int64_t corners = 0;
-    for (int e = 0; e < h->tet_end; e++)
-        if (ndli_state_tet_lives(r, e)) {
-            if (!ndli_state_tet_holds(t, r, e))
-                return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
-            tets++;
-        }
+    for (int e = 0; e < h->tet_end; e++) {
+        int lives = ndli_state_tet_lives(r, e);
+        if (lives ? !ndli_state_tet_holds(t, r, e) : e < t->mesh.original_tets)
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
+        tets += lives;
+    }
     for (int i = 0; i < h->node_end; i++) {
         int count = ndli_state_node_holds(t, r, i);
         if (count < 0)
@@ -415,6 +465,10 @@ static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state
         nodes += count > 0;
         corners += count;
     }
+    for (int e = 0; e < h->tet_end; e++)
+        if (ndli_state_tet_lives(r, e) && !ndli_state_faces_hold(r, e))
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged: tet %d and a neighbour "
+                                    "disagree", e);
     for (int i = 0; i < h->displaced_count; i++) {
         int node = ndli_image_int(r->in + r->places->displaced, (size_t)i);
         if (!ndli_state_lives(r, node) || ndli_image_int(r->in + r->places->displaced_at, (size_t)node) != i)
@@ -427,23 +481,94 @@ static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state
     return SB_OK;
 }
 
-static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
+/* ---- numbers ---- */
+
+static sb_real ndli_state_real(const unsigned char *array, size_t i)
+{
+    sb_real value;
+    memcpy(&value, array + i * sizeof value, sizeof value);
+    return value;
+}
+
+static sb_vec3 ndli_state_vector(const unsigned char *array, int i)
+{
+    sb_vec3 value;
+    memcpy(&value, array + (size_t)i * sizeof value, sizeof value);
+    return value;
+}
+
+static int ndli_state_is_positive(sb_real value) { return value > 0 && value <= SB_REAL_MAX; }
+
+static int ndli_state_all_finite(const ndli_state_reader *r)
 {
     const ndli_tissue_places *p = r->places;
     const ndli_tissue_head *h = r->head;
-    size_t nodes = 3 * (size_t)h->node_end;
-    int good = ndli_image_is_finite(r->in + p->X, nodes) && ndli_image_is_finite(r->in + p->x, nodes) &&
-               ndli_image_is_finite(r->in + p->v, nodes) && ndli_image_is_finite(r->in + p->a, nodes) &&
-               ndli_image_is_finite(r->in + p->mass, nodes / 3) && ndli_image_is_finite(r->in + p->force, 2 * nodes) &&
-               ndli_image_is_finite(r->in + p->density, (size_t)h->tet_end) &&
-               ndli_image_is_finite(r->in + p->lame, 2 * (size_t)h->material_count) &&
-               ndli_image_is_finite(r->in + p->quats, 8 * ndli_state_lanes(h->tet_end));
-    for (int i = 0; i < 12; i++) {
+    const size_t vectors[] = {p->X,     p->X0,     p->x,               p->v,        p->a,
+                              p->force, p->target, p->target_velocity, p->reaction, p->arm};
+    size_t nodes = 3 * (size_t)h->node_end, aggregates = (size_t)h->coarse_count, factor = 6 * aggregates;
+    int good = ndli_image_is_finite(r->in + p->internal, h->seen ? nodes : 0) &&
+               ndli_image_is_finite(r->in + p->centre, 3 * aggregates) &&
+               ndli_image_is_finite(r->in + p->inverse_radius, aggregates) &&
+               ndli_image_is_finite(r->in + p->quats, 4 * ndli_state_lanes(h->tet_end)) &&
+               ndli_image_is_finite(r->in + p->old_quats, 4 * ndli_state_lanes(h->tet_end));
+    for (size_t k = 0; k < sizeof vectors / sizeof *vectors; k++)
+        good = good && ndli_image_is_finite(r->in + vectors[k], nodes);
+    for (size_t i = 0; i < 12 + (h->coarse_usable ? factor * ((size_t)h->coarse_width + 1) : 0); i++) {
         double value;
-        memcpy(&value, r->in + sizeof(uint64_t) + (size_t)i * sizeof value, sizeof value);
+        memcpy(&value, r->in + (i < 12 ? sizeof(uint64_t) + i * sizeof value : p->factor + (i - 12) * sizeof value),
+               sizeof value);
         good = good && value - value == 0;
     }
-    return good ? SB_OK : sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
+    return good;
+}
+
+/* Whether a rotation is one, but for rounding: what is not even near would make numbers that are none. */
+static int ndli_state_turns(const unsigned char *quats, int tet)
+{
+    size_t at = (size_t)(tet / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(tet % SB_POLAR_LANES);
+    sb_real square = 0;
+    for (size_t k = 0; k < 4; k++) {
+        sb_real q = ndli_state_real(quats, at + k * SB_POLAR_LANES);
+        square += q * q;
+    }
+    return square > (sb_real)0.9 && square < (sb_real)1.1;
+}
+
+/* Volume and quality that are told and those that the corners have, the density, the rotations. */
+static int ndli_state_tet_measures(const ndli_state_reader *r, int tet)
+{
+    const ndli_tissue_places *p = r->places;
+    size_t at = (size_t)tet;
+    int n[4];
+    sb_vec3 X[4];
+    ndli_state_nodes_of(r, tet, n);
+    for (int c = 0; c < 4; c++)
+        X[c] = ndli_state_vector(r->in + p->X, n[c]);
+    return ndli_state_is_positive(ndli_state_real(r->in + p->volumes, at)) &&
+           ndli_state_is_positive(ndli_state_real(r->in + p->qualities, at)) &&
+           ndli_state_is_positive(ndli_tissue_quality(X[0], X[1], X[2], X[3])) &&
+           ndli_state_is_positive(ndli_state_real(r->in + p->density, at)) && r->in[p->stale + at] <= 1 &&
+           ndli_state_turns(r->in + p->quats, tet) && ndli_state_turns(r->in + p->old_quats, tet);
+}
+
+/* After the topology. */
+static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
+{
+    const ndli_tissue_places *p = r->places;
+    if (!ndli_state_all_finite(r))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
+    for (int m = 0; m < r->head->material_count; m++)
+        if (!ndli_state_is_positive(ndli_state_real(r->in + p->lame, 2 * (size_t)m + 1)) ||
+            !sb_is_finite(ndli_state_real(r->in + p->lame, 2 * (size_t)m)))
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: material %d has no stiffness", m);
+    for (int i = 0; i < r->head->node_end; i++)
+        if (ndli_state_lives(r, i) && !ndli_state_is_positive(ndli_state_real(r->in + p->mass, (size_t)i)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved tissue is damaged: node %d has no mass", i);
+    for (int e = 0; e < r->head->tet_end; e++)
+        if (ndli_state_tet_lives(r, e) && !ndli_state_tet_measures(r, e))
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged: tet %d is flat, inverted, "
+                                    "without mass or not turned by a rotation", e);
+    return SB_OK;
 }
 
 static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
@@ -459,7 +584,9 @@ static sb_result ndli_state_check_head(const ndl_tissue *t, const ndli_tissue_he
         h->node_end > limit || h->tet_end > limit || h->displaced_count < 0 || h->displaced_count > h->node_count ||
         h->free_node < -1 || h->free_tet < -1 || !ndli_state_is_flag(h->changed) || !ndli_state_is_flag(h->seen) ||
         !ndli_state_is_flag(h->acceleration_known) || !ndli_state_is_flag(h->ledger_open) ||
-        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_width < 0 || h->coarse_width > width ||
+        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_fresh < 0 || h->coarse_wasted < 0 ||
+        h->node_end < t->mesh.original_nodes || h->tet_end < t->mesh.original_tets || h->coarse_width < 0 ||
+        h->coarse_width > width ||
         !(h->damping_mass >= 0) || !(h->damping_stiffness >= 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has counts or flags out of their range");
     return SB_OK;
@@ -489,8 +616,8 @@ static sb_result ndli_state_check_tissue(ndl_tissue *t, const void *buffer, size
     reader.in = in;
     reader.head = &head;
     reader.places = &places;
-    result = ndli_state_check_numbers(&reader, error);
-    return result == SB_OK ? ndli_state_check_topology(t, &reader, error) : result;
+    result = ndli_state_check_topology(t, &reader, error);
+    return result == SB_OK ? ndli_state_check_numbers(&reader, error) : result;
 }
 
 /* ---- memory for a state ---- */
@@ -556,12 +683,20 @@ NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue)
     return tissue ? ndli_state_size_of(tissue) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
 }
 
+/* What a needle is at is no part of a state, and the mesh without it is of no use. */
+static sb_result ndli_state_refuse_needles(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a tissue with needles is neither saved nor loaded: destroy them first");
+}
+
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error)
 {
     ndl_tissue view;
     size_t needed;
     if (!tissue || !buffer)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", tissue ? "buffer" : "tissue");
+    if (tissue->site)
+        return ndli_state_refuse_needles(error);
     if (tissue->broken)
         return sbi_fail(error, SB_ERROR_MEMORY, "a change of the mesh found no memory: no state before a step has");
     needed = ndl_tissue_state_size(tissue);
@@ -580,7 +715,7 @@ NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t
     if (!tissue)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
     if (tissue->site)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a tissue with needles takes no saved state: destroy them first");
+        return ndli_state_refuse_needles(error);
     result = ndli_state_check_tissue(tissue, buffer, size, error);
     if (result == SB_OK)
         result = ndli_state_reserve(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD, error);

@@ -15,7 +15,8 @@
  * A remesher's state belongs with that of the tissue whose mesh it changes: save both at the same time, and load the
  * tissue first. A remesher refuses a state that was saved with another mesh than its tissue now has.
  *
- * What an ndl_needle is at is not saved: it is made anew after a load, which a tissue with needles refuses.
+ * What an ndl_needle is at is not saved: a tissue with needles, in it or outside, refuses both save and load. Save
+ * before the first needle is made or after the last one is destroyed; a step that fails needs no state to go back to.
  *
  * size: bytes that save writes for the object as it is; splits make it grow. save: size must be at least that, what is
  * behind stays; nothing that a step could notice changes, nothing is allocated. load: size may be larger than what was
@@ -24,9 +25,10 @@
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
  * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another
- * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more room than the allocator
- * gives, or, at a save, a change of the mesh found no memory for the matrix and no step has made it up yet. A load
- * allocates where the object has less room than the state needs, else nothing. */
+ * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more
+ * room than the allocator gives, or, at a save, a change of the mesh found no memory for the matrix and no step has
+ * made it up yet. A load allocates where the object has less room than the state needs; a remesher's takes a copy of
+ * the topology for the time of the call, on which it undoes all splits before it trusts them. */
 NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
 NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);

@@ -294,6 +294,24 @@ NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_rea
 /* ---- readings ---- */
 
 NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue->mesh.x; }
+NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions)
+{
+    const ndl_tissue_mesh *mesh;
+    if (!tissue || !positions)
+        return SB_ERROR_ARGUMENT;
+    mesh = &tissue->mesh;
+    memcpy(positions, mesh->x, (size_t)mesh->original_nodes * sizeof(sb_vec3));
+    for (int i = 0; i < mesh->displaced_count; i++) {
+        int node = mesh->displaced[i];
+        sb_real w[4];
+        const int *n = mesh->tets + 4 * (size_t)ndli_tissue_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
+        positions[node] = sb_v3(0, 0, 0);
+        for (int c = 0; c < 4; c++)
+            positions[node] = sb_v3_madd(positions[node], w[c], mesh->x[n[c]]);
+    }
+    return SB_OK;
+}
+
 NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue->mesh.v; }
 NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue->reaction; }
 

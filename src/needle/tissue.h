@@ -107,6 +107,12 @@ NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_inf
 /* ---- readings: no allocation ----
  * Arrays are by node slot, [mesh->node_end], of nodes in use; valid until the mesh next changes. */
 NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue);  /* m */
+/* positions[nodes of the def's mesh] (m): where the material is now that was at those nodes. Once needles or a remesher
+ * have moved nodes in the material these are not the nodes' positions, and they alone are what an sb_embedding or
+ * sb_embedding_mapping of the def's mesh goes by (sb_embedding_update, sb_embedding_forces): with ndl_tissue_positions
+ * it would be wrong by millimetres, and nothing could tell. As long as no node is moved both are the same bits.
+ * SB_ERROR_ARGUMENT for NULL. Cost: of a copy and, per node moved, of a walk through the mesh. */
+NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions);
 NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue); /* m/s */
 /* Force (N) of the supports on the tissue at the end of the last step, 0 on free nodes: with gravity and forces the
  * rate of momentum. */

@@ -449,8 +449,7 @@ NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
     tissue->change_mass = 0;
 }
 
-/* Tet of a point that lies in the material, or just outside by rounding: then the nearest of the last one's nodes. */
-static int ndli_tissue_source(const ndl_tissue_mesh *t, sb_vec3 X, int start, sb_real w[4])
+NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *t, sb_vec3 X, int start, sb_real w[4])
 {
     int tet = ndl_tissue_mesh_find(t, t->X, X, start, w), best = start;
     sb_real most = -SB_REAL_MAX, sum = 0;

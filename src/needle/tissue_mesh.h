@@ -149,6 +149,9 @@ SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d
     return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
 }
 NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
+/* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by rounding:
+ * the best tet about the start, its weights cut off. */
+NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *tissue, sb_vec3 X, int start, sb_real weights[4]);
 /* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
 NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets);
 
