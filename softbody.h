@@ -4202,6 +4202,10 @@ typedef struct sb_matrix {
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
+    int part_count;       /* connected parts: no block couples a row with one of another part */
+    int *part_start;      /* [part_count + 1] into part_rows; parts are in the order of their first rows */
+    int *part_rows;       /* [row_count] rows by part, ascending in each; rows that have their diagonal block only are
+                           * one part together */
     unsigned char *fixed; /* [row_count] mask of the last sb_matrix_constrain; 0: free */
     sb_real (*blocks)[9]; /* [block_count] row-major, 64-byte aligned, with one sb_real to spare at the end */
     void *memory;         /* the one allocation behind all arrays */
@@ -4276,6 +4280,9 @@ SB_INLINE int sbi_row_chunks(int row_count)
 {
     return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0);
 }
+
+/* As many parts as a matrix of so many rows can have: two rows each at least, but for those coupled with no other. */
+SB_INLINE int sbi_matrix_most_parts(int row_count) { return row_count / 2 + 1; }
 
 
 #endif /* SB_SPARSE_H */
@@ -4480,7 +4487,8 @@ enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
 typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
-    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected part
+                      * of the pattern gets its share of them, one at least */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000
@@ -4619,14 +4627,15 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 
 
 typedef struct sb_pcg_options {
-    double tolerance; /* stop when |rhs - A x| <= tolerance |rhs|, >= 0; default 1e-6 (float builds: 1e-3) */
+    double tolerance; /* stop when |rhs - A x| <= tolerance |rhs| in each connected part of A, >= 0; default 1e-6 (float
+                       * builds: 1e-3) */
     int max_iterations;  /* bound of the work, >= 0; default 1000 */
     const sb_jobs *jobs; /* NULL (default): inline; the result is the same for any number of threads */
 } sb_pcg_options;
 
 typedef struct sb_pcg_info {
     int iterations;         /* products with A in search directions */
-    double residual;        /* |rhs - A x| / |rhs| of the returned x */
+    double residual;        /* |rhs - A x| / |rhs| of the returned x, in the part where it is largest */
     int residual_is_true;   /* 1: computed from x; 0: by the recurrence, which drifts by epsilon |A| |x| */
     int negative_curvature; /* 1: a direction with p.Ap <= 0 ended the solve: A is not positive definite */
     int capped;             /* 1: max_iterations ended the solve */
@@ -4637,6 +4646,7 @@ typedef struct sb_pcg_workspace {
     int row_count;
     sb_real *start, *residual, *search, *direction, *product; /* [row_count][3] */
     double *partial;                                          /* [chunks][2] sums of each chunk of rows */
+    void *parts;                                              /* what is kept of each connected part */
     void *memory;
     sb_allocator allocator;
 } sb_pcg_workspace;
@@ -4653,7 +4663,7 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
 /* Solves A x = rhs for a symmetric positive definite A.
  * preconditioner  up to date with A; NULL: none
  * rhs             [row_count][3]
- * x               [row_count][3] in: the start; out: the solution. rhs = 0 gives x = 0 whatever the start
+ * x               [row_count][3] in: the start; out: the solution. rhs = 0 gives x = 0 whatever the start, in each part
  * options         NULL: defaults
  * info            filled in every case but SB_ERROR_ARGUMENT; may be NULL
  * Returns SB_OK;
@@ -4665,6 +4675,11 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  *                           x is the last iterate before
  *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
  *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
+ * Parts that the pattern of A does not connect are solved as if each were alone, side by side: with step lengths of its
+ * own and to a residual relative to its own rhs, so that a crumb of 1e-9 of the forces is as good as the organ beside it.
+ * Parts whose rhs is below some 1e-31 of the whole are left alone, which is what single precision holds beside 1. With
+ * levels of one's own that couple parts (sb_preconditioner_def) all rows are one part. Iterations are those of the part
+ * that needs most.
  * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
  * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
  * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
@@ -4881,11 +4896,15 @@ typedef struct sb_body_def {
                                        * later change the time of a solve, and its last bits) */
     int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
-                                       * choose theirs from newton_tolerance */
+                                       * choose theirs from newton_tolerance. Each connected part meets it by itself,
+                                       * however light; b has M v / dt, but parts that nothing holds keep their momentum
+                                       * to this share of the forces, however fast they are. Within a part it says
+                                       * nothing of what is soft or light there beside the rest */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
                                        * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
-    sb_real newton_tolerance;         /* relative residual of a step with several iterations; default 1e-6 */
+    sb_real newton_tolerance;         /* relative residual of a step with several iterations, in each connected part;
+                                       * default 1e-6 */
     sb_allocator allocator;           /* default malloc */
     sb_jobs jobs;                     /* default inline */
     sb_clock clock;                   /* for sb_step_info's times; default NULL */
@@ -5320,7 +5339,8 @@ typedef struct sb_step_info {
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
-                               * step (max_newton 1): |b - A x| / |b| of its linear solve */
+                               * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
+                               * that where it is largest */
     int capped;               /* 1: an iteration cap was hit and the best state so far was taken */
     double seconds_force;     /* with a clock, otherwise 0: rotations and internal forces, */
     double seconds_tangent;   /* assembly, */
@@ -5378,8 +5398,8 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 typedef struct sb_static_options {
     int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
                                * default 1 */
-    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6; what is
-                               * below 64 epsilon counts as that */
+    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
+                               * default 1e-6; what is below 64 epsilon counts as that */
     int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
                                * rotation per element converge linearly and take at least 300 */
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
@@ -5889,6 +5909,8 @@ SBI_API double sbi_multigrid_spread(sbi_multigrid *multigrid, const sb_real *x, 
 SBI_API void sbi_multigrid_multiply(const sbi_multigrid *multigrid, sb_real *y, int first, int last);
 SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *multigrid);
 SBI_API void sbi_multigrid_set_reach(sbi_multigrid *multigrid, sbi_mg_reach reach);
+/* 1: levels of the user's have nodes that move several connected parts of the pattern; others never do. */
+SBI_API int sbi_multigrid_couples_parts(const sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 
@@ -5909,6 +5931,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
+/* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */
+SBI_API int sbi_precond_couples_parts(const sb_preconditioner *preconditioner);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 
@@ -5924,8 +5948,10 @@ SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_preco
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/pcg.h, internal ==== */
-/* The same for a preconditioner that was updated with this very matrix. The product in 32 bits is then known to differ by
- * no more than its rounding, and a residual that meets the tolerance with that added needs no look at the matrix. */
+/* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
+ * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
+ * look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of the
+ * residual there must be no more than tolerance times that of the magnitudes at the start x. */
 SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info);
@@ -24536,7 +24562,9 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     int *ints;
     if (!sbi_size_add(&values, blocks, 9 * sizeof(sb_real)) || !sbi_size_add(&values, 8, sizeof(sb_real)) ||
         !sbi_size_add(&bytes, values, 1) || !sbi_size_add(&bytes, 2 * blocks, sizeof(int)) ||
-        !sbi_size_add(&bytes, 2 * rows + 1, sizeof(int)) || !sbi_size_add(&bytes, rows, 1))
+        !sbi_size_add(&bytes, 3 * rows + 1, sizeof(int)) ||
+        !sbi_size_add(&bytes, (size_t)sbi_matrix_most_parts((int)rows) + 1, sizeof(int)) ||
+        !sbi_size_add(&bytes, rows, 1))
         return 0;
     matrix->memory = sbi_alloc(&matrix->allocator, bytes, 1);
     if (!matrix->memory)
@@ -24549,7 +24577,9 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
     matrix->diagonal = matrix->row_start + rows + 1;
-    matrix->fixed = (unsigned char *)(matrix->diagonal + rows);
+    matrix->part_rows = matrix->diagonal + rows;
+    matrix->part_start = matrix->part_rows + rows;
+    matrix->fixed = (unsigned char *)(matrix->part_start + sbi_matrix_most_parts((int)rows) + 1);
     memset(matrix->blocks, 0, values);
     memset(matrix->fixed, 0, rows);
     return 1;
@@ -24569,6 +24599,52 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
         }
 }
 
+/* Gives all rows that hang together with row i its part; part_rows is the queue. */
+static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int *part_of)
+{
+    int *queue = matrix->part_rows, count = 1;
+    part_of[i] = part;
+    queue[0] = i;
+    for (int head = 0; head < count; head++)
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+            int j = matrix->columns[q];
+            if (part_of[j] >= 0)
+                continue;
+            part_of[j] = part;
+            queue[count++] = j;
+        }
+}
+
+/* Finds the connected parts and lists their rows; part_of is scratch [row_count]. */
+static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
+{
+    int rows = matrix->row_count, alone = -1;
+    for (int i = 0; i < rows; i++)
+        part_of[i] = -1;
+    matrix->part_count = 0;
+    for (int i = 0; i < rows; i++) {
+        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        if (part_of[i] >= 0)
+            continue;
+        if (is_alone && alone >= 0) {
+            part_of[i] = alone;
+            continue;
+        }
+        alone = is_alone ? matrix->part_count : alone;
+        sbi_sparse_spread_part(matrix, i, matrix->part_count++, part_of);
+    }
+    memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
+    for (int i = 0; i < rows; i++)
+        matrix->part_start[part_of[i] + 1]++;
+    for (int c = 0; c < matrix->part_count; c++)
+        matrix->part_start[c + 1] += matrix->part_start[c];
+    for (int i = 0; i < rows; i++)
+        matrix->part_rows[matrix->part_start[part_of[i]]++] = i;
+    for (int c = matrix->part_count; c > 0; c--)
+        matrix->part_start[c] = matrix->part_start[c - 1];
+    matrix->part_start[0] = 0;
+}
+
 static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch,
                                  sb_matrix *matrix, sb_error *error)
 {
@@ -24586,6 +24662,7 @@ static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scrat
     memcpy(matrix->diagonal, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     sbi_sparse_visit(cells, scratch, matrix->diagonal, matrix->columns);
     sbi_sparse_link(matrix, scratch->marker);
+    sbi_sparse_find_parts(matrix, scratch->marker);
     return SB_OK;
 }
 
@@ -26475,6 +26552,7 @@ struct sbi_multigrid {
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     sbi_mg_islands islands;
     int small;                /* nodes that the coarsest level may have */
+    int couples_parts;        /* see sbi_multigrid_couples_parts */
     int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */
@@ -28569,6 +28647,7 @@ SBI_API void sbi_multigrid_set_poisson(sbi_multigrid *multigrid, double poisson)
     multigrid->wide = poisson >= SBI_MG_WIDE;
 }
 
+SBI_API int sbi_multigrid_couples_parts(const sbi_multigrid *multigrid) { return multigrid->couples_parts; }
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid) { return multigrid->level_count; }
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->bytes; }
 
@@ -29073,6 +29152,42 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
+/* 1 when all children of each node of the next level are of one part; turns the parts of rows into those of its nodes. */
+static int sbi_mg_lower_parts(const sbi_mg_level *level, int coarse_count, int *part_of, int *next)
+{
+    for (int a = 0; a < coarse_count; a++) {
+        next[a] = -1;
+        for (int c = level->child_start[a]; c < level->child_start[a + 1]; c++) {
+            int part = part_of[level->children[c]];
+            if (next[a] >= 0 && next[a] != part)
+                return 0;
+            next[a] = part;
+        }
+    }
+    memcpy(part_of, next, (size_t)coarse_count * sizeof(int));
+    return 1;
+}
+
+/* Whether the user's levels couple parts. 0: no memory. */
+static int sbi_mg_watch_parts(sbi_multigrid *m, const sb_matrix *pattern)
+{
+    size_t most = 0;
+    int *part_of, made;
+    for (int l = 0; l < m->level_count; l++)
+        most += (size_t)m->levels[l].row_count;
+    if (pattern->part_count < 2 || m->level_count < 2 || !m->levels[1].positions)
+        return 1;
+    part_of = (int *)sbi_alloc(&m->allocator, 2 * most, sizeof(int));
+    for (int c = 0; part_of && c < pattern->part_count; c++)
+        for (int k = pattern->part_start[c]; k < pattern->part_start[c + 1]; k++)
+            part_of[pattern->part_rows[k]] = c;
+    for (int l = 0; part_of && l + 1 < m->level_count && m->levels[l + 1].positions && !m->couples_parts; l++)
+        m->couples_parts = !sbi_mg_lower_parts(m->levels + l, m->levels[l + 1].row_count, part_of, part_of + most);
+    made = part_of != NULL;
+    sbi_free(&m->allocator, part_of);
+    return made;
+}
+
 /* Coarser levels go through their cycle twice, as long as all visits to a level take no more rows than the finest has,
  * else levels that hardly shrink cost 2^levels: visited once, all of them take 40 % more iterations at 300,000 unknowns
  * than at 5,000. Level 1 of a large body would take a third of all time by that, and one step more of its smoother does
@@ -29111,7 +29226,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     m->small = m->regions.count ? SBI_MG_SPARSE : SBI_MG_DENSE;
     if (result == SB_OK)
         result = sbi_mg_coarsen(m, setup, error);
-    if (result == SB_OK && !sbi_mg_take_coarsest(m))
+    if (result == SB_OK && (!sbi_mg_take_coarsest(m) || !sbi_mg_watch_parts(m, pattern)))
         result = sbi_mg_no_memory(m, error);
     if (result != SB_OK) {
         sbi_multigrid_free(m);
@@ -30435,7 +30550,7 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
 
 /* ==== src/softbody/precond_state.h ==== */
 /* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_lower.c has
- * its triangular factors, precond_coarse.c moves the pieces, precond_save.c keeps it. */
+ * its triangular factors, precond_pieces.c cuts the pieces, precond_coarse.c moves them, precond_save.c keeps it. */
 #ifndef SB_PRECOND_STATE_H
 #define SB_PRECOND_STATE_H
 
@@ -30474,7 +30589,9 @@ typedef struct sbi_precond_coarse {
     float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
     float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
     int *reach;            /* [piece_count] where the rows of a piece end */
-    double *matrix;        /* [size][size] upper triangle, each row up to its reach: Z^T A Z, then its Cholesky factor */
+    size_t *row_at;        /* [piece_count] where the six rows of a piece begin in matrix */
+    double *matrix;        /* upper triangle of Z^T A Z, then of its Cholesky factor: rows from their piece's first
+                            * unknown to its reach */
     double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
     double *solution;      /* [size] */
     sb_vec3 *positions;    /* [row_count] as last given */
@@ -30579,9 +30696,23 @@ SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, 
 /* result = M^-1 r */
 SBI_API void sbi_precond_sweep(const sbi_precond_job *job);
 
+/* A coordinate of a node. */
+SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
+{
+    return axis == 0 ? positions[node].x : axis == 1 ? positions[node].y : positions[node].z;
+}
+
+/* ---- precond_pieces ---- */
+
+/* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for each
+ * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces; 0:
+ * no memory. */
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
+                                    const sb_allocator *allocator, int *nodes, int *piece_of);
+
 /* ---- precond_coarse ---- */
 
-/* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
+/* Cuts the nodes into some `pieces` and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
@@ -31281,6 +31412,11 @@ SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real 
         sbi_multigrid_set_poisson(preconditioner->multigrid, (double)poisson);
 }
 
+SBI_API int sbi_precond_couples_parts(const sb_preconditioner *preconditioner)
+{
+    return preconditioner->multigrid && sbi_multigrid_couples_parts(preconditioner->multigrid);
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)
@@ -31705,19 +31841,16 @@ SBI_API void sbi_precond_sweep(const sbi_precond_job *job)
     sbi_run(&job->p->jobs, sbi_precond_backward_task, &mine, halves);
 }
 
-/* ==== src/softbody/precond_coarse.c ==== */
-/* precond_coarse: the coarse space of rigid pieces. Floor 2. */
-#include <limits.h>
-#include <math.h>
+/* ==== src/softbody/precond_pieces.c ==== */
+/* precond_pieces: which nodes move together in the coarse space. Floor 2.
+ *
+ * A piece never holds nodes that do not hang together: its one motion would be that of things that move apart (parts of
+ * a body that lie between each other, the lips of a cut), and glue them. So each connected part is cut by itself, and
+ * where a cut by coordinates leaves fragments, each is a piece or joins the one that it touches. */
 #include <string.h>
 
 
-/* ---- pieces -------------------------------------------------------------------------------------------- */
-
-SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
-{
-    return axis == 0 ? positions[node].x : axis == 1 ? positions[node].y : positions[node].z;
-}
+/* ---- along an axis ------------------------------------------------------------------------------------- */
 
 /* Order along an axis; ties by index, so that the cut is the same everywhere. */
 static int sbi_precond_before(const sb_vec3 *positions, int axis, int a, int b)
@@ -31767,60 +31900,219 @@ static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, 
     return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
 }
 
-/* Cuts nodes[begin, end) into `pieces` parts of equal size by halving across the longest side; returns the
- * number of the next piece. */
-static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces, int piece)
+/* ---- pieces of a part ---------------------------------------------------------------------------------- */
+
+typedef struct sbi_piece_maker {
+    const sb_matrix *a;
+    const sb_vec3 *positions;
+    int *nodes;       /* [rows] by piece */
+    int *piece_of;    /* [rows] */
+    int *fragment_of; /* [rows] -1: none yet */
+    int *list;        /* [rows] nodes by fragment; or a queue */
+    int *start;       /* [rows + 1] of fragments in the list */
+    int *sizes;       /* [rows] nodes of each fragment and of those that have joined it */
+    int *roots;       /* [rows] the fragment that each has joined; itself: none */
+    int *touching;    /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
+    sb_vec3 *centres; /* [rows] */
+    int piece_count;
+} sbi_piece_maker;
+
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of
+ * the next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
-    int *nodes = c->piece_nodes + begin;
+    int *nodes = m->nodes + begin;
     if (pieces == 1) {
-        c->piece_start[piece] = begin;
         for (int k = begin; k < end; k++)
-            c->piece_of[c->piece_nodes[k]] = piece;
+            m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
-    sbi_precond_sort_nodes(c->positions, sbi_precond_longest_axis(c->positions, nodes, end - begin), nodes,
+    sbi_precond_sort_nodes(m->positions, sbi_precond_longest_axis(m->positions, nodes, end - begin), nodes,
                            end - begin);
-    piece = sbi_precond_cut(c, begin, middle, left, piece);
-    return sbi_precond_cut(c, middle, end, pieces - left, piece);
+    piece = sbi_piece_cut(m, begin, middle, left, piece);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece);
 }
 
-/* Numbers the pieces along the longest side of the whole, so that those that touch have near numbers and the rows of
- * their matrix are short. Returns 0 when there is no memory. */
-static int sbi_precond_line_up(sb_preconditioner *p)
+/* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
+static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
 {
-    sbi_precond_coarse *c = &p->coarse;
-    size_t rows = (size_t)p->row_count, pieces = (size_t)c->piece_count;
-    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, pieces, sizeof(sb_vec3));
-    int *nodes = (int *)sbi_alloc(&p->allocator, rows + 2 * pieces + 1, sizeof(int)), *start, *order, at = 0;
-    if (!centres || !nodes) {
-        sbi_free(&p->allocator, centres);
-        sbi_free(&p->allocator, nodes);
-        return 0;
-    }
-    start = nodes + rows;
-    order = start + pieces + 1;
-    memcpy(nodes, c->piece_nodes, rows * sizeof(int));
-    memcpy(start, c->piece_start, (pieces + 1) * sizeof(int));
-    for (int a = 0; a < c->piece_count; a++) {
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = start[a]; k < start[a + 1]; k++)
-            sum = sb_v3_add(sum, c->positions[nodes[k]]);
-        centres[a] = sb_v3_scale((sb_real)1 / (sb_real)(start[a + 1] - start[a]), sum);
-        order[a] = a;
-    }
-    sbi_precond_sort_nodes(centres, sbi_precond_longest_axis(c->positions, nodes, p->row_count), order, c->piece_count);
-    for (int a = 0; a < c->piece_count; a++) {
-        c->piece_start[a] = at;
-        for (int k = start[order[a]]; k < start[order[a] + 1]; k++, at++) {
-            c->piece_nodes[at] = nodes[k];
-            c->piece_of[nodes[k]] = a;
+    const sb_matrix *a = m->a;
+    int *queue = m->list, count = 1;
+    queue[0] = i;
+    m->fragment_of[i] = fragment;
+    for (int head = 0; head < count; head++)
+        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+            int j = a->columns[q];
+            if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
+                continue;
+            m->fragment_of[j] = fragment;
+            queue[count++] = j;
         }
-    }
-    sbi_free(&p->allocator, centres);
-    sbi_free(&p->allocator, nodes);
-    return 1;
+    return count;
 }
+
+/* Finds the fragments of the part's pieces and lists their nodes; returns their number. */
+static int sbi_piece_find_fragments(sbi_piece_maker *m, int begin, int end)
+{
+    int count = 0;
+    for (int k = begin; k < end; k++)
+        m->fragment_of[m->nodes[k]] = -1;
+    for (int k = begin; k < end; k++)
+        if (m->fragment_of[m->nodes[k]] < 0) {
+            m->roots[count] = count;
+            m->sizes[count] = sbi_piece_spread(m, m->nodes[k], count);
+            count++;
+        }
+    m->start[0] = 0;
+    for (int f = 0; f < count; f++)
+        m->start[f + 1] = m->start[f] + m->sizes[f];
+    for (int k = end; k-- > begin;)
+        m->list[--m->start[m->fragment_of[m->nodes[k]] + 1]] = m->nodes[k];
+    for (int f = 0; f < count; f++) /* filling moved each end to its beginning */
+        m->start[f] = m->start[f + 1];
+    m->start[count] = end - begin;
+    return count;
+}
+
+static int sbi_piece_root(const sbi_piece_maker *m, int fragment)
+{
+    while (m->roots[fragment] != fragment)
+        fragment = m->roots[fragment];
+    return fragment;
+}
+
+/* What a fragment shares most blocks with; -1: nothing but itself. */
+static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
+{
+    const sb_matrix *a = m->a;
+    int best = -1;
+    for (int pass = 0; pass < 2; pass++)
+        for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
+            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+                int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
+                m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
+                if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
+                    best = other;
+            }
+    return best;
+}
+
+/* Fragments under a quarter of the mean size join what they touch most: they cost as much as whole pieces. */
+static void sbi_piece_join(sbi_piece_maker *m, int rows, int pieces, int fragment_count)
+{
+    for (int f = 0; f < fragment_count && fragment_count > pieces; f++) {
+        int best = 4 * (long long)m->sizes[f] * pieces < rows ? sbi_piece_neighbour(m, f) : -1;
+        if (best < 0)
+            continue;
+        m->roots[f] = best;
+        m->sizes[best] += m->sizes[f];
+    }
+}
+
+/* Numbers what has joined nothing from 0 on and gives all nodes these numbers; returns how many there are. */
+static int sbi_piece_number(sbi_piece_maker *m, int begin, int end, int fragment_count)
+{
+    int *number = m->touching, count = 0;
+    for (int f = 0; f < fragment_count; f++)
+        if (m->roots[f] == f)
+            number[f] = count++;
+    for (int k = begin; k < end; k++) {
+        int node = m->nodes[k];
+        m->fragment_of[node] = number[sbi_piece_root(m, m->fragment_of[node])];
+    }
+    memset(number, 0, (size_t)fragment_count * sizeof(int));
+    return count;
+}
+
+/* Lines the part's pieces up along its longest side, so that those that touch have near numbers and the rows of their
+ * matrix are short, and lists its nodes by piece. */
+static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
+{
+    int *order = m->roots, *rank = m->sizes, *next = m->start;
+    int axis = sbi_precond_longest_axis(m->positions, m->nodes + begin, end - begin);
+    memset(m->centres, 0, (size_t)count * sizeof *m->centres);
+    memset(next, 0, ((size_t)count + 1) * sizeof *next);
+    for (int k = begin; k < end; k++) {
+        int f = m->fragment_of[m->nodes[k]];
+        m->centres[f] = sb_v3_add(m->centres[f], m->positions[m->nodes[k]]);
+        next[f]++;
+    }
+    for (int f = 0; f < count; f++) {
+        m->centres[f] = sb_v3_scale((sb_real)1 / (sb_real)next[f], m->centres[f]);
+        order[f] = f;
+    }
+    sbi_precond_sort_nodes(m->centres, axis, order, count);
+    memcpy(m->list, m->nodes + begin, (size_t)(end - begin) * sizeof(int));
+    for (int a = 0, at = begin; a < count; a++) {
+        int size = next[order[a]];
+        rank[order[a]] = m->piece_count + a;
+        next[order[a]] = at;
+        at += size;
+    }
+    for (int k = 0; k < end - begin; k++) {
+        int f = m->fragment_of[m->list[k]];
+        m->nodes[next[f]++] = m->list[k];
+        m->piece_of[m->list[k]] = rank[f];
+    }
+    m->piece_count += count;
+}
+
+/* nodes[begin, end) are a connected part, or all nodes that are coupled with no other: these need no motions in common,
+ * but cost next to nothing as one piece. */
+static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
+{
+    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
+    share = alone || share < 1 ? 1 : share;
+    sbi_piece_cut(m, begin, end, share, 0);
+    if (alone) {
+        for (int k = begin; k < end; k++)
+            m->fragment_of[m->nodes[k]] = 0;
+    } else {
+        int fragments = sbi_piece_find_fragments(m, begin, end);
+        sbi_piece_join(m, end - begin, share, fragments);
+        count = sbi_piece_number(m, begin, end, fragments);
+    }
+    sbi_piece_line_up(m, begin, end, count);
+}
+
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
+                                    const sb_allocator *allocator, int *nodes, int *piece_of)
+{
+    size_t rows = (size_t)a->row_count;
+    sbi_piece_maker m;
+    memset(&m, 0, sizeof m);
+    m.a = a;
+    m.positions = positions;
+    m.nodes = nodes;
+    m.piece_of = piece_of;
+    m.fragment_of = (int *)sbi_alloc(allocator, 6 * rows + 1, sizeof(int));
+    m.centres = (sb_vec3 *)sbi_alloc(allocator, rows, sizeof(sb_vec3));
+    if (m.fragment_of && m.centres) {
+        m.list = m.fragment_of + rows;
+        m.sizes = m.list + rows;
+        m.roots = m.sizes + rows;
+        m.touching = m.roots + rows;
+        m.start = m.touching + rows;
+        memset(m.touching, 0, rows * sizeof(int));
+        memcpy(nodes, a->part_rows, rows * sizeof(int));
+        for (int c = 0; c < a->part_count; c++)
+            sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
+    }
+    sbi_free(allocator, m.fragment_of);
+    sbi_free(allocator, m.centres);
+    return m.piece_count;
+}
+
+/* ==== src/softbody/precond_coarse.c ==== */
+/* precond_coarse: the coarse space of rigid pieces. Floor 2. */
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+
+/* ---- the matrix of the pieces ------------------------------------------------------------------------- */
 
 /* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
  * fills the coarse arrays when they are there. marker [row_count] is scratch. */
@@ -31894,37 +32186,71 @@ static void sbi_precond_make_reach(sbi_precond_coarse *c)
             c->reach[i] = sbi_max_int(c->reach[i], c->reach[a]);
 }
 
+/* Takes the rows of the matrix: those of a piece as long as they reach. */
+static int sbi_precond_take_matrix(sb_preconditioner *p)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t entries = 0;
+    c->row_at = (size_t *)sbi_precond_take(p, (size_t)c->piece_count, sizeof(size_t));
+    for (int a = 0; c->row_at && a < c->piece_count; a++) {
+        c->row_at[a] = entries;
+        entries += 6 * (size_t)(c->reach[a] - 6 * a);
+    }
+    c->matrix = (double *)sbi_precond_take(p, entries, sizeof(double));
+    return c->row_at && c->matrix;
+}
+
+/* Finds the pieces, and where each of them starts in the list of nodes. */
+static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)a->row_count;
+    c->piece_nodes = sbi_precond_take_ints(p, rows);
+    c->piece_of = sbi_precond_take_ints(p, rows);
+    if (!c->piece_nodes || !c->piece_of)
+        return 0;
+    c->piece_count = sbi_precond_make_pieces(a, positions, pieces, &p->allocator, c->piece_nodes, c->piece_of);
+    if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
+        return 0;
+    c->size = 6 * c->piece_count;
+    c->piece_start = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
+    for (int k = 0; c->piece_start && k < a->row_count; k++)
+        if (k == 0 || c->piece_of[c->piece_nodes[k]] != c->piece_of[c->piece_nodes[k - 1]])
+            c->piece_start[c->piece_of[c->piece_nodes[k]]] = k;
+    if (c->piece_start)
+        c->piece_start[c->piece_count] = a->row_count;
+    return c->piece_start != NULL;
+}
+
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
-    size_t rows = (size_t)a->row_count, size = 6 * (size_t)pieces;
-    if (size > INT_MAX)
+    size_t rows = (size_t)a->row_count;
+    if (!sbi_precond_find_pieces(p, a, positions, pieces))
         return 0;
-    c->piece_start = sbi_precond_take_ints(p, (size_t)pieces + 1);
-    c->piece_entry = sbi_precond_take_ints(p, (size_t)pieces + 1);
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
-    c->reach = sbi_precond_take_ints(p, (size_t)pieces);
+    c->piece_entry = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
+    c->reach = sbi_precond_take_ints(p, (size_t)c->piece_count);
     c->arms = sbi_precond_take_floats(p, rows, 4);
     c->free = sbi_precond_take_floats(p, rows, 4);
     c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->matrix = (double *)sbi_precond_take(p, size, size * sizeof(double));
-    c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
+    c->inverse = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
+    c->solution = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
     c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->reach || !c->arms ||
-        !c->free || !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
+    if (!c->piece_entry || !c->reach || !c->arms || !c->free || !c->places || !c->inverse || !c->solution ||
+        !c->positions)
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
-    for (int i = 0; i < a->row_count; i++)
-        c->piece_nodes[i] = i;
-    c->piece_count = sbi_precond_cut(c, 0, a->row_count, pieces, 0);
-    c->piece_start[pieces] = a->row_count;
-    c->size = (int)size;
-    if (!sbi_precond_line_up(p) || !sbi_precond_make_entries(p, a))
+    if (!sbi_precond_make_entries(p, a))
         return 0;
     sbi_precond_make_reach(c);
-    return 1;
+    return sbi_precond_take_matrix(p);
+}
+
+/* Row k of the matrix: entries from the first of k's piece to its reach, to be read at [column]. */
+SBI_FORCE_INLINE double *sbi_precond_row(const sbi_precond_coarse *c, int k)
+{
+    int piece = k / 6, first = 6 * piece;
+    return c->matrix + (c->row_at[piece] + (size_t)(k - first) * (size_t)(c->reach[piece] - first) - (size_t)first);
 }
 
 /* Positions of the nodes relative to their piece's centre, in units of its root mean square radius. */
@@ -32018,10 +32344,11 @@ static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, i
 /* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
 static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
 {
-    double *out = c->matrix + 6 * (size_t)c->piece_of[node] * (size_t)c->size + 6 * (size_t)piece;
+    int own = c->piece_of[node];
+    double *out = sbi_precond_row(c, 6 * own) + 6 * (size_t)piece;
     const float *arm = c->arms + 4 * (size_t)node;
     double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
-    size_t next = (size_t)c->size;
+    size_t next = (size_t)(c->reach[own] - 6 * own);
     for (int k = 0; k < 6; k++) {
         out[k] += rows[0][k];
         out[next + (size_t)k] += rows[1][k];
@@ -32035,14 +32362,13 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
 /* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */
 static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
 {
-    int size = c->size;
     for (int k = first; k < first + 6; k++) {
-        double *row = c->matrix + (size_t)k * (size_t)size, pivot = row[k];
+        double *row = sbi_precond_row(c, k), pivot = row[k];
         c->inverse[k] = pivot > 0 && pivot > c->solution[k] ? 1 / sqrt(pivot) : 0;
         for (int j = k; j < end; j++)
             row[j] *= c->inverse[k];
         for (int i = k + 1; i < first + 6; i++) {
-            double *other = c->matrix + (size_t)i * (size_t)size, factor = row[i];
+            double *other = sbi_precond_row(c, i), factor = row[i];
             for (int j = i; j < end; j++)
                 other[j] -= factor * row[j];
         }
@@ -32051,10 +32377,10 @@ static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
 
 /* to[i..end] -= sum over six rows of row[i] row[i..end]; six at a time, since it is memory that limits the
  * factorisation. */
-static void sbi_precond_eliminate_rows(const double *rows, int size, int i, int end, double *SB_RESTRICT to)
+static void sbi_precond_eliminate_rows(const double *rows, int width, int i, int end, double *SB_RESTRICT to)
 {
-    const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
-                 *r5 = r4 + size;
+    const double *r0 = rows, *r1 = r0 + width, *r2 = r1 + width, *r3 = r2 + width, *r4 = r3 + width,
+                 *r5 = r4 + width;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
@@ -32069,13 +32395,13 @@ static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
     const double tiny = 256 * (double)SB_EPSILON;
     int size = c->size;
     for (int k = 0; k < size; k++)
-        c->solution[k] = tiny * c->matrix[(size_t)k * (size_t)size + (size_t)k];
+        c->solution[k] = tiny * sbi_precond_row(c, k)[k];
     for (int first = 0; first < size; first += 6) {
-        double *rows = c->matrix + (size_t)first * (size_t)size;
+        double *rows = sbi_precond_row(c, first);
         int end = c->reach[first / 6];
         sbi_precond_factor_rows(c, first, end);
         for (int i = first + 6; i < end; i++)
-            sbi_precond_eliminate_rows(rows, size, i, end, c->matrix + (size_t)i * (size_t)size);
+            sbi_precond_eliminate_rows(rows, end - first, i, end, sbi_precond_row(c, i));
     }
 }
 
@@ -32084,9 +32410,8 @@ static void sbi_precond_place_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     sbi_precond_coarse *c = &job->p->coarse;
-    size_t first = 6 * (size_t)piece, width = (size_t)c->reach[piece] - first;
-    for (size_t k = first; k < first + 6; k++)
-        memset(c->matrix + k * (size_t)c->size + first, 0, width * sizeof(double));
+    size_t width = (size_t)(c->reach[piece] - 6 * piece);
+    memset(c->matrix + c->row_at[piece], 0, 6 * width * sizeof(double));
     for (int s = c->piece_start[piece]; job->positions && s < c->piece_start[piece + 1]; s++)
         c->positions[c->piece_nodes[s]] = job->positions[c->piece_nodes[s]];
     sbi_precond_place_piece(c, piece);
@@ -32163,13 +32488,13 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
     double *v = c->solution;
     int size = c->size;
     for (int k = 0; k < size; k++) {
-        const double *row = c->matrix + (size_t)k * (size_t)size;
+        const double *row = sbi_precond_row(c, k);
         double value = v[k] *= c->inverse[k];
         for (int j = k + 1, end = c->reach[k / 6]; j < end; j++)
             v[j] -= value * row[j];
     }
     for (int k = size; k-- > 0;) {
-        const double *row = c->matrix + (size_t)k * (size_t)size;
+        const double *row = sbi_precond_row(c, k);
         double sums[4] = {0, 0, 0, 0}, value = v[k];
         int j = k + 1, end = c->reach[k / 6];
         for (; j + 4 <= end; j += 4)
@@ -32516,6 +32841,7 @@ SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const
 /* ==== src/softbody/pcg.c ==== */
 /* pcg: conjugate gradients with fused vector loops. */
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -32530,25 +32856,48 @@ SB_API sb_pcg_options sb_default_pcg_options(void)
     return options;
 }
 
+/* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest of
+ * the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
+typedef struct sbi_pcg_part {
+    double rhs_square;      /* |rhs|^2 of its rows, */
+    double target;          /* what |r|^2 has to come down to, */
+    double goal;            /* and in the present round */
+    double square;          /* |r|^2 */
+    double before;          /* the same when the round began, */
+    double recurred;        /* and by the recurrence when it ended */
+    double alpha, last_rz;  /* step along p, and r.z there */
+    double factor;          /* of the update at work */
+    double drift;           /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
+    int first_chunk;
+    int loose;              /* axes on which none of its rows is prescribed */
+    unsigned char fresh;    /* 1: its iteration starts; 0: it goes on along p */
+    unsigned char done;     /* 1: nothing is to be done in this round */
+    unsigned char stuck;    /* 1: rounding stops its progress */
+    unsigned char faint;    /* 1: its rhs is nothing beside that of the others */
+} sbi_pcg_part;
+
 SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
                                          sb_pcg_workspace *workspace, sb_error *error)
 {
     sb_pcg_workspace made;
-    size_t entries, bytes = 0;
+    size_t entries, parts, chunks, bytes = 0;
     if (!workspace || row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a workspace needs row_count >= 1, not %d", row_count);
     memset(&made, 0, sizeof made);
     if (allocator)
         made.allocator = *allocator;
     entries = 3 * (size_t)row_count;
-    if (sbi_size_add(&bytes, (size_t)sbi_row_chunks(row_count), 2 * sizeof(double)) &&
+    parts = (size_t)sbi_matrix_most_parts(row_count);
+    chunks = (size_t)sbi_row_chunks(row_count) + parts;
+    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) &&
         sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
         made.memory = sbi_alloc(allocator, bytes, 1);
     if (!made.memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
     made.row_count = row_count;
     made.partial = (double *)made.memory;
-    made.start = (sb_real *)(void *)(made.partial + 2 * sbi_row_chunks(row_count));
+    made.parts = made.partial + 2 * chunks;
+    made.start = (sb_real *)(void *)((sbi_pcg_part *)made.parts + parts + 1);
     made.residual = made.start + entries;
     made.search = made.residual + entries;
     made.direction = made.search + entries;
@@ -32572,20 +32921,59 @@ typedef struct sbi_pcg_state {
     const sb_matrix *matrix;
     const sb_real *rhs;
     sb_real *x, *r, *z, *p, *q;
-    const sb_real *start; /* x as it was given */
-    sb_real factor;  /* of the update at work */
+    const sb_real *start;   /* x as it was given */
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
-    int fresh;              /* 1: the iteration starts; 0: it goes on along p, whose step was `alpha` */
-    double alpha, last_rz;
-    double *partial; /* [chunks][2] */
+    int part_count;
+    sbi_pcg_part *parts;    /* [part_count + 1] */
+    const int *part_rows;   /* rows by part; NULL: one part of all rows */
+    int whole[2];           /* where that one starts and ends */
+    const int *part_start;  /* [part_count + 1] */
+    double *partial;        /* [chunks][2] */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
-static size_t sbi_pcg_end(const sbi_pcg_state *s, int chunk)
+/* Rows of a task: at most SBI_ROW_CHUNK of one part. */
+typedef struct sbi_pcg_slice {
+    const sbi_pcg_part *part;
+    const int *rows; /* NULL: first, first + 1, ... */
+    int first, count;
+} sbi_pcg_slice;
+
+static sbi_pcg_slice sbi_pcg_slice_of(const sbi_pcg_state *s, int chunk)
 {
-    int rows = s->matrix->row_count, first = chunk * SBI_ROW_CHUNK;
-    return 3 * (size_t)(rows - first < SBI_ROW_CHUNK ? rows : first + SBI_ROW_CHUNK);
+    sbi_pcg_slice slice;
+    int low = 0, high = s->part_count, begin;
+    while (high - low > 1) {
+        int middle = low + (high - low) / 2;
+        if (s->parts[middle].first_chunk <= chunk)
+            low = middle;
+        else
+            high = middle;
+    }
+    begin = s->part_start[low] + (chunk - s->parts[low].first_chunk) * SBI_ROW_CHUNK;
+    slice.part = s->parts + low;
+    slice.count = sbi_min_int(s->part_start[low + 1] - begin, SBI_ROW_CHUNK);
+    slice.rows = s->part_rows ? s->part_rows + begin : NULL;
+    slice.first = s->part_rows ? slice.rows[0] : begin;
+    return slice;
+}
+
+/* Cuts the next run of consecutive rows off the slice: *first <= i < *last. 0: there is none. */
+static int sbi_pcg_next_run(sbi_pcg_slice *slice, int *first, int *last)
+{
+    int run = slice->count;
+    if (run == 0)
+        return 0;
+    if (slice->rows && slice->rows[run - 1] - slice->rows[0] != run - 1)
+        for (run = 1; slice->rows[run] == slice->rows[0] + run;)
+            run++;
+    *first = slice->rows ? slice->rows[0] : slice->first;
+    *last = *first + run;
+    slice->rows = slice->rows ? slice->rows + run : NULL;
+    slice->first += run;
+    slice->count -= run;
+    return 1;
 }
 
 /* a.b over a range: eight sums that do not wait for each other. */
@@ -32611,9 +32999,15 @@ static double sbi_pcg_dot(const sb_real *a, const sb_real *b, size_t count)
 static void sbi_pcg_square_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    s->partial[2 * chunk] = sbi_pcg_dot(s->rhs + begin, s->rhs + begin, count);
-    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->x + begin, s->x + begin, count);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double *sums = s->partial + 2 * (size_t)chunk;
+    int first, last;
+    sums[0] = sums[1] = 0;
+    while (sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+        sums[0] += sbi_pcg_dot(s->rhs + begin, s->rhs + begin, count);
+        sums[1] += sbi_pcg_dot(s->x + begin, s->x + begin, count);
+    }
 }
 
 /* to = A v for the rows of a chunk; v is spread where there is a compact matrix. */
@@ -32629,243 +33023,474 @@ static void sbi_pcg_multiply(const sbi_pcg_state *s, const sb_real *v, sb_real *
 static void sbi_pcg_spread_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    s->partial[2 * chunk] = sbi_multigrid_spread(s->compact, s->x, (int)(begin / 3), (int)(end / 3));
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    int first, last;
+    s->partial[2 * (size_t)chunk] = 0;
+    while (sbi_pcg_next_run(&slice, &first, &last))
+        s->partial[2 * (size_t)chunk] += sbi_multigrid_spread(s->compact, s->x, first, last);
 }
 
 /* r = rhs - A x, r.r */
 static void sbi_pcg_residual_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_pcg_multiply(s, s->x, s->r, (int)(begin / 3), (int)(end / 3));
-    for (size_t k = begin; k < end; k++)
-        s->r[k] = s->rhs[k] - s->r[k];
-    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double sum = 0;
+    int first, last;
+    while (sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, end = 3 * (size_t)last;
+        sbi_pcg_multiply(s, s->x, s->r, first, last);
+        for (size_t k = begin; k < end; k++)
+            s->r[k] = s->rhs[k] - s->r[k];
+        sum += sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
+    }
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
 /* q = A p, p.q */
 static void sbi_pcg_product_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_pcg_multiply(s, s->p, s->q, (int)(begin / 3), (int)(end / 3));
-    s->partial[2 * chunk] = sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double sum = 0;
+    int first, last;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, end = 3 * (size_t)last;
+        sbi_pcg_multiply(s, s->p, s->q, first, last);
+        sum += sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
+    }
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
-/* x += factor p, r -= factor q, r.r */
-static void sbi_pcg_advance_task(void *user, int chunk)
+/* x += factor p, r -= factor q; r.r */
+static double sbi_pcg_advance_run(const sbi_pcg_state *s, sb_real factor, size_t begin, size_t count)
 {
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
     sb_real *SB_RESTRICT x = s->x + begin, *SB_RESTRICT r = s->r + begin;
     const sb_real *p = s->p + begin, *q = s->q + begin;
-    sb_real factor = s->factor;
     for (size_t k = 0; k < count; k++) {
         x[k] += factor * p[k];
         r[k] -= factor * q[k];
     }
-    s->partial[2 * chunk] = sbi_pcg_dot(r, r, count);
+    return sbi_pcg_dot(r, r, count);
+}
+
+static void sbi_pcg_advance_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    sb_real factor = (sb_real)slice.part->factor;
+    double sum = 0;
+    int first, last;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last))
+        sum += sbi_pcg_advance_run(s, factor, 3 * (size_t)first, 3 * (size_t)(last - first));
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
 /* r.z and q.z */
 static void sbi_pcg_dots_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->z + begin, count);
-    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->q + begin, s->z + begin, count);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double *sums = s->partial + 2 * (size_t)chunk;
+    int first, last;
+    sums[0] = sums[1] = 0;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+        sums[0] += sbi_pcg_dot(s->r + begin, s->z + begin, count);
+        sums[1] += slice.part->fresh ? 0 : sbi_pcg_dot(s->q + begin, s->z + begin, count);
+    }
 }
 
 /* p = z + factor p */
 static void sbi_pcg_direction_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    sb_real *SB_RESTRICT p = s->p + begin;
-    const sb_real *SB_RESTRICT z = s->z + begin;
-    sb_real factor = s->factor;
-    for (size_t k = 0; k < count; k++)
-        p[k] = z[k] + factor * p[k];
-    if (s->compact)
-        sbi_multigrid_spread(s->compact, s->p, (int)(begin / 3), (int)((begin + count) / 3));
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    sb_real factor = (sb_real)slice.part->factor;
+    int first, last;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+        sb_real *SB_RESTRICT p = s->p + begin;
+        const sb_real *SB_RESTRICT z = s->z + begin;
+        if (slice.part->fresh)
+            memset(p, 0, count * sizeof(sb_real));
+        for (size_t k = 0; k < count; k++)
+            p[k] = z[k] + factor * p[k];
+        if (s->compact)
+            sbi_multigrid_spread(s->compact, s->p, first, last);
+    }
 }
 
-/* Runs a task over all chunks; the sum of the chunks' first (or second) partial sums, in order. */
-static double sbi_pcg_run(sbi_pcg_state *s, sb_task task, double *second)
+/* ---- parts --------------------------------------------------------------------------------------------- */
+
+static int sbi_pcg_is_finite(double value) { return value - value == 0; }
+
+static int sbi_pcg_chunks(const sbi_pcg_state *s) { return s->parts[s->part_count].first_chunk; }
+
+static void sbi_pcg_run(const sbi_pcg_state *s, sb_task task)
 {
-    int chunks = sbi_row_chunks(s->matrix->row_count);
-    double sum = 0, other = 0;
-    sbi_run(s->jobs, task, s, chunks);
-    for (int k = 0; k < chunks; k++)
-        sum += s->partial[2 * k];
-    for (int k = 0; second && k < chunks; k++)
-        other += s->partial[2 * k + 1];
-    if (second)
-        *second = other;
+    sbi_pcg_state mine = *s;
+    sbi_run(s->jobs, task, &mine, sbi_pcg_chunks(s));
+}
+
+/* The sum over a part of the chunks' first (0) or second (1) partial sums, in order. */
+static double sbi_pcg_sum(const sbi_pcg_state *s, const sbi_pcg_part *part, int which)
+{
+    double sum = 0;
+    for (int k = part->first_chunk; k < part[1].first_chunk; k++)
+        sum += s->partial[2 * (size_t)k + (size_t)which];
     return sum;
+}
+
+/* Runs a task that ends with r.r and takes it over, of parts that are at work or (all) of all. */
+static void sbi_pcg_run_square(sbi_pcg_state *s, sb_task task, int all)
+{
+    sbi_pcg_run(s, task);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        if (all || !part->done)
+            part->square = sbi_pcg_sum(s, part, 0);
+}
+
+/* r.r of all rows */
+static double sbi_pcg_whole_square(const sbi_pcg_state *s)
+{
+    double sum = 0;
+    for (int c = 0; c < s->part_count; c++)
+        sum += s->parts[c].square;
+    return sum;
+}
+
+/* The parts of the matrix, or all of it as one where the preconditioner couples them. */
+static void sbi_pcg_find_parts(sbi_pcg_state *s, const sb_preconditioner *preconditioner)
+{
+    const sb_matrix *a = s->matrix;
+    int chunks = 0, joint = preconditioner && sbi_precond_couples_parts(preconditioner);
+    s->part_count = joint ? 1 : a->part_count;
+    s->whole[0] = 0;
+    s->whole[1] = a->row_count;
+    s->part_rows = s->part_count > 1 ? a->part_rows : NULL;
+    s->part_start = s->part_count > 1 ? a->part_start : s->whole;
+    for (int c = 0; c < s->part_count; c++) {
+        memset(s->parts + c, 0, sizeof *s->parts);
+        s->parts[c].first_chunk = chunks;
+        s->parts[c].fresh = 1;
+        s->parts[c].drift = -1;
+        chunks += sbi_row_chunks(s->part_start[c + 1] - s->part_start[c]);
+    }
+    s->parts[s->part_count].first_chunk = chunks;
+}
+
+/* x = 0 of the parts whose rhs is 0. */
+static void sbi_pcg_clear_idle(const sbi_pcg_state *s)
+{
+    for (int c = 0; c < s->part_count; c++)
+        for (int k = s->part_start[c]; s->parts[c].rhs_square == 0 && k < s->part_start[c + 1]; k++)
+            memset(s->x + 3 * (size_t)(s->part_rows ? s->part_rows[k] : k), 0, 3 * sizeof(sb_real));
+}
+
+/* Sum of r over the rows of a part, on its loose axes; its square. */
+static double sbi_pcg_drift_square(const sbi_pcg_state *s, const sbi_pcg_part *part)
+{
+    int c = (int)(part - s->parts);
+    double sum[3] = {0, 0, 0}, square = 0;
+    for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++) {
+        size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
+        for (size_t axis = 0; axis < 3; axis++)
+            sum[axis] += (double)s->r[row + axis];
+    }
+    for (int axis = 0; axis < 3; axis++)
+        square += part->loose >> axis & 1 ? sum[axis] * sum[axis] : 0;
+    return square;
+}
+
+/* 1: the residual of a part meets `bound`. */
+static int sbi_pcg_meets(const sbi_pcg_state *s, const sbi_pcg_part *part, double bound)
+{
+    return part->square <= bound && (part->drift < 0 || sbi_pcg_drift_square(s, part) <= part->drift);
+}
+
+/* 1: all parts meet their targets, but for those that are stuck. */
+static int sbi_pcg_all_meet(const sbi_pcg_state *s)
+{
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        if (!part->stuck && !sbi_pcg_meets(s, part, part->target))
+            return 0;
+    return 1;
+}
+
+/* What the solve is to reach. Single precision of the preconditioner holds nothing of parts whose forces are below that
+ * of the largest by more than its range: those are left alone. */
+static void sbi_pcg_set_targets(sbi_pcg_state *s, double tolerance, double rhs_square)
+{
+    const double range = (double)FLT_MIN / (double)FLT_EPSILON;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->faint = part->rhs_square < range * range * rhs_square;
+        part->target = part->faint ? range * range * rhs_square : tolerance * tolerance * part->rhs_square;
+    }
 }
 
 /* ---- the iteration ------------------------------------------------------------------------------------- */
 
-static int sbi_pcg_is_finite(double value) { return value - value == 0; }
-
-/* Subtracts the coarse space's part from the residual, as its deflation requires; returns the new r.r. Uses p
- * and q. */
-static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double square)
+/* Subtracts the coarse space's part from the residual, as its deflation requires. Uses p and q. */
+static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
-        return square;
+    if (!preconditioner ||
+        !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(sbi_pcg_whole_square(s))))
+        return;
     s->compact = NULL; /* a preconditioner with a coarse space has none */
-    sbi_pcg_run(s, sbi_pcg_product_task, NULL);
-    s->factor = 1;
-    return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
+    for (int c = 0; c < s->part_count; c++) {
+        s->parts[c].done = 0;
+        s->parts[c].factor = 1;
+    }
+    sbi_pcg_run(s, sbi_pcg_product_task);
+    sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
 }
 
-/* Iterates until r.r <= target, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
- * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
- * quite symmetric. */
-static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
-                                 int max_iterations, double *square, sb_pcg_info *info)
+/* Takes the sums of r.z and q.z and sets what p goes on with. SB_ERROR_NOT_CONVERGED: with the preconditioner softened,
+ * try again. */
+static sb_result sbi_pcg_turn(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    while (*square > target) {
-        double rz, qz, pq;
-        if (info->iterations >= max_iterations) {
-            info->capped = 1;
-            return SB_ERROR_NOT_CONVERGED;
-        }
-        if (preconditioner)
-            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(*square));
-        else
-            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (s->fresh)
-            memset(s->p, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (s->fresh)
-            memset(s->q, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
+    int indefinite = 0;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double rz;
+        if (part->done)
+            continue;
+        rz = sbi_pcg_sum(s, part, 0);
         if (!sbi_pcg_is_finite(rz))
             return SB_ERROR_DIVERGED;
-        if (rz <= 0) {
-            if (!preconditioner || !sbi_precond_soften(preconditioner))
-                return SB_ERROR_INDEFINITE;
-            s->fresh = 1;
+        indefinite |= rz <= 0;
+        part->factor = part->fresh ? 0 : -part->alpha * sbi_pcg_sum(s, part, 1) / part->last_rz;
+        part->last_rz = rz;
+    }
+    if (!indefinite)
+        return SB_OK;
+    if (!preconditioner || !sbi_precond_soften(preconditioner))
+        return SB_ERROR_INDEFINITE;
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].fresh = 1;
+    return SB_ERROR_NOT_CONVERGED;
+}
+
+/* Takes the sums of p.q and sets how far to go along p. */
+static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
+{
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double pq;
+        if (part->done)
             continue;
-        }
-        s->factor = s->fresh ? 0 : (sb_real)(-s->alpha * qz / s->last_rz);
-        sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
-        pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
+        pq = sbi_pcg_sum(s, part, 0);
         if (!sbi_pcg_is_finite(pq))
             return SB_ERROR_DIVERGED;
         if (pq <= 0) {
             info->negative_curvature = 1;
             return SB_ERROR_INDEFINITE;
         }
-        s->alpha = rz / pq;
-        s->last_rz = rz;
-        s->factor = (sb_real)s->alpha;
-        *square = sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
-        if (!sbi_pcg_is_finite(*square))
-            return SB_ERROR_DIVERGED;
-        info->iterations++;
-        s->fresh = 0;
+        part->factor = part->alpha = part->last_rz / pq;
+        part->fresh = 0;
     }
     return SB_OK;
 }
 
-/* r = rhs - A x with the matrix itself, when the residual in r is of the compact one; r.r. */
-static double sbi_pcg_true_residual(sbi_pcg_state *s)
+/* Marks the parts that have reached their goals; 1: all have. */
+static int sbi_pcg_mark_done(sbi_pcg_state *s)
+{
+    int all = 1;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->done = part->done || part->stuck || sbi_pcg_meets(s, part, part->goal);
+        all &= part->done;
+    }
+    return all;
+}
+
+/* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
+ * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
+ * quite symmetric. */
+static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, int max_iterations,
+                                 sb_pcg_info *info)
+{
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].done = 0;
+    while (!sbi_pcg_mark_done(s)) {
+        sb_result result;
+        if (info->iterations >= max_iterations) {
+            info->capped = 1;
+            return SB_ERROR_NOT_CONVERGED;
+        }
+        if (preconditioner)
+            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
+        else
+            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        sbi_pcg_run(s, sbi_pcg_dots_task);
+        result = sbi_pcg_turn(s, preconditioner);
+        if (result == SB_ERROR_NOT_CONVERGED)
+            continue;
+        if (result != SB_OK)
+            return result;
+        sbi_pcg_run(s, sbi_pcg_direction_task);
+        sbi_pcg_run(s, sbi_pcg_product_task);
+        result = sbi_pcg_measure(s, info);
+        if (result != SB_OK)
+            return result;
+        sbi_pcg_run_square(s, sbi_pcg_advance_task, 0);
+        if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
+            return SB_ERROR_DIVERGED;
+        info->iterations++;
+    }
+    return SB_OK;
+}
+
+/* r = rhs - A x with the matrix itself, when the residual in r is of the compact one. */
+static void sbi_pcg_true_residual(sbi_pcg_state *s)
 {
     sbi_multigrid *compact = s->compact;
-    double square;
     s->compact = NULL;
-    square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+    sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
     s->compact = compact;
-    return square;
 }
 
-/* r = rhs - A x, r.r, with the compact matrix where that is known to be of this one. */
-static double sbi_pcg_first_residual(sbi_pcg_state *s)
+/* r = rhs - A x, with the compact matrix where that is known to be of this one. */
+static void sbi_pcg_first_residual(sbi_pcg_state *s)
 {
-    if (!s->compact || !s->current)
-        return sbi_pcg_true_residual(s);
-    sbi_run(s->jobs, sbi_pcg_spread_task, s, sbi_row_chunks(s->matrix->row_count));
-    return sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+    if (!s->compact || !s->current) {
+        sbi_pcg_true_residual(s);
+        return;
+    }
+    sbi_pcg_run(s, sbi_pcg_spread_task);
+    sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
 }
 
-/* 1 when the residual meets the target also with all that the compact matrix's may be off. */
-static int sbi_pcg_is_sure(sbi_pcg_state *s, double square, double target)
+/* 1 when the residuals meet their targets also with all that the compact matrix's may be off. */
+static int sbi_pcg_is_sure(sbi_pcg_state *s)
 {
-    double off;
+    double deviation;
     if (!s->current)
         return 0;
-    off = sbi_multigrid_deviation(s->compact) * sqrt(sbi_pcg_run(s, sbi_pcg_spread_task, NULL));
-    return sqrt(square) + off <= sqrt(target);
+    deviation = sbi_multigrid_deviation(s->compact);
+    sbi_pcg_run(s, sbi_pcg_spread_task);
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        if (!part->stuck &&
+            !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
+            return 0;
+    return 1;
 }
 
 /* 1 when an iteration's result can stand without a look at the true residual: what was found without the compact
  * matrix, and with it what is sure. That it is indefinite may come from its rounding. */
-static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify, double square, double target)
+static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify)
 {
     if (!s->compact)
         return result != SB_OK || !verify;
     if (result == SB_OK)
-        return !verify && sbi_pcg_is_sure(s, square, target);
+        return !verify && sbi_pcg_is_sure(s);
     if (result == SB_ERROR_NOT_CONVERGED)
         return s->current;
     return result != SB_ERROR_INDEFINITE;
 }
 
-/* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
- * x. With the compact matrix the true one replaces it every few digits, and the iteration goes on as if nothing had
- * happened: what the compact one is off by is then a share of the little that is left to add to x. */
-static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
-                                const sb_pcg_options *options, double rhs_square, double *square,
+/* Sets the goals of a round: the targets, not below what the recurrence can count; with the compact matrix a few digits
+ * at a time. */
+static void sbi_pcg_set_goals(sbi_pcg_state *s)
+{
+    const double digits = 1e-3, epsilon = (double)SB_EPSILON;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double least = epsilon * epsilon / 16 * part->rhs_square;
+        part->goal = part->target > least ? part->target : least;
+        if (s->compact && part->goal < digits * digits * part->square)
+            part->goal = digits * digits * part->square;
+    }
+}
+
+/* What the true residual, now in r, says about the round that ended with `result`. */
+typedef struct sbi_pcg_verdict {
+    int missed;  /* parts that have not met their targets */
+    int moving;  /* those of them that go on */
+    int worse;   /* 1: one is farther off than before the round, */
+    int drifted; /* 1: or than the recurrence said */
+} sbi_pcg_verdict;
+
+static sbi_pcg_verdict sbi_pcg_judge(sbi_pcg_state *s, sb_result result)
+{
+    sbi_pcg_verdict verdict = {0, 0, 0, 0};
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double square = part->square, least = part->before > 4 * part->target ? 0.25 : 0.99;
+        part->fresh = result != SB_OK || !s->compact || square > 4 * part->recurred;
+        if (sbi_pcg_meets(s, part, part->target))
+            continue;
+        verdict.missed++;
+        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
+        part->stuck = part->stuck || (square > least * part->before && !s->compact);
+        if (part->stuck)
+            continue;
+        verdict.moving++;
+        verdict.worse |= square > part->before;
+        verdict.drifted |= square > 1.5 * part->recurred;
+    }
+    return verdict;
+}
+
+/* Back to the start, without the compact matrix: it is none of this one. */
+static void sbi_pcg_restart(sbi_pcg_state *s)
+{
+    memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+    sbi_pcg_clear_idle(s);
+    sbi_pcg_true_residual(s);
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].fresh = 1;
+    s->compact = NULL;
+}
+
+/* SB_OK unless a part is stuck. */
+static sb_result sbi_pcg_success(const sbi_pcg_state *s)
+{
+    for (int c = 0; c < s->part_count; c++)
+        if (s->parts[c].stuck)
+            return SB_ERROR_NOT_CONVERGED;
+    return SB_OK;
+}
+
+/* Solves, checking the true residual where the recurrence cannot be trusted. With the compact matrix the true one
+ * replaces it every few digits, and the iteration goes on as if nothing had happened: what the compact one is off by is
+ * then a share of the little that is left to add to x. */
+static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner, const sb_pcg_options *options,
                                 sb_pcg_info *info)
 {
-    const double digits = 1e-3;
-    double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
-    double least =
-        (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
+    double tolerance = options->tolerance;
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    if (s->compact && s->current && *square <= target) /* a start as good as that: without the compact one's rounding */
-        *square = sbi_pcg_true_residual(s);
+    if (s->compact && s->current && sbi_pcg_all_meet(s)) /* a start as good as that: without the compact one's rounding */
+        sbi_pcg_true_residual(s);
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].before = s->parts[c].square;
     for (int round = 0;; round++) {
         sb_result result;
-        double goal = target > least ? target : least, recurred;
-        if (*square <= target)
-            return SB_OK;
-        *square = sbi_pcg_deflate(s, preconditioner, *square);
-        if (!sbi_pcg_is_finite(*square))
+        sbi_pcg_verdict verdict;
+        if (sbi_pcg_all_meet(s))
+            return sbi_pcg_success(s);
+        sbi_pcg_deflate(s, preconditioner);
+        if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
             return SB_ERROR_DIVERGED;
-        if (s->compact && goal < digits * digits * *square)
-            goal = digits * digits * *square;
-        result = sbi_pcg_iterate(s, preconditioner, goal, options->max_iterations, square, info);
+        sbi_pcg_set_goals(s);
+        result = sbi_pcg_iterate(s, preconditioner, options->max_iterations, info);
         info->residual_is_true = 0;
-        if (sbi_pcg_is_final(s, result, verify, *square, target))
-            return result;
-        recurred = *square;
-        *square = sbi_pcg_true_residual(s);
+        if (sbi_pcg_is_final(s, result, verify))
+            return result == SB_OK ? sbi_pcg_success(s) : result;
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].recurred = s->parts[c].square;
+        sbi_pcg_true_residual(s);
         info->residual_is_true = 1;
-        if (!sbi_pcg_is_finite(*square))
+        if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
             return SB_ERROR_DIVERGED;
-        if (*square <= target)
+        verdict = sbi_pcg_judge(s, result);
+        if (verdict.missed == 0)
             return SB_OK;
-        if (result == SB_ERROR_NOT_CONVERGED)
-            return result;
-        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
-        if (*square > (before > 4 * target ? 0.25 : 0.99) * before && !s->compact)
+        if (verdict.moving == 0 || result == SB_ERROR_NOT_CONVERGED)
             return SB_ERROR_NOT_CONVERGED;
-        s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
-        if (s->compact && *square > before && round == 0 && !s->current) { /* it is none of this matrix */
-            memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-            *square = sbi_pcg_true_residual(s);
-            s->fresh = 1;
-            s->compact = NULL;
-        }
-        if (*square > before || *square > 1.5 * recurred || result != SB_OK)
+        if (s->compact && verdict.worse && round == 0 && !s->current)
+            sbi_pcg_restart(s);
+        else if (verdict.worse || verdict.drifted || result != SB_OK)
             s->compact = NULL;
         info->negative_curvature = 0; /* of the compact matrix, if any */
-        before = *square;
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].before = s->parts[c].square;
     }
 }
 
@@ -32879,6 +33504,51 @@ static int sbi_pcg_valid(const sb_matrix *matrix, const sb_preconditioner *preco
     return options->tolerance >= 0 && sbi_pcg_is_finite(options->tolerance) && options->max_iterations >= 0;
 }
 
+/* |rhs|^2 of each part and of all, and |x|^2 of those with something to solve. */
+static void sbi_pcg_begin_parts(sbi_pcg_state *s, double *rhs_square, double *x_square)
+{
+    *rhs_square = *x_square = 0;
+    sbi_pcg_run(s, sbi_pcg_square_task);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->rhs_square = sbi_pcg_sum(s, part, 0);
+        *rhs_square += part->rhs_square;
+        if (part->rhs_square != 0)
+            *x_square += sbi_pcg_sum(s, part, 1);
+    }
+    sbi_pcg_clear_idle(s);
+}
+
+/* Parts that nothing holds along an axis keep their momentum along it. The start of a step coasts, and what is left of
+ * the residual is a force: of a body that flies fast gravity is but a small share of M v / dt, which the tolerance
+ * is of, and would be left out altogether once the body is fast enough. So the sum of forces that are left, over those
+ * that the start left, has to meet the tolerance, too. (|sum of r| <= sqrt(rows) |r|: nothing is asked of what starts
+ * from 0 or of forces that are in balance.) */
+static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
+{
+    const double rounding = 16 * (double)SB_EPSILON;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        int c = (int)(part - s->parts), held = 0;
+        double rows = s->part_start[c + 1] - s->part_start[c], least = rounding * rounding * part->rhs_square;
+        for (int k = s->part_start[c]; k < s->part_start[c + 1] && held < SB_XYZ; k++)
+            held |= s->matrix->fixed[s->part_rows ? s->part_rows[k] : k];
+        part->loose = SB_XYZ & ~held;
+        if (part->loose)
+            part->drift = rows * (least > tolerance * tolerance * part->square ? least
+                                                                               : tolerance * tolerance * part->square);
+    }
+}
+
+/* The worst part's |r| / |rhs|. */
+static double sbi_pcg_relative(const sbi_pcg_state *s)
+{
+    double worst = 0;
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double square = part->rhs_square > 0 && !part->faint ? part->square / part->rhs_square : 0;
+        worst = square > worst ? square : worst;
+    }
+    return sqrt(worst);
+}
+
 static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                    sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                    int current, sb_pcg_info *info)
@@ -32887,7 +33557,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     sb_pcg_info report;
     sbi_pcg_state state;
     sb_result result;
-    double rhs_square, x_square = 0, square = 0;
+    double rhs_square, x_square, square;
     size_t bytes;
     options = options ? options : &defaults;
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
@@ -32903,32 +33573,34 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     state.p = workspace->direction;
     state.q = workspace->product;
     state.partial = workspace->partial;
+    state.parts = (sbi_pcg_part *)workspace->parts;
     state.jobs = options->jobs;
-    state.factor = 0;
-    state.fresh = 1;
-    state.alpha = state.last_rz = 0;
     state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
     state.current = current;
+    sbi_pcg_find_parts(&state, preconditioner);
     memcpy(workspace->start, x, bytes);
-    rhs_square = sbi_pcg_run(&state, sbi_pcg_square_task, &x_square);
+    sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
     if (rhs_square > 0 && x_square == 0) { /* no product needed */
         memcpy(state.r, rhs, bytes);
-        square = rhs_square;
+        for (int c = 0; c < state.part_count; c++)
+            state.parts[c].square = state.parts[c].rhs_square;
     } else if (rhs_square > 0) {
-        square = sbi_pcg_first_residual(&state);
-    } else if (rhs_square == 0) {
-        memset(x, 0, bytes);
+        sbi_pcg_first_residual(&state);
     }
     report.residual_is_true = 1;
+    square = sbi_pcg_whole_square(&state);
+    sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
+    if (current && x_square > 0)
+        sbi_pcg_set_drifts(&state, options->tolerance);
     if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(square))
         result = SB_ERROR_DIVERGED;
     else
-        result = sbi_pcg_refine(&state, preconditioner, options, rhs_square, &square, &report);
+        result = sbi_pcg_refine(&state, preconditioner, options, &report);
     if (result == SB_ERROR_DIVERGED) {
         memcpy(x, workspace->start, bytes);
         report.residual_is_true = 0;
     }
-    report.residual = rhs_square > 0 ? sqrt(square / rhs_square) : 0;
+    report.residual = sbi_pcg_relative(&state);
     if (info)
         *info = report;
     return result;
@@ -37484,6 +38156,7 @@ struct sb_body {
 
     /* mass */
     sb_real *lumped_mass;        /* [node_count] (kg) */
+    sb_real *part_scale;         /* [parts of the matrix] largest force (N) of each, to compare its residual with */
     sb_real *mass_blocks;        /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
     sb_real *load_mass;          /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
@@ -37998,6 +38671,8 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
     body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+                                                 sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
         body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
     body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
@@ -44679,16 +45354,40 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
     return (sb_real)sum;
 }
 
-/* Norm of the components on free (or on supported and slave) axes. */
-static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed)
+/* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
+typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
+
+static double sbi_step_square(const sb_body *body, int i, sb_vec3 v, sbi_step_axes axes)
 {
     const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (axes == SBI_STEP_FREE)
+        v = sbi_body_pick_axes(sbi_body_held(body, i), zero, v);
+    if (axes == SBI_STEP_HELD)
+        v = sbi_body_pick_axes(sbi_body_held(body, i), v, zero);
+    return (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+}
+
+static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axes axes)
+{
     double sum = 0;
-    for (int i = 0; i < body->domain.node_count; i++) {
-        unsigned held = sbi_body_held(body, i);
-        sb_vec3 v = on_fixed ? sbi_body_pick_axes(held, a[i], zero) : sbi_body_pick_axes(held, zero, a[i]);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        sum += sbi_step_square(body, i, a[i], axes);
+    return sb_sqrt((sb_real)sum);
+}
+
+/* Connected parts: those of the matrix that is solved, where ties join what they tie. */
+static const sb_matrix *sbi_step_parts(const sb_body *body)
+{
+    return body->elimination ? &body->elimination->matrix : &body->matrix;
+}
+
+/* The same of one part's nodes. */
+static sb_real sbi_step_part_norm(const sb_body *body, int part, const sb_vec3 *a, sbi_step_axes axes)
+{
+    const sb_matrix *parts = sbi_step_parts(body);
+    double sum = 0;
+    for (int k = parts->part_start[part]; k < parts->part_start[part + 1]; k++)
+        sum += sbi_step_square(body, parts->part_rows[k], a[parts->part_rows[k]], axes);
     return sb_sqrt((sb_real)sum);
 }
 
@@ -44796,6 +45495,17 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
 }
 
+/* Compares residuals with these forces, too: those of each part with its own, for what is little beside the forces of
+ * one part may be all that another feels. */
+static void sbi_newton_raise_scale(sbi_newton *newton, const sb_vec3 *force, sbi_step_axes axes)
+{
+    const sb_body *b = newton->body;
+    int parts = sbi_step_parts(b)->part_count;
+    newton->scale = sb_max(newton->scale, sbi_step_norm(b, force, axes));
+    for (int c = 0; parts > 1 && c < parts; c++)
+        b->part_scale[c] = sb_max(b->part_scale[c], sbi_step_part_norm(b, c, force, axes));
+}
+
 /* residual += M (a + alpha v) + beta K v. */
 static void sbi_newton_add_dynamics(sbi_newton *newton)
 {
@@ -44806,7 +45516,7 @@ static void sbi_newton_add_dynamics(sbi_newton *newton)
     sbi_body_mass_multiply(b, b->work, b->work2);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
-    newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->work2, b->work2, n)));
+    sbi_newton_raise_scale(newton, b->work2, SBI_STEP_ALL);
     if (!(b->damping_stiffness > 0) || !newton->has_velocity)
         return;
     for (int i = 0; i < n; i++)
@@ -44824,7 +45534,13 @@ static void sbi_newton_add_loads(sbi_newton *newton)
     newton->load_size = sbi_loads_force(b, b->displacement, newton->loads_factor);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
-    newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->follower, b->follower, n)));
+    sbi_newton_raise_scale(newton, b->follower, SBI_STEP_ALL);
+}
+
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
+static const sb_vec3 *sbi_newton_unbalanced(const sb_body *b)
+{
+    return b->elimination ? b->elimination->reduced : b->residual;
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -44834,17 +45550,20 @@ static void sbi_newton_residual(sbi_newton *newton)
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
-    newton->scale = sb_max(sb_sqrt(sbi_step_dot(b->external, b->external, n)), sbi_step_norm(b, b->internal, 1));
+    newton->scale = 0;
+    memset(b->part_scale, 0, (size_t)sbi_step_parts(b)->part_count * sizeof *b->part_scale);
+    sbi_newton_raise_scale(newton, b->external, SBI_STEP_ALL);
+    sbi_newton_raise_scale(newton, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_newton_add_loads(newton);
     if (newton->dynamic) {
-        newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->internal, b->internal, n)));
+        sbi_newton_raise_scale(newton, b->internal, SBI_STEP_ALL);
         sbi_newton_add_dynamics(newton);
     }
     newton->last_norm = newton->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    newton->norm = sbi_step_norm(b, b->elimination ? b->elimination->reduced : b->residual, 0);
+    newton->norm = sbi_step_norm(b, sbi_newton_unbalanced(b), SBI_STEP_FREE);
 }
 
 /* ---- one Newton iteration: linear solve ---- */
@@ -45239,16 +45958,29 @@ static sb_result sbi_newton_evaluate(sbi_newton *newton)
     return SB_OK;
 }
 
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
+ * `rounding` (N). */
+static int sbi_newton_parts_meet(sbi_newton *newton, sb_real rounding)
+{
+    const sb_body *b = newton->body;
+    int parts = sbi_step_parts(b)->part_count, meet = 1;
+    newton->info->residual = 0;
+    for (int c = 0; c < parts; c++) {
+        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_newton_unbalanced(b), SBI_STEP_FREE) : newton->norm;
+        sb_real scale = parts > 1 ? b->part_scale[c] : newton->scale;
+        if (scale > 0)
+            newton->info->residual = sb_max(newton->info->residual, norm / scale);
+        meet &= norm <= newton->tolerance * scale || norm <= rounding;
+    }
+    return meet;
+}
+
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
 static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
 {
-    newton->info->residual = newton->scale > 0 ? newton->norm / newton->scale : 0;
-    if (newton->moves_supports)
-        return 0;
-    if (newton->norm <= newton->tolerance * newton->scale)
-        return 1;
-    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size) ||
-                             sbi_newton_is_exhausted(newton->body));
+    sb_real rounding = 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size);
+    int meet = sbi_newton_parts_meet(newton, iteration > 0 ? rounding : 0);
+    return !newton->moves_supports && (meet || (iteration > 0 && sbi_newton_is_exhausted(newton->body)));
 }
 
 static int sbi_newton_allows_inversion(const sb_body *b)

@@ -339,6 +339,8 @@ static void sbi_body_layout(sb_body *body, sbi_arena *arena)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
     body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+                                                 sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
         body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
     body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);

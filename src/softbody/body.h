@@ -64,11 +64,15 @@ typedef struct sb_body_def {
                                        * later change the time of a solve, and its last bits) */
     int level_count;
     sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
-                                       * choose theirs from newton_tolerance */
+                                       * choose theirs from newton_tolerance. Each connected part meets it by itself,
+                                       * however light; b has M v / dt, but parts that nothing holds keep their momentum
+                                       * to this share of the forces, however fast they are. Within a part it says
+                                       * nothing of what is soft or light there beside the rest */
     int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
                                        * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
-    sb_real newton_tolerance;         /* relative residual of a step with several iterations; default 1e-6 */
+    sb_real newton_tolerance;         /* relative residual of a step with several iterations, in each connected part;
+                                       * default 1e-6 */
     sb_allocator allocator;           /* default malloc */
     sb_jobs jobs;                     /* default inline */
     sb_clock clock;                   /* for sb_step_info's times; default NULL */

@@ -142,6 +142,7 @@ struct sb_body {
 
     /* mass */
     sb_real *lumped_mass;        /* [node_count] (kg) */
+    sb_real *part_scale;         /* [parts of the matrix] largest force (N) of each, to compare its residual with */
     sb_real *mass_blocks;        /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
     sb_real *load_mass;          /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 

@@ -67,6 +67,8 @@ SBI_API double sbi_multigrid_spread(sbi_multigrid *multigrid, const sb_real *x, 
 SBI_API void sbi_multigrid_multiply(const sbi_multigrid *multigrid, sb_real *y, int first, int last);
 SBI_API sbi_mg_reach sbi_multigrid_get_reach(const sbi_multigrid *multigrid);
 SBI_API void sbi_multigrid_set_reach(sbi_multigrid *multigrid, sbi_mg_reach reach);
+/* 1: levels of the user's have nodes that move several connected parts of the pattern; others never do. */
+SBI_API int sbi_multigrid_couples_parts(const sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 #endif

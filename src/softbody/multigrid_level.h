@@ -120,6 +120,7 @@ struct sbi_multigrid {
     sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
     sbi_mg_islands islands;
     int small;                /* nodes that the coarsest level may have */
+    int couples_parts;        /* see sbi_multigrid_couples_parts */
     int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
     int softened;             /* how often the bounds were doubled since the last update */
     sbi_mg_reach reach;       /* of level 0 */

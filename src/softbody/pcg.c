@@ -1,6 +1,7 @@
 /* pcg: conjugate gradients with fused vector loops. */
 #include "pcg.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -15,25 +16,48 @@ SB_API sb_pcg_options sb_default_pcg_options(void)
     return options;
 }
 
+/* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest of
+ * the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
+typedef struct sbi_pcg_part {
+    double rhs_square;      /* |rhs|^2 of its rows, */
+    double target;          /* what |r|^2 has to come down to, */
+    double goal;            /* and in the present round */
+    double square;          /* |r|^2 */
+    double before;          /* the same when the round began, */
+    double recurred;        /* and by the recurrence when it ended */
+    double alpha, last_rz;  /* step along p, and r.z there */
+    double factor;          /* of the update at work */
+    double drift;           /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
+    int first_chunk;
+    int loose;              /* axes on which none of its rows is prescribed */
+    unsigned char fresh;    /* 1: its iteration starts; 0: it goes on along p */
+    unsigned char done;     /* 1: nothing is to be done in this round */
+    unsigned char stuck;    /* 1: rounding stops its progress */
+    unsigned char faint;    /* 1: its rhs is nothing beside that of the others */
+} sbi_pcg_part;
+
 SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
                                          sb_pcg_workspace *workspace, sb_error *error)
 {
     sb_pcg_workspace made;
-    size_t entries, bytes = 0;
+    size_t entries, parts, chunks, bytes = 0;
     if (!workspace || row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a workspace needs row_count >= 1, not %d", row_count);
     memset(&made, 0, sizeof made);
     if (allocator)
         made.allocator = *allocator;
     entries = 3 * (size_t)row_count;
-    if (sbi_size_add(&bytes, (size_t)sbi_row_chunks(row_count), 2 * sizeof(double)) &&
+    parts = (size_t)sbi_matrix_most_parts(row_count);
+    chunks = (size_t)sbi_row_chunks(row_count) + parts;
+    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) &&
         sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
         made.memory = sbi_alloc(allocator, bytes, 1);
     if (!made.memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
     made.row_count = row_count;
     made.partial = (double *)made.memory;
-    made.start = (sb_real *)(void *)(made.partial + 2 * sbi_row_chunks(row_count));
+    made.parts = made.partial + 2 * chunks;
+    made.start = (sb_real *)(void *)((sbi_pcg_part *)made.parts + parts + 1);
     made.residual = made.start + entries;
     made.search = made.residual + entries;
     made.direction = made.search + entries;
@@ -57,20 +81,59 @@ typedef struct sbi_pcg_state {
     const sb_matrix *matrix;
     const sb_real *rhs;
     sb_real *x, *r, *z, *p, *q;
-    const sb_real *start; /* x as it was given */
-    sb_real factor;  /* of the update at work */
+    const sb_real *start;   /* x as it was given */
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
-    int fresh;              /* 1: the iteration starts; 0: it goes on along p, whose step was `alpha` */
-    double alpha, last_rz;
-    double *partial; /* [chunks][2] */
+    int part_count;
+    sbi_pcg_part *parts;    /* [part_count + 1] */
+    const int *part_rows;   /* rows by part; NULL: one part of all rows */
+    int whole[2];           /* where that one starts and ends */
+    const int *part_start;  /* [part_count + 1] */
+    double *partial;        /* [chunks][2] */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
-static size_t sbi_pcg_end(const sbi_pcg_state *s, int chunk)
+/* Rows of a task: at most SBI_ROW_CHUNK of one part. */
+typedef struct sbi_pcg_slice {
+    const sbi_pcg_part *part;
+    const int *rows; /* NULL: first, first + 1, ... */
+    int first, count;
+} sbi_pcg_slice;
+
+static sbi_pcg_slice sbi_pcg_slice_of(const sbi_pcg_state *s, int chunk)
 {
-    int rows = s->matrix->row_count, first = chunk * SBI_ROW_CHUNK;
-    return 3 * (size_t)(rows - first < SBI_ROW_CHUNK ? rows : first + SBI_ROW_CHUNK);
+    sbi_pcg_slice slice;
+    int low = 0, high = s->part_count, begin;
+    while (high - low > 1) {
+        int middle = low + (high - low) / 2;
+        if (s->parts[middle].first_chunk <= chunk)
+            low = middle;
+        else
+            high = middle;
+    }
+    begin = s->part_start[low] + (chunk - s->parts[low].first_chunk) * SBI_ROW_CHUNK;
+    slice.part = s->parts + low;
+    slice.count = sbi_min_int(s->part_start[low + 1] - begin, SBI_ROW_CHUNK);
+    slice.rows = s->part_rows ? s->part_rows + begin : NULL;
+    slice.first = s->part_rows ? slice.rows[0] : begin;
+    return slice;
+}
+
+/* Cuts the next run of consecutive rows off the slice: *first <= i < *last. 0: there is none. */
+static int sbi_pcg_next_run(sbi_pcg_slice *slice, int *first, int *last)
+{
+    int run = slice->count;
+    if (run == 0)
+        return 0;
+    if (slice->rows && slice->rows[run - 1] - slice->rows[0] != run - 1)
+        for (run = 1; slice->rows[run] == slice->rows[0] + run;)
+            run++;
+    *first = slice->rows ? slice->rows[0] : slice->first;
+    *last = *first + run;
+    slice->rows = slice->rows ? slice->rows + run : NULL;
+    slice->first += run;
+    slice->count -= run;
+    return 1;
 }
 
 /* a.b over a range: eight sums that do not wait for each other. */
@@ -96,9 +159,15 @@ static double sbi_pcg_dot(const sb_real *a, const sb_real *b, size_t count)
 static void sbi_pcg_square_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    s->partial[2 * chunk] = sbi_pcg_dot(s->rhs + begin, s->rhs + begin, count);
-    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->x + begin, s->x + begin, count);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double *sums = s->partial + 2 * (size_t)chunk;
+    int first, last;
+    sums[0] = sums[1] = 0;
+    while (sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+        sums[0] += sbi_pcg_dot(s->rhs + begin, s->rhs + begin, count);
+        sums[1] += sbi_pcg_dot(s->x + begin, s->x + begin, count);
+    }
 }
 
 /* to = A v for the rows of a chunk; v is spread where there is a compact matrix. */
@@ -114,243 +183,474 @@ static void sbi_pcg_multiply(const sbi_pcg_state *s, const sb_real *v, sb_real *
 static void sbi_pcg_spread_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    s->partial[2 * chunk] = sbi_multigrid_spread(s->compact, s->x, (int)(begin / 3), (int)(end / 3));
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    int first, last;
+    s->partial[2 * (size_t)chunk] = 0;
+    while (sbi_pcg_next_run(&slice, &first, &last))
+        s->partial[2 * (size_t)chunk] += sbi_multigrid_spread(s->compact, s->x, first, last);
 }
 
 /* r = rhs - A x, r.r */
 static void sbi_pcg_residual_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_pcg_multiply(s, s->x, s->r, (int)(begin / 3), (int)(end / 3));
-    for (size_t k = begin; k < end; k++)
-        s->r[k] = s->rhs[k] - s->r[k];
-    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double sum = 0;
+    int first, last;
+    while (sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, end = 3 * (size_t)last;
+        sbi_pcg_multiply(s, s->x, s->r, first, last);
+        for (size_t k = begin; k < end; k++)
+            s->r[k] = s->rhs[k] - s->r[k];
+        sum += sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
+    }
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
 /* q = A p, p.q */
 static void sbi_pcg_product_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, end = sbi_pcg_end(s, chunk);
-    sbi_pcg_multiply(s, s->p, s->q, (int)(begin / 3), (int)(end / 3));
-    s->partial[2 * chunk] = sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double sum = 0;
+    int first, last;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, end = 3 * (size_t)last;
+        sbi_pcg_multiply(s, s->p, s->q, first, last);
+        sum += sbi_pcg_dot(s->p + begin, s->q + begin, end - begin);
+    }
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
-/* x += factor p, r -= factor q, r.r */
-static void sbi_pcg_advance_task(void *user, int chunk)
+/* x += factor p, r -= factor q; r.r */
+static double sbi_pcg_advance_run(const sbi_pcg_state *s, sb_real factor, size_t begin, size_t count)
 {
-    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
     sb_real *SB_RESTRICT x = s->x + begin, *SB_RESTRICT r = s->r + begin;
     const sb_real *p = s->p + begin, *q = s->q + begin;
-    sb_real factor = s->factor;
     for (size_t k = 0; k < count; k++) {
         x[k] += factor * p[k];
         r[k] -= factor * q[k];
     }
-    s->partial[2 * chunk] = sbi_pcg_dot(r, r, count);
+    return sbi_pcg_dot(r, r, count);
+}
+
+static void sbi_pcg_advance_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    sb_real factor = (sb_real)slice.part->factor;
+    double sum = 0;
+    int first, last;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last))
+        sum += sbi_pcg_advance_run(s, factor, 3 * (size_t)first, 3 * (size_t)(last - first));
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
 /* r.z and q.z */
 static void sbi_pcg_dots_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    s->partial[2 * chunk] = sbi_pcg_dot(s->r + begin, s->z + begin, count);
-    s->partial[2 * chunk + 1] = sbi_pcg_dot(s->q + begin, s->z + begin, count);
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double *sums = s->partial + 2 * (size_t)chunk;
+    int first, last;
+    sums[0] = sums[1] = 0;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+        sums[0] += sbi_pcg_dot(s->r + begin, s->z + begin, count);
+        sums[1] += slice.part->fresh ? 0 : sbi_pcg_dot(s->q + begin, s->z + begin, count);
+    }
 }
 
 /* p = z + factor p */
 static void sbi_pcg_direction_task(void *user, int chunk)
 {
     const sbi_pcg_state *s = (const sbi_pcg_state *)user;
-    size_t begin = 3 * (size_t)chunk * SBI_ROW_CHUNK, count = sbi_pcg_end(s, chunk) - begin;
-    sb_real *SB_RESTRICT p = s->p + begin;
-    const sb_real *SB_RESTRICT z = s->z + begin;
-    sb_real factor = s->factor;
-    for (size_t k = 0; k < count; k++)
-        p[k] = z[k] + factor * p[k];
-    if (s->compact)
-        sbi_multigrid_spread(s->compact, s->p, (int)(begin / 3), (int)((begin + count) / 3));
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    sb_real factor = (sb_real)slice.part->factor;
+    int first, last;
+    while (!slice.part->done && sbi_pcg_next_run(&slice, &first, &last)) {
+        size_t begin = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+        sb_real *SB_RESTRICT p = s->p + begin;
+        const sb_real *SB_RESTRICT z = s->z + begin;
+        if (slice.part->fresh)
+            memset(p, 0, count * sizeof(sb_real));
+        for (size_t k = 0; k < count; k++)
+            p[k] = z[k] + factor * p[k];
+        if (s->compact)
+            sbi_multigrid_spread(s->compact, s->p, first, last);
+    }
 }
 
-/* Runs a task over all chunks; the sum of the chunks' first (or second) partial sums, in order. */
-static double sbi_pcg_run(sbi_pcg_state *s, sb_task task, double *second)
+/* ---- parts --------------------------------------------------------------------------------------------- */
+
+static int sbi_pcg_is_finite(double value) { return value - value == 0; }
+
+static int sbi_pcg_chunks(const sbi_pcg_state *s) { return s->parts[s->part_count].first_chunk; }
+
+static void sbi_pcg_run(const sbi_pcg_state *s, sb_task task)
 {
-    int chunks = sbi_row_chunks(s->matrix->row_count);
-    double sum = 0, other = 0;
-    sbi_run(s->jobs, task, s, chunks);
-    for (int k = 0; k < chunks; k++)
-        sum += s->partial[2 * k];
-    for (int k = 0; second && k < chunks; k++)
-        other += s->partial[2 * k + 1];
-    if (second)
-        *second = other;
+    sbi_pcg_state mine = *s;
+    sbi_run(s->jobs, task, &mine, sbi_pcg_chunks(s));
+}
+
+/* The sum over a part of the chunks' first (0) or second (1) partial sums, in order. */
+static double sbi_pcg_sum(const sbi_pcg_state *s, const sbi_pcg_part *part, int which)
+{
+    double sum = 0;
+    for (int k = part->first_chunk; k < part[1].first_chunk; k++)
+        sum += s->partial[2 * (size_t)k + (size_t)which];
     return sum;
+}
+
+/* Runs a task that ends with r.r and takes it over, of parts that are at work or (all) of all. */
+static void sbi_pcg_run_square(sbi_pcg_state *s, sb_task task, int all)
+{
+    sbi_pcg_run(s, task);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        if (all || !part->done)
+            part->square = sbi_pcg_sum(s, part, 0);
+}
+
+/* r.r of all rows */
+static double sbi_pcg_whole_square(const sbi_pcg_state *s)
+{
+    double sum = 0;
+    for (int c = 0; c < s->part_count; c++)
+        sum += s->parts[c].square;
+    return sum;
+}
+
+/* The parts of the matrix, or all of it as one where the preconditioner couples them. */
+static void sbi_pcg_find_parts(sbi_pcg_state *s, const sb_preconditioner *preconditioner)
+{
+    const sb_matrix *a = s->matrix;
+    int chunks = 0, joint = preconditioner && sbi_precond_couples_parts(preconditioner);
+    s->part_count = joint ? 1 : a->part_count;
+    s->whole[0] = 0;
+    s->whole[1] = a->row_count;
+    s->part_rows = s->part_count > 1 ? a->part_rows : NULL;
+    s->part_start = s->part_count > 1 ? a->part_start : s->whole;
+    for (int c = 0; c < s->part_count; c++) {
+        memset(s->parts + c, 0, sizeof *s->parts);
+        s->parts[c].first_chunk = chunks;
+        s->parts[c].fresh = 1;
+        s->parts[c].drift = -1;
+        chunks += sbi_row_chunks(s->part_start[c + 1] - s->part_start[c]);
+    }
+    s->parts[s->part_count].first_chunk = chunks;
+}
+
+/* x = 0 of the parts whose rhs is 0. */
+static void sbi_pcg_clear_idle(const sbi_pcg_state *s)
+{
+    for (int c = 0; c < s->part_count; c++)
+        for (int k = s->part_start[c]; s->parts[c].rhs_square == 0 && k < s->part_start[c + 1]; k++)
+            memset(s->x + 3 * (size_t)(s->part_rows ? s->part_rows[k] : k), 0, 3 * sizeof(sb_real));
+}
+
+/* Sum of r over the rows of a part, on its loose axes; its square. */
+static double sbi_pcg_drift_square(const sbi_pcg_state *s, const sbi_pcg_part *part)
+{
+    int c = (int)(part - s->parts);
+    double sum[3] = {0, 0, 0}, square = 0;
+    for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++) {
+        size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
+        for (size_t axis = 0; axis < 3; axis++)
+            sum[axis] += (double)s->r[row + axis];
+    }
+    for (int axis = 0; axis < 3; axis++)
+        square += part->loose >> axis & 1 ? sum[axis] * sum[axis] : 0;
+    return square;
+}
+
+/* 1: the residual of a part meets `bound`. */
+static int sbi_pcg_meets(const sbi_pcg_state *s, const sbi_pcg_part *part, double bound)
+{
+    return part->square <= bound && (part->drift < 0 || sbi_pcg_drift_square(s, part) <= part->drift);
+}
+
+/* 1: all parts meet their targets, but for those that are stuck. */
+static int sbi_pcg_all_meet(const sbi_pcg_state *s)
+{
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        if (!part->stuck && !sbi_pcg_meets(s, part, part->target))
+            return 0;
+    return 1;
+}
+
+/* What the solve is to reach. Single precision of the preconditioner holds nothing of parts whose forces are below that
+ * of the largest by more than its range: those are left alone. */
+static void sbi_pcg_set_targets(sbi_pcg_state *s, double tolerance, double rhs_square)
+{
+    const double range = (double)FLT_MIN / (double)FLT_EPSILON;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->faint = part->rhs_square < range * range * rhs_square;
+        part->target = part->faint ? range * range * rhs_square : tolerance * tolerance * part->rhs_square;
+    }
 }
 
 /* ---- the iteration ------------------------------------------------------------------------------------- */
 
-static int sbi_pcg_is_finite(double value) { return value - value == 0; }
-
-/* Subtracts the coarse space's part from the residual, as its deflation requires; returns the new r.r. Uses p
- * and q. */
-static double sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double square)
+/* Subtracts the coarse space's part from the residual, as its deflation requires. Uses p and q. */
+static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    if (!preconditioner || !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(square)))
-        return square;
+    if (!preconditioner ||
+        !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(sbi_pcg_whole_square(s))))
+        return;
     s->compact = NULL; /* a preconditioner with a coarse space has none */
-    sbi_pcg_run(s, sbi_pcg_product_task, NULL);
-    s->factor = 1;
-    return sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
+    for (int c = 0; c < s->part_count; c++) {
+        s->parts[c].done = 0;
+        s->parts[c].factor = 1;
+    }
+    sbi_pcg_run(s, sbi_pcg_product_task);
+    sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
 }
 
-/* Iterates until r.r <= target, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
- * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
- * quite symmetric. */
-static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, double target,
-                                 int max_iterations, double *square, sb_pcg_info *info)
+/* Takes the sums of r.z and q.z and sets what p goes on with. SB_ERROR_NOT_CONVERGED: with the preconditioner softened,
+ * try again. */
+static sb_result sbi_pcg_turn(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    while (*square > target) {
-        double rz, qz, pq;
-        if (info->iterations >= max_iterations) {
-            info->capped = 1;
-            return SB_ERROR_NOT_CONVERGED;
-        }
-        if (preconditioner)
-            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(*square));
-        else
-            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (s->fresh)
-            memset(s->p, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        if (s->fresh)
-            memset(s->q, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-        rz = sbi_pcg_run(s, sbi_pcg_dots_task, &qz);
+    int indefinite = 0;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double rz;
+        if (part->done)
+            continue;
+        rz = sbi_pcg_sum(s, part, 0);
         if (!sbi_pcg_is_finite(rz))
             return SB_ERROR_DIVERGED;
-        if (rz <= 0) {
-            if (!preconditioner || !sbi_precond_soften(preconditioner))
-                return SB_ERROR_INDEFINITE;
-            s->fresh = 1;
+        indefinite |= rz <= 0;
+        part->factor = part->fresh ? 0 : -part->alpha * sbi_pcg_sum(s, part, 1) / part->last_rz;
+        part->last_rz = rz;
+    }
+    if (!indefinite)
+        return SB_OK;
+    if (!preconditioner || !sbi_precond_soften(preconditioner))
+        return SB_ERROR_INDEFINITE;
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].fresh = 1;
+    return SB_ERROR_NOT_CONVERGED;
+}
+
+/* Takes the sums of p.q and sets how far to go along p. */
+static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
+{
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double pq;
+        if (part->done)
             continue;
-        }
-        s->factor = s->fresh ? 0 : (sb_real)(-s->alpha * qz / s->last_rz);
-        sbi_run(s->jobs, sbi_pcg_direction_task, s, sbi_row_chunks(s->matrix->row_count));
-        pq = sbi_pcg_run(s, sbi_pcg_product_task, NULL);
+        pq = sbi_pcg_sum(s, part, 0);
         if (!sbi_pcg_is_finite(pq))
             return SB_ERROR_DIVERGED;
         if (pq <= 0) {
             info->negative_curvature = 1;
             return SB_ERROR_INDEFINITE;
         }
-        s->alpha = rz / pq;
-        s->last_rz = rz;
-        s->factor = (sb_real)s->alpha;
-        *square = sbi_pcg_run(s, sbi_pcg_advance_task, NULL);
-        if (!sbi_pcg_is_finite(*square))
-            return SB_ERROR_DIVERGED;
-        info->iterations++;
-        s->fresh = 0;
+        part->factor = part->alpha = part->last_rz / pq;
+        part->fresh = 0;
     }
     return SB_OK;
 }
 
-/* r = rhs - A x with the matrix itself, when the residual in r is of the compact one; r.r. */
-static double sbi_pcg_true_residual(sbi_pcg_state *s)
+/* Marks the parts that have reached their goals; 1: all have. */
+static int sbi_pcg_mark_done(sbi_pcg_state *s)
+{
+    int all = 1;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->done = part->done || part->stuck || sbi_pcg_meets(s, part, part->goal);
+        all &= part->done;
+    }
+    return all;
+}
+
+/* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
+ * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
+ * quite symmetric. */
+static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, int max_iterations,
+                                 sb_pcg_info *info)
+{
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].done = 0;
+    while (!sbi_pcg_mark_done(s)) {
+        sb_result result;
+        if (info->iterations >= max_iterations) {
+            info->capped = 1;
+            return SB_ERROR_NOT_CONVERGED;
+        }
+        if (preconditioner)
+            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
+        else
+            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        sbi_pcg_run(s, sbi_pcg_dots_task);
+        result = sbi_pcg_turn(s, preconditioner);
+        if (result == SB_ERROR_NOT_CONVERGED)
+            continue;
+        if (result != SB_OK)
+            return result;
+        sbi_pcg_run(s, sbi_pcg_direction_task);
+        sbi_pcg_run(s, sbi_pcg_product_task);
+        result = sbi_pcg_measure(s, info);
+        if (result != SB_OK)
+            return result;
+        sbi_pcg_run_square(s, sbi_pcg_advance_task, 0);
+        if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
+            return SB_ERROR_DIVERGED;
+        info->iterations++;
+    }
+    return SB_OK;
+}
+
+/* r = rhs - A x with the matrix itself, when the residual in r is of the compact one. */
+static void sbi_pcg_true_residual(sbi_pcg_state *s)
 {
     sbi_multigrid *compact = s->compact;
-    double square;
     s->compact = NULL;
-    square = sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+    sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
     s->compact = compact;
-    return square;
 }
 
-/* r = rhs - A x, r.r, with the compact matrix where that is known to be of this one. */
-static double sbi_pcg_first_residual(sbi_pcg_state *s)
+/* r = rhs - A x, with the compact matrix where that is known to be of this one. */
+static void sbi_pcg_first_residual(sbi_pcg_state *s)
 {
-    if (!s->compact || !s->current)
-        return sbi_pcg_true_residual(s);
-    sbi_run(s->jobs, sbi_pcg_spread_task, s, sbi_row_chunks(s->matrix->row_count));
-    return sbi_pcg_run(s, sbi_pcg_residual_task, NULL);
+    if (!s->compact || !s->current) {
+        sbi_pcg_true_residual(s);
+        return;
+    }
+    sbi_pcg_run(s, sbi_pcg_spread_task);
+    sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
 }
 
-/* 1 when the residual meets the target also with all that the compact matrix's may be off. */
-static int sbi_pcg_is_sure(sbi_pcg_state *s, double square, double target)
+/* 1 when the residuals meet their targets also with all that the compact matrix's may be off. */
+static int sbi_pcg_is_sure(sbi_pcg_state *s)
 {
-    double off;
+    double deviation;
     if (!s->current)
         return 0;
-    off = sbi_multigrid_deviation(s->compact) * sqrt(sbi_pcg_run(s, sbi_pcg_spread_task, NULL));
-    return sqrt(square) + off <= sqrt(target);
+    deviation = sbi_multigrid_deviation(s->compact);
+    sbi_pcg_run(s, sbi_pcg_spread_task);
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        if (!part->stuck &&
+            !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
+            return 0;
+    return 1;
 }
 
 /* 1 when an iteration's result can stand without a look at the true residual: what was found without the compact
  * matrix, and with it what is sure. That it is indefinite may come from its rounding. */
-static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify, double square, double target)
+static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify)
 {
     if (!s->compact)
         return result != SB_OK || !verify;
     if (result == SB_OK)
-        return !verify && sbi_pcg_is_sure(s, square, target);
+        return !verify && sbi_pcg_is_sure(s);
     if (result == SB_ERROR_NOT_CONVERGED)
         return s->current;
     return result != SB_ERROR_INDEFINITE;
 }
 
-/* Solves, checking the true residual where the recurrence cannot be trusted; *square is r.r of the returned
- * x. With the compact matrix the true one replaces it every few digits, and the iteration goes on as if nothing had
- * happened: what the compact one is off by is then a share of the little that is left to add to x. */
-static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner,
-                                const sb_pcg_options *options, double rhs_square, double *square,
+/* Sets the goals of a round: the targets, not below what the recurrence can count; with the compact matrix a few digits
+ * at a time. */
+static void sbi_pcg_set_goals(sbi_pcg_state *s)
+{
+    const double digits = 1e-3, epsilon = (double)SB_EPSILON;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double least = epsilon * epsilon / 16 * part->rhs_square;
+        part->goal = part->target > least ? part->target : least;
+        if (s->compact && part->goal < digits * digits * part->square)
+            part->goal = digits * digits * part->square;
+    }
+}
+
+/* What the true residual, now in r, says about the round that ended with `result`. */
+typedef struct sbi_pcg_verdict {
+    int missed;  /* parts that have not met their targets */
+    int moving;  /* those of them that go on */
+    int worse;   /* 1: one is farther off than before the round, */
+    int drifted; /* 1: or than the recurrence said */
+} sbi_pcg_verdict;
+
+static sbi_pcg_verdict sbi_pcg_judge(sbi_pcg_state *s, sb_result result)
+{
+    sbi_pcg_verdict verdict = {0, 0, 0, 0};
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double square = part->square, least = part->before > 4 * part->target ? 0.25 : 0.99;
+        part->fresh = result != SB_OK || !s->compact || square > 4 * part->recurred;
+        if (sbi_pcg_meets(s, part, part->target))
+            continue;
+        verdict.missed++;
+        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
+        part->stuck = part->stuck || (square > least * part->before && !s->compact);
+        if (part->stuck)
+            continue;
+        verdict.moving++;
+        verdict.worse |= square > part->before;
+        verdict.drifted |= square > 1.5 * part->recurred;
+    }
+    return verdict;
+}
+
+/* Back to the start, without the compact matrix: it is none of this one. */
+static void sbi_pcg_restart(sbi_pcg_state *s)
+{
+    memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+    sbi_pcg_clear_idle(s);
+    sbi_pcg_true_residual(s);
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].fresh = 1;
+    s->compact = NULL;
+}
+
+/* SB_OK unless a part is stuck. */
+static sb_result sbi_pcg_success(const sbi_pcg_state *s)
+{
+    for (int c = 0; c < s->part_count; c++)
+        if (s->parts[c].stuck)
+            return SB_ERROR_NOT_CONVERGED;
+    return SB_OK;
+}
+
+/* Solves, checking the true residual where the recurrence cannot be trusted. With the compact matrix the true one
+ * replaces it every few digits, and the iteration goes on as if nothing had happened: what the compact one is off by is
+ * then a share of the little that is left to add to x. */
+static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditioner, const sb_pcg_options *options,
                                 sb_pcg_info *info)
 {
-    const double digits = 1e-3;
-    double tolerance = options->tolerance, target = tolerance * tolerance * rhs_square, before = *square;
-    double least =
-        (double)SB_EPSILON * (double)SB_EPSILON / 16 * rhs_square; /* below, the recurrence counts nothing */
+    double tolerance = options->tolerance;
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    if (s->compact && s->current && *square <= target) /* a start as good as that: without the compact one's rounding */
-        *square = sbi_pcg_true_residual(s);
+    if (s->compact && s->current && sbi_pcg_all_meet(s)) /* a start as good as that: without the compact one's rounding */
+        sbi_pcg_true_residual(s);
+    for (int c = 0; c < s->part_count; c++)
+        s->parts[c].before = s->parts[c].square;
     for (int round = 0;; round++) {
         sb_result result;
-        double goal = target > least ? target : least, recurred;
-        if (*square <= target)
-            return SB_OK;
-        *square = sbi_pcg_deflate(s, preconditioner, *square);
-        if (!sbi_pcg_is_finite(*square))
+        sbi_pcg_verdict verdict;
+        if (sbi_pcg_all_meet(s))
+            return sbi_pcg_success(s);
+        sbi_pcg_deflate(s, preconditioner);
+        if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
             return SB_ERROR_DIVERGED;
-        if (s->compact && goal < digits * digits * *square)
-            goal = digits * digits * *square;
-        result = sbi_pcg_iterate(s, preconditioner, goal, options->max_iterations, square, info);
+        sbi_pcg_set_goals(s);
+        result = sbi_pcg_iterate(s, preconditioner, options->max_iterations, info);
         info->residual_is_true = 0;
-        if (sbi_pcg_is_final(s, result, verify, *square, target))
-            return result;
-        recurred = *square;
-        *square = sbi_pcg_true_residual(s);
+        if (sbi_pcg_is_final(s, result, verify))
+            return result == SB_OK ? sbi_pcg_success(s) : result;
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].recurred = s->parts[c].square;
+        sbi_pcg_true_residual(s);
         info->residual_is_true = 1;
-        if (!sbi_pcg_is_finite(*square))
+        if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
             return SB_ERROR_DIVERGED;
-        if (*square <= target)
+        verdict = sbi_pcg_judge(s, result);
+        if (verdict.missed == 0)
             return SB_OK;
-        if (result == SB_ERROR_NOT_CONVERGED)
-            return result;
-        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
-        if (*square > (before > 4 * target ? 0.25 : 0.99) * before && !s->compact)
+        if (verdict.moving == 0 || result == SB_ERROR_NOT_CONVERGED)
             return SB_ERROR_NOT_CONVERGED;
-        s->fresh = result != SB_OK || !s->compact || *square > 4 * recurred;
-        if (s->compact && *square > before && round == 0 && !s->current) { /* it is none of this matrix */
-            memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
-            *square = sbi_pcg_true_residual(s);
-            s->fresh = 1;
-            s->compact = NULL;
-        }
-        if (*square > before || *square > 1.5 * recurred || result != SB_OK)
+        if (s->compact && verdict.worse && round == 0 && !s->current)
+            sbi_pcg_restart(s);
+        else if (verdict.worse || verdict.drifted || result != SB_OK)
             s->compact = NULL;
         info->negative_curvature = 0; /* of the compact matrix, if any */
-        before = *square;
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].before = s->parts[c].square;
     }
 }
 
@@ -364,6 +664,51 @@ static int sbi_pcg_valid(const sb_matrix *matrix, const sb_preconditioner *preco
     return options->tolerance >= 0 && sbi_pcg_is_finite(options->tolerance) && options->max_iterations >= 0;
 }
 
+/* |rhs|^2 of each part and of all, and |x|^2 of those with something to solve. */
+static void sbi_pcg_begin_parts(sbi_pcg_state *s, double *rhs_square, double *x_square)
+{
+    *rhs_square = *x_square = 0;
+    sbi_pcg_run(s, sbi_pcg_square_task);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->rhs_square = sbi_pcg_sum(s, part, 0);
+        *rhs_square += part->rhs_square;
+        if (part->rhs_square != 0)
+            *x_square += sbi_pcg_sum(s, part, 1);
+    }
+    sbi_pcg_clear_idle(s);
+}
+
+/* Parts that nothing holds along an axis keep their momentum along it. The start of a step coasts, and what is left of
+ * the residual is a force: of a body that flies fast gravity is but a small share of M v / dt, which the tolerance
+ * is of, and would be left out altogether once the body is fast enough. So the sum of forces that are left, over those
+ * that the start left, has to meet the tolerance, too. (|sum of r| <= sqrt(rows) |r|: nothing is asked of what starts
+ * from 0 or of forces that are in balance.) */
+static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
+{
+    const double rounding = 16 * (double)SB_EPSILON;
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        int c = (int)(part - s->parts), held = 0;
+        double rows = s->part_start[c + 1] - s->part_start[c], least = rounding * rounding * part->rhs_square;
+        for (int k = s->part_start[c]; k < s->part_start[c + 1] && held < SB_XYZ; k++)
+            held |= s->matrix->fixed[s->part_rows ? s->part_rows[k] : k];
+        part->loose = SB_XYZ & ~held;
+        if (part->loose)
+            part->drift = rows * (least > tolerance * tolerance * part->square ? least
+                                                                               : tolerance * tolerance * part->square);
+    }
+}
+
+/* The worst part's |r| / |rhs|. */
+static double sbi_pcg_relative(const sbi_pcg_state *s)
+{
+    double worst = 0;
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double square = part->rhs_square > 0 && !part->faint ? part->square / part->rhs_square : 0;
+        worst = square > worst ? square : worst;
+    }
+    return sqrt(worst);
+}
+
 static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                    sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                    int current, sb_pcg_info *info)
@@ -372,7 +717,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     sb_pcg_info report;
     sbi_pcg_state state;
     sb_result result;
-    double rhs_square, x_square = 0, square = 0;
+    double rhs_square, x_square, square;
     size_t bytes;
     options = options ? options : &defaults;
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
@@ -388,32 +733,34 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     state.p = workspace->direction;
     state.q = workspace->product;
     state.partial = workspace->partial;
+    state.parts = (sbi_pcg_part *)workspace->parts;
     state.jobs = options->jobs;
-    state.factor = 0;
-    state.fresh = 1;
-    state.alpha = state.last_rz = 0;
     state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
     state.current = current;
+    sbi_pcg_find_parts(&state, preconditioner);
     memcpy(workspace->start, x, bytes);
-    rhs_square = sbi_pcg_run(&state, sbi_pcg_square_task, &x_square);
+    sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
     if (rhs_square > 0 && x_square == 0) { /* no product needed */
         memcpy(state.r, rhs, bytes);
-        square = rhs_square;
+        for (int c = 0; c < state.part_count; c++)
+            state.parts[c].square = state.parts[c].rhs_square;
     } else if (rhs_square > 0) {
-        square = sbi_pcg_first_residual(&state);
-    } else if (rhs_square == 0) {
-        memset(x, 0, bytes);
+        sbi_pcg_first_residual(&state);
     }
     report.residual_is_true = 1;
+    square = sbi_pcg_whole_square(&state);
+    sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
+    if (current && x_square > 0)
+        sbi_pcg_set_drifts(&state, options->tolerance);
     if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(square))
         result = SB_ERROR_DIVERGED;
     else
-        result = sbi_pcg_refine(&state, preconditioner, options, rhs_square, &square, &report);
+        result = sbi_pcg_refine(&state, preconditioner, options, &report);
     if (result == SB_ERROR_DIVERGED) {
         memcpy(x, workspace->start, bytes);
         report.residual_is_true = 0;
     }
-    report.residual = rhs_square > 0 ? sqrt(square / rhs_square) : 0;
+    report.residual = sbi_pcg_relative(&state);
     if (info)
         *info = report;
     return result;

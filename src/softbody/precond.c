@@ -688,6 +688,11 @@ SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real 
         sbi_multigrid_set_poisson(preconditioner->multigrid, (double)poisson);
 }
 
+SBI_API int sbi_precond_couples_parts(const sb_preconditioner *preconditioner)
+{
+    return preconditioner->multigrid && sbi_multigrid_couples_parts(preconditioner->multigrid);
+}
+
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner) { return preconditioner->row_count; }
 
 SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preconditioner)

@@ -29,7 +29,8 @@ enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
 typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
-    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected part
+                      * of the pattern gets its share of them, one at least */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000
@@ -175,6 +176,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
+/* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */
+SBI_API int sbi_precond_couples_parts(const sb_preconditioner *preconditioner);
 /* Rows of the pattern it was made for. */
 SBI_API int sbi_precond_rows(const sb_preconditioner *preconditioner);
 

@@ -5,115 +5,7 @@
 
 #include "precond_state.h"
 
-/* ---- pieces -------------------------------------------------------------------------------------------- */
-
-SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
-{
-    return axis == 0 ? positions[node].x : axis == 1 ? positions[node].y : positions[node].z;
-}
-
-/* Order along an axis; ties by index, so that the cut is the same everywhere. */
-static int sbi_precond_before(const sb_vec3 *positions, int axis, int a, int b)
-{
-    sb_real xa = sbi_precond_coordinate(positions, a, axis), xb = sbi_precond_coordinate(positions, b, axis);
-    return xa < xb || (xa == xb && a < b);
-}
-
-static void sbi_precond_sift(const sb_vec3 *positions, int axis, int *nodes, int root, int count)
-{
-    int node = nodes[root];
-    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
-        if (child + 1 < count && sbi_precond_before(positions, axis, nodes[child], nodes[child + 1]))
-            child++;
-        if (!sbi_precond_before(positions, axis, node, nodes[child]))
-            break;
-        nodes[root] = nodes[child];
-        root = child;
-    }
-    nodes[root] = node;
-}
-
-static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *nodes, int count)
-{
-    for (int root = count / 2; root-- > 0;)
-        sbi_precond_sift(positions, axis, nodes, root, count);
-    for (int last = count - 1; last > 0; last--) {
-        int top = nodes[0];
-        nodes[0] = nodes[last];
-        nodes[last] = top;
-        sbi_precond_sift(positions, axis, nodes, 0, last);
-    }
-}
-
-static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
-{
-    sb_real extent[3];
-    for (int axis = 0; axis < 3; axis++) {
-        sb_real low = sbi_precond_coordinate(positions, nodes[0], axis), high = low;
-        for (int k = 1; k < count; k++) {
-            sb_real x = sbi_precond_coordinate(positions, nodes[k], axis);
-            low = x < low ? x : low;
-            high = x > high ? x : high;
-        }
-        extent[axis] = high - low;
-    }
-    return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
-}
-
-/* Cuts nodes[begin, end) into `pieces` parts of equal size by halving across the longest side; returns the
- * number of the next piece. */
-static int sbi_precond_cut(sbi_precond_coarse *c, int begin, int end, int pieces, int piece)
-{
-    int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
-    int *nodes = c->piece_nodes + begin;
-    if (pieces == 1) {
-        c->piece_start[piece] = begin;
-        for (int k = begin; k < end; k++)
-            c->piece_of[c->piece_nodes[k]] = piece;
-        return piece + 1;
-    }
-    sbi_precond_sort_nodes(c->positions, sbi_precond_longest_axis(c->positions, nodes, end - begin), nodes,
-                           end - begin);
-    piece = sbi_precond_cut(c, begin, middle, left, piece);
-    return sbi_precond_cut(c, middle, end, pieces - left, piece);
-}
-
-/* Numbers the pieces along the longest side of the whole, so that those that touch have near numbers and the rows of
- * their matrix are short. Returns 0 when there is no memory. */
-static int sbi_precond_line_up(sb_preconditioner *p)
-{
-    sbi_precond_coarse *c = &p->coarse;
-    size_t rows = (size_t)p->row_count, pieces = (size_t)c->piece_count;
-    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, pieces, sizeof(sb_vec3));
-    int *nodes = (int *)sbi_alloc(&p->allocator, rows + 2 * pieces + 1, sizeof(int)), *start, *order, at = 0;
-    if (!centres || !nodes) {
-        sbi_free(&p->allocator, centres);
-        sbi_free(&p->allocator, nodes);
-        return 0;
-    }
-    start = nodes + rows;
-    order = start + pieces + 1;
-    memcpy(nodes, c->piece_nodes, rows * sizeof(int));
-    memcpy(start, c->piece_start, (pieces + 1) * sizeof(int));
-    for (int a = 0; a < c->piece_count; a++) {
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = start[a]; k < start[a + 1]; k++)
-            sum = sb_v3_add(sum, c->positions[nodes[k]]);
-        centres[a] = sb_v3_scale((sb_real)1 / (sb_real)(start[a + 1] - start[a]), sum);
-        order[a] = a;
-    }
-    sbi_precond_sort_nodes(centres, sbi_precond_longest_axis(c->positions, nodes, p->row_count), order, c->piece_count);
-    for (int a = 0; a < c->piece_count; a++) {
-        c->piece_start[a] = at;
-        for (int k = start[order[a]]; k < start[order[a] + 1]; k++, at++) {
-            c->piece_nodes[at] = nodes[k];
-            c->piece_of[nodes[k]] = a;
-        }
-    }
-    sbi_free(&p->allocator, centres);
-    sbi_free(&p->allocator, nodes);
-    return 1;
-}
+/* ---- the matrix of the pieces ------------------------------------------------------------------------- */
 
 /* Numbers the (piece, node) entries that A Z has: entry_of[q] is that of matrix block q. Returns their count;
  * fills the coarse arrays when they are there. marker [row_count] is scratch. */
@@ -187,37 +79,71 @@ static void sbi_precond_make_reach(sbi_precond_coarse *c)
             c->reach[i] = sbi_max_int(c->reach[i], c->reach[a]);
 }
 
+/* Takes the rows of the matrix: those of a piece as long as they reach. */
+static int sbi_precond_take_matrix(sb_preconditioner *p)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t entries = 0;
+    c->row_at = (size_t *)sbi_precond_take(p, (size_t)c->piece_count, sizeof(size_t));
+    for (int a = 0; c->row_at && a < c->piece_count; a++) {
+        c->row_at[a] = entries;
+        entries += 6 * (size_t)(c->reach[a] - 6 * a);
+    }
+    c->matrix = (double *)sbi_precond_take(p, entries, sizeof(double));
+    return c->row_at && c->matrix;
+}
+
+/* Finds the pieces, and where each of them starts in the list of nodes. */
+static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)a->row_count;
+    c->piece_nodes = sbi_precond_take_ints(p, rows);
+    c->piece_of = sbi_precond_take_ints(p, rows);
+    if (!c->piece_nodes || !c->piece_of)
+        return 0;
+    c->piece_count = sbi_precond_make_pieces(a, positions, pieces, &p->allocator, c->piece_nodes, c->piece_of);
+    if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
+        return 0;
+    c->size = 6 * c->piece_count;
+    c->piece_start = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
+    for (int k = 0; c->piece_start && k < a->row_count; k++)
+        if (k == 0 || c->piece_of[c->piece_nodes[k]] != c->piece_of[c->piece_nodes[k - 1]])
+            c->piece_start[c->piece_of[c->piece_nodes[k]]] = k;
+    if (c->piece_start)
+        c->piece_start[c->piece_count] = a->row_count;
+    return c->piece_start != NULL;
+}
+
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
-    size_t rows = (size_t)a->row_count, size = 6 * (size_t)pieces;
-    if (size > INT_MAX)
+    size_t rows = (size_t)a->row_count;
+    if (!sbi_precond_find_pieces(p, a, positions, pieces))
         return 0;
-    c->piece_start = sbi_precond_take_ints(p, (size_t)pieces + 1);
-    c->piece_entry = sbi_precond_take_ints(p, (size_t)pieces + 1);
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
-    c->reach = sbi_precond_take_ints(p, (size_t)pieces);
+    c->piece_entry = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
+    c->reach = sbi_precond_take_ints(p, (size_t)c->piece_count);
     c->arms = sbi_precond_take_floats(p, rows, 4);
     c->free = sbi_precond_take_floats(p, rows, 4);
     c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->matrix = (double *)sbi_precond_take(p, size, size * sizeof(double));
-    c->inverse = (double *)sbi_precond_take(p, size, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, size, sizeof(double));
+    c->inverse = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
+    c->solution = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
     c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_start || !c->piece_entry || !c->piece_nodes || !c->piece_of || !c->reach || !c->arms ||
-        !c->free || !c->places || !c->matrix || !c->inverse || !c->solution || !c->positions)
+    if (!c->piece_entry || !c->reach || !c->arms || !c->free || !c->places || !c->inverse || !c->solution ||
+        !c->positions)
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
-    for (int i = 0; i < a->row_count; i++)
-        c->piece_nodes[i] = i;
-    c->piece_count = sbi_precond_cut(c, 0, a->row_count, pieces, 0);
-    c->piece_start[pieces] = a->row_count;
-    c->size = (int)size;
-    if (!sbi_precond_line_up(p) || !sbi_precond_make_entries(p, a))
+    if (!sbi_precond_make_entries(p, a))
         return 0;
     sbi_precond_make_reach(c);
-    return 1;
+    return sbi_precond_take_matrix(p);
+}
+
+/* Row k of the matrix: entries from the first of k's piece to its reach, to be read at [column]. */
+SBI_FORCE_INLINE double *sbi_precond_row(const sbi_precond_coarse *c, int k)
+{
+    int piece = k / 6, first = 6 * piece;
+    return c->matrix + (c->row_at[piece] + (size_t)(k - first) * (size_t)(c->reach[piece] - first) - (size_t)first);
 }
 
 /* Positions of the nodes relative to their piece's centre, in units of its root mean square radius. */
@@ -311,10 +237,11 @@ static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, i
 /* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
 static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
 {
-    double *out = c->matrix + 6 * (size_t)c->piece_of[node] * (size_t)c->size + 6 * (size_t)piece;
+    int own = c->piece_of[node];
+    double *out = sbi_precond_row(c, 6 * own) + 6 * (size_t)piece;
     const float *arm = c->arms + 4 * (size_t)node;
     double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
-    size_t next = (size_t)c->size;
+    size_t next = (size_t)(c->reach[own] - 6 * own);
     for (int k = 0; k < 6; k++) {
         out[k] += rows[0][k];
         out[next + (size_t)k] += rows[1][k];
@@ -328,14 +255,13 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
 /* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */
 static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
 {
-    int size = c->size;
     for (int k = first; k < first + 6; k++) {
-        double *row = c->matrix + (size_t)k * (size_t)size, pivot = row[k];
+        double *row = sbi_precond_row(c, k), pivot = row[k];
         c->inverse[k] = pivot > 0 && pivot > c->solution[k] ? 1 / sqrt(pivot) : 0;
         for (int j = k; j < end; j++)
             row[j] *= c->inverse[k];
         for (int i = k + 1; i < first + 6; i++) {
-            double *other = c->matrix + (size_t)i * (size_t)size, factor = row[i];
+            double *other = sbi_precond_row(c, i), factor = row[i];
             for (int j = i; j < end; j++)
                 other[j] -= factor * row[j];
         }
@@ -344,10 +270,10 @@ static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
 
 /* to[i..end] -= sum over six rows of row[i] row[i..end]; six at a time, since it is memory that limits the
  * factorisation. */
-static void sbi_precond_eliminate_rows(const double *rows, int size, int i, int end, double *SB_RESTRICT to)
+static void sbi_precond_eliminate_rows(const double *rows, int width, int i, int end, double *SB_RESTRICT to)
 {
-    const double *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size,
-                 *r5 = r4 + size;
+    const double *r0 = rows, *r1 = r0 + width, *r2 = r1 + width, *r3 = r2 + width, *r4 = r3 + width,
+                 *r5 = r4 + width;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
@@ -362,13 +288,13 @@ static void sbi_precond_factor_coarse(sbi_precond_coarse *c)
     const double tiny = 256 * (double)SB_EPSILON;
     int size = c->size;
     for (int k = 0; k < size; k++)
-        c->solution[k] = tiny * c->matrix[(size_t)k * (size_t)size + (size_t)k];
+        c->solution[k] = tiny * sbi_precond_row(c, k)[k];
     for (int first = 0; first < size; first += 6) {
-        double *rows = c->matrix + (size_t)first * (size_t)size;
+        double *rows = sbi_precond_row(c, first);
         int end = c->reach[first / 6];
         sbi_precond_factor_rows(c, first, end);
         for (int i = first + 6; i < end; i++)
-            sbi_precond_eliminate_rows(rows, size, i, end, c->matrix + (size_t)i * (size_t)size);
+            sbi_precond_eliminate_rows(rows, end - first, i, end, sbi_precond_row(c, i));
     }
 }
 
@@ -377,9 +303,8 @@ static void sbi_precond_place_task(void *user, int piece)
 {
     const sbi_precond_job *job = (const sbi_precond_job *)user;
     sbi_precond_coarse *c = &job->p->coarse;
-    size_t first = 6 * (size_t)piece, width = (size_t)c->reach[piece] - first;
-    for (size_t k = first; k < first + 6; k++)
-        memset(c->matrix + k * (size_t)c->size + first, 0, width * sizeof(double));
+    size_t width = (size_t)(c->reach[piece] - 6 * piece);
+    memset(c->matrix + c->row_at[piece], 0, 6 * width * sizeof(double));
     for (int s = c->piece_start[piece]; job->positions && s < c->piece_start[piece + 1]; s++)
         c->positions[c->piece_nodes[s]] = job->positions[c->piece_nodes[s]];
     sbi_precond_place_piece(c, piece);
@@ -456,13 +381,13 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
     double *v = c->solution;
     int size = c->size;
     for (int k = 0; k < size; k++) {
-        const double *row = c->matrix + (size_t)k * (size_t)size;
+        const double *row = sbi_precond_row(c, k);
         double value = v[k] *= c->inverse[k];
         for (int j = k + 1, end = c->reach[k / 6]; j < end; j++)
             v[j] -= value * row[j];
     }
     for (int k = size; k-- > 0;) {
-        const double *row = c->matrix + (size_t)k * (size_t)size;
+        const double *row = sbi_precond_row(c, k);
         double sums[4] = {0, 0, 0, 0}, value = v[k];
         int j = k + 1, end = c->reach[k / 6];
         for (; j + 4 <= end; j += 4)

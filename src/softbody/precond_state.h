@@ -1,5 +1,5 @@
 /* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_lower.c has
- * its triangular factors, precond_coarse.c moves the pieces, precond_save.c keeps it. */
+ * its triangular factors, precond_pieces.c cuts the pieces, precond_coarse.c moves them, precond_save.c keeps it. */
 #ifndef SB_PRECOND_STATE_H
 #define SB_PRECOND_STATE_H
 
@@ -43,7 +43,9 @@ typedef struct sbi_precond_coarse {
     float *free;           /* [row_count][4] 1 for free components, 0 for prescribed ones */
     float *coupling;       /* [entries][6][4] rows x, y, z of A Z: translations, then rotations */
     int *reach;            /* [piece_count] where the rows of a piece end */
-    double *matrix;        /* [size][size] upper triangle, each row up to its reach: Z^T A Z, then its Cholesky factor */
+    size_t *row_at;        /* [piece_count] where the six rows of a piece begin in matrix */
+    double *matrix;        /* upper triangle of Z^T A Z, then of its Cholesky factor: rows from their piece's first
+                            * unknown to its reach */
     double *inverse;       /* [size] inverse pivots, 0 for motions that the pieces do not have */
     double *solution;      /* [size] */
     sb_vec3 *positions;    /* [row_count] as last given */
@@ -148,9 +150,23 @@ SBI_API sb_result sbi_precond_end_ic0(sb_preconditioner *p, const sb_matrix *a, 
 /* result = M^-1 r */
 SBI_API void sbi_precond_sweep(const sbi_precond_job *job);
 
+/* A coordinate of a node. */
+SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int node, int axis)
+{
+    return axis == 0 ? positions[node].x : axis == 1 ? positions[node].y : positions[node].z;
+}
+
+/* ---- precond_pieces ---- */
+
+/* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for each
+ * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces; 0:
+ * no memory. */
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
+                                    const sb_allocator *allocator, int *nodes, int *piece_of);
+
 /* ---- precond_coarse ---- */
 
-/* Cuts the nodes into pieces and takes the memory of their motions; 0 when there is none. */
+/* Cuts the nodes into some `pieces` and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,

@@ -124,7 +124,9 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     int *ints;
     if (!sbi_size_add(&values, blocks, 9 * sizeof(sb_real)) || !sbi_size_add(&values, 8, sizeof(sb_real)) ||
         !sbi_size_add(&bytes, values, 1) || !sbi_size_add(&bytes, 2 * blocks, sizeof(int)) ||
-        !sbi_size_add(&bytes, 2 * rows + 1, sizeof(int)) || !sbi_size_add(&bytes, rows, 1))
+        !sbi_size_add(&bytes, 3 * rows + 1, sizeof(int)) ||
+        !sbi_size_add(&bytes, (size_t)sbi_matrix_most_parts((int)rows) + 1, sizeof(int)) ||
+        !sbi_size_add(&bytes, rows, 1))
         return 0;
     matrix->memory = sbi_alloc(&matrix->allocator, bytes, 1);
     if (!matrix->memory)
@@ -137,7 +139,9 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
     matrix->diagonal = matrix->row_start + rows + 1;
-    matrix->fixed = (unsigned char *)(matrix->diagonal + rows);
+    matrix->part_rows = matrix->diagonal + rows;
+    matrix->part_start = matrix->part_rows + rows;
+    matrix->fixed = (unsigned char *)(matrix->part_start + sbi_matrix_most_parts((int)rows) + 1);
     memset(matrix->blocks, 0, values);
     memset(matrix->fixed, 0, rows);
     return 1;
@@ -157,6 +161,52 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
         }
 }
 
+/* Gives all rows that hang together with row i its part; part_rows is the queue. */
+static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int *part_of)
+{
+    int *queue = matrix->part_rows, count = 1;
+    part_of[i] = part;
+    queue[0] = i;
+    for (int head = 0; head < count; head++)
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+            int j = matrix->columns[q];
+            if (part_of[j] >= 0)
+                continue;
+            part_of[j] = part;
+            queue[count++] = j;
+        }
+}
+
+/* Finds the connected parts and lists their rows; part_of is scratch [row_count]. */
+static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
+{
+    int rows = matrix->row_count, alone = -1;
+    for (int i = 0; i < rows; i++)
+        part_of[i] = -1;
+    matrix->part_count = 0;
+    for (int i = 0; i < rows; i++) {
+        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        if (part_of[i] >= 0)
+            continue;
+        if (is_alone && alone >= 0) {
+            part_of[i] = alone;
+            continue;
+        }
+        alone = is_alone ? matrix->part_count : alone;
+        sbi_sparse_spread_part(matrix, i, matrix->part_count++, part_of);
+    }
+    memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
+    for (int i = 0; i < rows; i++)
+        matrix->part_start[part_of[i] + 1]++;
+    for (int c = 0; c < matrix->part_count; c++)
+        matrix->part_start[c + 1] += matrix->part_start[c];
+    for (int i = 0; i < rows; i++)
+        matrix->part_rows[matrix->part_start[part_of[i]]++] = i;
+    for (int c = matrix->part_count; c > 0; c--)
+        matrix->part_start[c] = matrix->part_start[c - 1];
+    matrix->part_start[0] = 0;
+}
+
 static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch,
                                  sb_matrix *matrix, sb_error *error)
 {
@@ -174,6 +224,7 @@ static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scrat
     memcpy(matrix->diagonal, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     sbi_sparse_visit(cells, scratch, matrix->diagonal, matrix->columns);
     sbi_sparse_link(matrix, scratch->marker);
+    sbi_sparse_find_parts(matrix, scratch->marker);
     return SB_OK;
 }
 

@@ -20,6 +20,10 @@ typedef struct sb_matrix {
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
+    int part_count;       /* connected parts: no block couples a row with one of another part */
+    int *part_start;      /* [part_count + 1] into part_rows; parts are in the order of their first rows */
+    int *part_rows;       /* [row_count] rows by part, ascending in each; rows that have their diagonal block only are
+                           * one part together */
     unsigned char *fixed; /* [row_count] mask of the last sb_matrix_constrain; 0: free */
     sb_real (*blocks)[9]; /* [block_count] row-major, 64-byte aligned, with one sb_real to spare at the end */
     void *memory;         /* the one allocation behind all arrays */
@@ -94,6 +98,9 @@ SB_INLINE int sbi_row_chunks(int row_count)
 {
     return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0);
 }
+
+/* As many parts as a matrix of so many rows can have: two rows each at least, but for those coupled with no other. */
+SB_INLINE int sbi_matrix_most_parts(int row_count) { return row_count / 2 + 1; }
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* y_i = (A x)_i for the rows first <= i < last. */

@@ -54,16 +54,40 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
     return (sb_real)sum;
 }
 
-/* Norm of the components on free (or on supported and slave) axes. */
-static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, int on_fixed)
+/* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
+typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
+
+static double sbi_step_square(const sb_body *body, int i, sb_vec3 v, sbi_step_axes axes)
 {
     const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (axes == SBI_STEP_FREE)
+        v = sbi_body_pick_axes(sbi_body_held(body, i), zero, v);
+    if (axes == SBI_STEP_HELD)
+        v = sbi_body_pick_axes(sbi_body_held(body, i), v, zero);
+    return (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+}
+
+static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axes axes)
+{
     double sum = 0;
-    for (int i = 0; i < body->domain.node_count; i++) {
-        unsigned held = sbi_body_held(body, i);
-        sb_vec3 v = on_fixed ? sbi_body_pick_axes(held, a[i], zero) : sbi_body_pick_axes(held, zero, a[i]);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        sum += sbi_step_square(body, i, a[i], axes);
+    return sb_sqrt((sb_real)sum);
+}
+
+/* Connected parts: those of the matrix that is solved, where ties join what they tie. */
+static const sb_matrix *sbi_step_parts(const sb_body *body)
+{
+    return body->elimination ? &body->elimination->matrix : &body->matrix;
+}
+
+/* The same of one part's nodes. */
+static sb_real sbi_step_part_norm(const sb_body *body, int part, const sb_vec3 *a, sbi_step_axes axes)
+{
+    const sb_matrix *parts = sbi_step_parts(body);
+    double sum = 0;
+    for (int k = parts->part_start[part]; k < parts->part_start[part + 1]; k++)
+        sum += sbi_step_square(body, parts->part_rows[k], a[parts->part_rows[k]], axes);
     return sb_sqrt((sb_real)sum);
 }
 
@@ -171,6 +195,17 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
 }
 
+/* Compares residuals with these forces, too: those of each part with its own, for what is little beside the forces of
+ * one part may be all that another feels. */
+static void sbi_newton_raise_scale(sbi_newton *newton, const sb_vec3 *force, sbi_step_axes axes)
+{
+    const sb_body *b = newton->body;
+    int parts = sbi_step_parts(b)->part_count;
+    newton->scale = sb_max(newton->scale, sbi_step_norm(b, force, axes));
+    for (int c = 0; parts > 1 && c < parts; c++)
+        b->part_scale[c] = sb_max(b->part_scale[c], sbi_step_part_norm(b, c, force, axes));
+}
+
 /* residual += M (a + alpha v) + beta K v. */
 static void sbi_newton_add_dynamics(sbi_newton *newton)
 {
@@ -181,7 +216,7 @@ static void sbi_newton_add_dynamics(sbi_newton *newton)
     sbi_body_mass_multiply(b, b->work, b->work2);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
-    newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->work2, b->work2, n)));
+    sbi_newton_raise_scale(newton, b->work2, SBI_STEP_ALL);
     if (!(b->damping_stiffness > 0) || !newton->has_velocity)
         return;
     for (int i = 0; i < n; i++)
@@ -199,7 +234,13 @@ static void sbi_newton_add_loads(sbi_newton *newton)
     newton->load_size = sbi_loads_force(b, b->displacement, newton->loads_factor);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
-    newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->follower, b->follower, n)));
+    sbi_newton_raise_scale(newton, b->follower, SBI_STEP_ALL);
+}
+
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
+static const sb_vec3 *sbi_newton_unbalanced(const sb_body *b)
+{
+    return b->elimination ? b->elimination->reduced : b->residual;
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -209,17 +250,20 @@ static void sbi_newton_residual(sbi_newton *newton)
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
-    newton->scale = sb_max(sb_sqrt(sbi_step_dot(b->external, b->external, n)), sbi_step_norm(b, b->internal, 1));
+    newton->scale = 0;
+    memset(b->part_scale, 0, (size_t)sbi_step_parts(b)->part_count * sizeof *b->part_scale);
+    sbi_newton_raise_scale(newton, b->external, SBI_STEP_ALL);
+    sbi_newton_raise_scale(newton, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_newton_add_loads(newton);
     if (newton->dynamic) {
-        newton->scale = sb_max(newton->scale, sb_sqrt(sbi_step_dot(b->internal, b->internal, n)));
+        sbi_newton_raise_scale(newton, b->internal, SBI_STEP_ALL);
         sbi_newton_add_dynamics(newton);
     }
     newton->last_norm = newton->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    newton->norm = sbi_step_norm(b, b->elimination ? b->elimination->reduced : b->residual, 0);
+    newton->norm = sbi_step_norm(b, sbi_newton_unbalanced(b), SBI_STEP_FREE);
 }
 
 /* ---- one Newton iteration: linear solve ---- */
@@ -614,16 +658,29 @@ static sb_result sbi_newton_evaluate(sbi_newton *newton)
     return SB_OK;
 }
 
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
+ * `rounding` (N). */
+static int sbi_newton_parts_meet(sbi_newton *newton, sb_real rounding)
+{
+    const sb_body *b = newton->body;
+    int parts = sbi_step_parts(b)->part_count, meet = 1;
+    newton->info->residual = 0;
+    for (int c = 0; c < parts; c++) {
+        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_newton_unbalanced(b), SBI_STEP_FREE) : newton->norm;
+        sb_real scale = parts > 1 ? b->part_scale[c] : newton->scale;
+        if (scale > 0)
+            newton->info->residual = sb_max(newton->info->residual, norm / scale);
+        meet &= norm <= newton->tolerance * scale || norm <= rounding;
+    }
+    return meet;
+}
+
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
 static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
 {
-    newton->info->residual = newton->scale > 0 ? newton->norm / newton->scale : 0;
-    if (newton->moves_supports)
-        return 0;
-    if (newton->norm <= newton->tolerance * newton->scale)
-        return 1;
-    return iteration > 0 && (newton->norm <= 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size) ||
-                             sbi_newton_is_exhausted(newton->body));
+    sb_real rounding = 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size);
+    int meet = sbi_newton_parts_meet(newton, iteration > 0 ? rounding : 0);
+    return !newton->moves_supports && (meet || (iteration > 0 && sbi_newton_is_exhausted(newton->body)));
 }
 
 static int sbi_newton_allows_inversion(const sb_body *b)

@@ -12,7 +12,8 @@ typedef struct sb_step_info {
     int load_steps;           /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
-                               * step (max_newton 1): |b - A x| / |b| of its linear solve */
+                               * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
+                               * that where it is largest */
     int capped;               /* 1: an iteration cap was hit and the best state so far was taken */
     double seconds_force;     /* with a clock, otherwise 0: rotations and internal forces, */
     double seconds_tangent;   /* assembly, */
@@ -70,8 +71,8 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 typedef struct sb_static_options {
     int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
                                * default 1 */
-    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1); default 1e-6; what is
-                               * below 64 epsilon counts as that */
+    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
+                               * default 1e-6; what is below 64 epsilon counts as that */
     int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
                                * rotation per element converge linearly and take at least 300 */
     int max_iterations;       /* of each linear solve, >= 1; default 20000 */
