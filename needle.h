@@ -837,7 +837,7 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 /* What a region is made of. */
 typedef struct ndl_tissue_material {
     sb_real young;   /* Pa, > 0 */
-    sb_real poisson; /* in (-1, 0.5); tet4 lock above 0.49 */
+    sb_real poisson; /* in (-1, 0.5); tet4 lock above 0.35, see sb_check_report */
     sb_real density; /* kg/m^3, > 0 */
 } ndl_tissue_material;
 

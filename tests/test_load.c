@@ -1202,7 +1202,59 @@ static void test_failed_first_static(void)
     sb_mesh_free(&mesh);
 }
 
-CHECK_SUITE(load, {"a failed first static solve", test_failed_first_static}, {"pressure is the gradient of the volume", test_pressure_is_the_volume_gradient},
+/* A node of no element: what would pull at it is refused, so that no force is lost without a word. */
+static void test_node_of_no_element(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 2, 1, 1, sb_v3(REAL(0.1), REAL(0.05), REAL(0.05)), 0);
+    sb_vec3 *nodes = (sb_vec3 *)malloc(((size_t)mesh.node_count + 1) * sizeof *nodes);
+    sb_vec3 force = sb_v3(0, 0, 1), none = sb_v3(0, 0, 0), both[2];
+    int lonely = mesh.node_count, pair[2], id = 77, starts[2] = {0, 2};
+    sb_real stiffness = 10, weights[2] = {1, 0};
+    sb_mapping mapping;
+    sb_body_def def = sb_default_body_def();
+    sb_body *body;
+    sb_error error;
+    uint64_t hash;
+    memcpy(nodes, mesh.nodes, (size_t)lonely * sizeof *nodes);
+    nodes[lonely] = sb_v3(1, 1, 1);
+    free(mesh.nodes);
+    mesh.nodes = nodes;
+    mesh.node_count++;
+    def.mesh = &mesh;
+    def.material = sb_material_linear(REAL(5e3), REAL(0.3), REAL(1000));
+    body = scene_body(&def);
+    scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    hash = sb_body_state_hash(body);
+    pair[0] = lonely - 1;
+    pair[1] = lonely;
+    both[0] = force;
+    both[1] = none;
+    mapping.row_count = 1;
+    mapping.row_start = starts;
+    mapping.nodes = pair;
+    mapping.weights = weights;
+    CHECK_RESULT(sb_body_add_forces(body, &lonely, 1, &force, 0), SB_ERROR_INDEX);
+    CHECK_RESULT(sb_body_add_forces(body, pair, 2, &force, 1), SB_ERROR_INDEX);
+    CHECK_RESULT(sb_body_add_springs(body, pair, 2, &stiffness, 1, both, &id, &error), SB_ERROR_INDEX);
+    CHECK_INT(error.node, lonely);
+    weights[1] = REAL(0.5);
+    CHECK_RESULT(sb_body_add_mapping(body, &mapping, &stiffness, 1, &force, &id, &error), SB_ERROR_INDEX);
+    CHECK_INT(error.element, 0);
+    CHECK(sb_body_state_hash(body) == hash && id == 77); /* nothing was added */
+    weights[1] = 0;
+    CHECK_OK(sb_body_add_mapping(body, &mapping, &stiffness, 1, &nodes[lonely - 1], &id, &error));
+    CHECK_OK(sb_body_add_forces(body, pair, 2, both, 0)); /* of 0 there is nothing to lose */
+    CHECK_OK(sb_body_release_nodes(body, &lonely, 1, SB_XYZ));
+    CHECK_OK(sb_body_prescribe(body, &lonely, 1, SB_Z, &force, 1));
+    CHECK_OK(sb_body_solve_static(body, NULL, NULL));
+    CHECK_NEAR(sb_body_displacements(body)[lonely].z, 1, 1e-6);
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+CHECK_SUITE(load, {"nodes of no element", test_node_of_no_element},
+            {"a failed first static solve", test_failed_first_static},
+            {"pressure is the gradient of the volume", test_pressure_is_the_volume_gradient},
             {"pressure follows the body", test_pressure_follows},
             {"pressure: digits double", test_pressure_tangent},
             {"thick tube (Lame)", test_thick_tube},

@@ -188,7 +188,7 @@ static int sbi_assembly_run(sbi_assembly_job *job)
 /* What is special about a cell's points, a literal like their number: */
 enum {
     SBI_CELL_PLAIN = 0,
-    SBI_CELL_SINGLE = 1, /* they share one rotation, from the corners */
+    SBI_CELL_SINGLE = 1, /* they share one rotation, of their mean */
     SBI_CELL_MEAN = 2    /* the last is the mean of the others */
 };
 
@@ -237,13 +237,43 @@ SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, cons
         f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
 }
 
-/* Rotation of a single-rotation cell from its four corners, which are its first four nodes. */
-static sb_quat sbi_cell_corner_rotation(const sb_domain *domain, int e, const sb_vec3 *u, sb_quat start)
+/* Mean deformation gradient of a cell; the identity where it has no weight. */
+static sb_mat3 sbi_cell_mean_gradient(const sb_mat3 *f, const sb_real *weights, int q)
 {
-    sb_real local[4][3];
-    sbi_cell_gather(domain->cells + (size_t)e * (size_t)domain->nodes_per_cell, u, 4, local);
-    return sb_m3_polar(sbi_cell_deformation((const sb_real(*)[3])local, domain->corner_gradients + 12 * (size_t)e, 4),
-                       start);
+    sb_mat3 sum = sb_m3_zero();
+    sb_real volume = 0;
+    for (int p = 0; p < q; p++) {
+        volume += weights[p];
+        sum = sb_m3_add(sum, sb_m3_scale(weights[p], f[p]));
+    }
+    return volume > 0 ? sb_m3_scale(1 / volume, sum) : sb_m3_identity();
+}
+
+/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does, so
+ * that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
+ * df = [w]x f + dV R gives (tr(V) I - V) w = axial(df R^T - R df^T); hence dW = ([n]x R) : df with
+ * (tr(V) I - V) n = m. The eigenvalues of that matrix are sums of two principal stretches, 2 at rest; where they come
+ * near 0 the cell is about to be inside out and R to jump. There, and where the points have turned so far against each
+ * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised steps
+ * of violent motion would not be stable. */
+SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness)
+{
+    const sb_real least = (sb_real)0.1, most = (sb_real)0.2; /* product of the eigenvalues; |n|/stiffness */
+    sb_mat3 v = sb_m3_mult(f, r), g, cofactor, n = sb_m3_zero();
+    sb_real trace = sb_m3_trace(v), det, excess;
+    sb_vec3 turn;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            g.m[i][j] = (i == j ? trace : (sb_real)0) - (sb_real)0.5 * (v.m[i][j] + v.m[j][i]);
+    cofactor = sb_m3_cofactor(g);
+    det = sb_v3_dot(sb_m3_column(g, 0), sb_m3_column(cofactor, 0));
+    turn = sb_v3_scale(1 / (stiffness * sb_max(det, least)), sb_m3_apply(cofactor, moment));
+    excess = sb_max(sb_v3_dot(turn, turn) / (most * most), 1);
+    turn = sb_v3_scale(stiffness / (excess * excess), turn);
+    n.m[0][1] = -turn.z, n.m[1][0] = turn.z;
+    n.m[2][0] = -turn.y, n.m[0][2] = turn.y;
+    n.m[1][2] = -turn.x, n.m[2][1] = turn.x;
+    return sb_m3_mul(n, r);
 }
 
 /* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. */
@@ -280,15 +310,6 @@ static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3
     return 0;
 }
 
-/* Polar rotation of the mean deformation gradient of a cell. */
-static sb_quat sbi_cell_mean_rotation(const sb_mat3 *f, const sb_real *weights, int q, sb_quat start)
-{
-    sb_mat3 sum = sb_m3_zero();
-    for (int p = 0; p < q; p++)
-        sum = sb_m3_add(sum, sb_m3_scale(weights[p], f[p]));
-    return sb_m3_polar(sum, start);
-}
-
 /* A knot is a state into which violence drives quadratic elements: folded where no point sees it, the points so far
  * turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone. */
 SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
@@ -299,7 +320,7 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
     sb_quat shared;
     if (!sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
         return 0;
-    shared = sbi_cell_mean_rotation(f, domain->weights + (size_t)e * (size_t)q, ordinary, rotation[0]);
+    shared = sb_m3_polar(sbi_cell_mean_gradient(f, domain->weights + (size_t)e * (size_t)q, ordinary), rotation[0]);
     for (int p = 0; p < q; p++)
         rotation[p] = shared;
     return 1;
@@ -315,7 +336,7 @@ static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
         return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
     }
-    rotation[0] = sbi_cell_corner_rotation(assembly->domain, e, u, rotation[0]);
+    rotation[0] = sb_m3_polar(sbi_cell_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
     for (int p = 1; p < q; p++)
         rotation[p] = rotation[0];
     return 1;
@@ -464,6 +485,28 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
     return admissible;
 }
 
+/* Adds to the stresses of a single-rotation cell what comes from its rotation. */
+static void sbi_cell_add_turning_stress(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_quat rotation,
+                                        sb_mat3 *stress)
+{
+    int q = assembly->domain->points_per_cell;
+    const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
+    sb_mat3 sum = sb_m3_zero(), s;
+    sb_real volume = 0;
+    sb_vec3 moment;
+    for (int p = 0; p < q; p++) {
+        volume += weights[p];
+        sum = sb_m3_add(sum, sb_m3_scale(weights[p], sb_m3_mult(stress[p], f[p])));
+    }
+    if (!(volume > 0))
+        return;
+    moment = sb_v3(sum.m[1][2] - sum.m[2][1], sum.m[2][0] - sum.m[0][2], sum.m[0][1] - sum.m[1][0]);
+    s = sbi_assembly_turning_stress(sb_quat_to_mat3(rotation), sbi_cell_mean_gradient(f, weights, q), moment,
+                                    volume * sbi_cell_shares(assembly, e)->mu);
+    for (int p = 0; p < q; p++)
+        stress[p] = sb_m3_add(stress[p], sb_m3_scale(1 / volume, s));
+}
+
 SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
                                      const int scheme)
 {
@@ -478,6 +521,8 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
+        if (scheme == SBI_CELL_SINGLE)
+            sbi_cell_add_turning_stress(assembly, e, f, rotation[0], stress);
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
         for (int p = 0; p < q; p++) {
@@ -620,7 +665,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
     const sb_material *shares = sbi_cell_shares(assembly, e);
-    const int rotated = scheme == SBI_CELL_SINGLE || sbi_assembly_is_rotated(shares, job->kind);
+    const int rotated = sbi_assembly_is_rotated(shares, job->kind);
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
@@ -1001,7 +1046,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
-    if (assembly->batched && (kind == SB_TANGENT_QUASI || assembly->domain->single_rotation)) {
+    if (assembly->batched && kind == SB_TANGENT_QUASI) {
         sbi_batch_tangent(assembly, factor, matrix);
         return -1;
     }

@@ -86,7 +86,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
                                  sb_matrix *matrix);
 /* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y: [node_count].
  * Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched. For one product
- * this is the faster way; for many with the same K it depends (see sb_body_multiply_stiffness). */
+ * this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
@@ -121,6 +121,13 @@ SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_
  * [points_per_cell] deformation gradients and what they turn by. */
 SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
                                 sb_quat *rotation);
+
+/* Volume times the stress that all points of a cell with one rotation r, that of their mean gradient f, have besides
+ * because the rotation turns with them: P : df is what a change df of f does to the cell's energy through r. moment: the
+ * axial vector sum_ij e_ijk (w P F^T)_ij summed over the cell's points; stiffness: their w mu. Without it the forces of
+ * a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where moments are
+ * large. */
+SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness);
 
 /* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
  * the stress last. admissible[point] is 0 where the material does not admit F. */

@@ -345,24 +345,84 @@ static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_
         sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats + 4 * p));
 }
 
-/* The same with one rotation per cell, that of its corners; d: differences of displacements. */
-static void sbi_batch_rotate_corners(sbi_assembly *assembly, int batch, const sb_real (*d)[SB_POLAR_LANES],
-                                     sb_real (*f)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+/* sums[4] += moment and stiffness of one point with the stress w P, as sbi_assembly_turning_stress takes them. */
+static void sbi_batch_add_moment(const sb_real *SB_RESTRICT mu, const sb_real (*SB_RESTRICT p)[SB_POLAR_LANES],
+                                 const sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
+                                 sb_real (*SB_RESTRICT sums)[SB_POLAR_LANES])
 {
-    sbi_batch_rows quats[4], g[9], corners[9];
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        size_t e = (size_t)sbi_batch_cell(assembly->domain, batch, l);
-        for (int k = 0; k < 9; k++)
-            g[k][l] = assembly->domain->corner_gradients[12 * e + 3 + (size_t)k];
+    for (int k = 0; k < 3; k++) {
+        int i = 3 * ((k + 1) % 3), j = 3 * ((k + 2) % 3);
+        for (int c = 0; c < 3; c++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sums[k][l] += p[i + c][l] * f[j + c][l] - p[j + c][l] * f[i + c][l];
     }
-    sbi_batch_deformation(d, SBI_BATCH_ROWS(g), 4, 1, corners);
-    sbi_batch_load_quats(assembly, batch, 0, 4, quats);
-    sb_polar_batch(corners, quats, r);
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        sums[3][l] += mu[l];
+}
+
+/* Mean of the deformation gradients of a tet10 batch, by the points' w mu. */
+static void sbi_batch_mean(const sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                           sb_real (*mean)[SB_POLAR_LANES])
+{
+    sbi_batch_rows sum;
+    memset(sum, 0, sizeof sum);
+    memset(mean, 0, 9 * sizeof mean[0]);
     for (int p = 0; p < 4; p++) {
+        const sb_real *mu = sbi_batch_moduli_at(assembly, batch, p, 4) + SB_POLAR_LANES;
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            sum[l] += mu[l];
+        for (int k = 0; k < 9; k++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                mean[k][l] += mu[l] * f[9 * p + k][l];
+    }
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            mean[k][l] = sum[l] > 0 ? mean[k][l] / sum[l] : (sb_real)(k % 4 == 0);
+}
+
+/* sbi_assembly_turning_stress over w mu of the cell, in place of the mean gradient; 0 where that is 0. */
+static void sbi_batch_turning_stress(const sb_real (*r)[SB_POLAR_LANES], const sb_real (*moment)[SB_POLAR_LANES],
+                                     sb_real (*mean)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 turn, f, s;
+        sb_real stiffness = moment[3][l];
+        for (int k = 0; k < 9; k++) {
+            turn.m[k / 3][k % 3] = r[k][l];
+            f.m[k / 3][k % 3] = mean[k][l];
+        }
+        s = sbi_assembly_turning_stress(turn, f, sb_v3(moment[0][l], moment[1][l], moment[2][l]), stiffness);
+        for (int k = 0; k < 9; k++)
+            mean[k][l] = stiffness > 0 ? s.m[k / 3][k % 3] / stiffness : 0;
+    }
+}
+
+/* Forces out[27] of a tet10 batch with one rotation per cell, that of its mean deformation gradient. */
+static void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                                   sb_real (*out)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[4], mean[9], r[9], moment[4], stress[36];
+    sbi_batch_mean(assembly, batch, f, mean);
+    sbi_batch_load_quats(assembly, batch, 0, 4, quats);
+    sb_polar_batch(mean, quats, r);
+    memset(moment, 0, sizeof moment);
+    memcpy(stress, f, sizeof stress);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
         sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats));
-        if (p > 0)
-            memcpy(r + 9 * p, r, 9 * sizeof r[0]);
-        sbi_batch_straighten_point(SBI_BATCH_ROWS(r), f + 9 * p);
+        sbi_batch_straighten_point(SBI_BATCH_ROWS(r), stress + 9 * p);
+        sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, stress + 9 * p);
+        sbi_batch_add_moment(moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(stress + 9 * p), f + 9 * p, moment);
+    }
+    sbi_batch_turning_stress(SBI_BATCH_ROWS(r), SBI_BATCH_ROWS(moment), mean);
+    memset(out, 0, 27 * sizeof out[0]);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *mu = sbi_batch_moduli_at(assembly, batch, p, 4) + SB_POLAR_LANES;
+        for (int k = 0; k < 9; k++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                stress[9 * p + k][l] += mu[l] * mean[k][l];
+        sbi_batch_apply(SBI_BATCH_ROWS(stress + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                        10, 1, out);
     }
 }
 
@@ -373,10 +433,12 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     for (int p = 0; p < 4; p++)
         sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
                               10, 1, f + 9 * p);
-    if (assembly->domain->single_rotation)
-        sbi_batch_rotate_corners(assembly, batch, SBI_BATCH_ROWS(d), f, r);
-    else
-        sbi_batch_rotate_points(assembly, batch, u, f, r);
+    if (assembly->domain->single_rotation) {
+        sbi_batch_force_single(assembly, batch, SBI_BATCH_ROWS(f), r);
+        sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(r), 10, force);
+        return;
+    }
+    sbi_batch_rotate_points(assembly, batch, u, f, r);
     memset(d, 0, sizeof d);
     for (int p = 0; p < 4; p++) {
         const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);

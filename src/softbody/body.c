@@ -430,13 +430,116 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     }
 }
 
+/* What a part's lumped masses are to sum to and do. */
+enum { SBI_SUM_MASS = 0, SBI_SUM_LEAST = 1, SBI_SUM_REST = 2, SBI_SUM_FIRST = 3, SBI_SUM_WANTED = 6, SBI_SUM_SECOND = 9 };
+
+/* Adds to work[].x (kg) the least lumped mass that the nodes of a cell with a mass of its own should have: it may resist
+ * more than it weighs, as cells do that an immersed grid's void stiffness holds. */
+static void sbi_body_add_least_mass(sb_body *body, int element, const sb_vec3 *x, sb_real density)
+{
+    const sb_domain *domain = &body->domain;
+    int n = domain->nodes_per_cell;
+    const sb_real *weights = domain->weights + (size_t)element * (size_t)domain->points_per_cell;
+    sb_real full[SB_MAX_ELEMENT_NODES], all = 0, volume = 0;
+    sbi_domain_full_mass(domain, x, full);
+    for (int a = 0; a < n; a++)
+        all += full[a];
+    for (int p = 0; p < sbi_body_points(body); p++)
+        volume += weights[p];
+    for (int a = 0; a < n; a++)
+        body->work[domain->cells[(size_t)element * (size_t)n + (size_t)a]].x +=
+            SBI_LEAST_MASS * density * volume * full[a] / all;
+}
+
+/* Brings nodes up to their least mass (work[].x) at the cost of the others of their part; returns 1 when there were any. */
+static int sbi_body_lift_masses(sb_body *body)
+{
+    int n = body->domain.node_count, lifted = 0;
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < n; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]];
+            int low = body->lumped_mass[i] < body->work[i].x;
+            sum[SBI_SUM_MASS] += (double)body->lumped_mass[i];
+            sum[low ? SBI_SUM_LEAST : SBI_SUM_REST] += (double)(low ? body->work[i].x : body->lumped_mass[i]);
+        }
+    for (int i = 0; i < n; i++)
+        if (body->node_component[i] >= 0) {
+            const double *sum = body->support_grams[body->node_component[i]];
+            if (!(sum[SBI_SUM_LEAST] > 0) || !(sum[SBI_SUM_LEAST] < 0.5 * sum[SBI_SUM_MASS]))
+                continue;
+            lifted = 1;
+            body->lumped_mass[i] = body->lumped_mass[i] < body->work[i].x
+                                       ? body->work[i].x
+                                       : (sb_real)((double)body->lumped_mass[i] *
+                                                   (sum[SBI_SUM_MASS] - sum[SBI_SUM_LEAST]) / sum[SBI_SUM_REST]);
+        }
+    return lifted;
+}
+
+/* Sums of a part's lumped masses times 1, x and x x^T, and those of the exact first moment; x from the part's corner. */
+static void sbi_body_sum_moments(sb_body *body)
+{
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]], m = (double)body->lumped_mass[i];
+            sb_vec3 from = sb_v3_sub(body->reference[i], body->component_low[body->node_component[i]]);
+            const double x[3] = {(double)from.x, (double)from.y, (double)from.z};
+            sum[SBI_SUM_MASS] += m;
+            for (int k = 0; k < 3; k++) {
+                sum[SBI_SUM_FIRST + k] += m * x[k];
+                sum[SBI_SUM_WANTED + k] += (double)body->load_mass[i] * x[k];
+                for (int j = 0; j < 3; j++)
+                    sum[SBI_SUM_SECOND + 3 * k + j] += m * x[k] * x[j];
+            }
+        }
+}
+
+/* Multiplies the lumped masses by 1 + tilt . (x - centre), which leaves their sum and puts their centre where the
+ * material's is. Nothing where that would take a quarter of some node's mass, or the part is flat. */
+static void sbi_body_tilt_masses(sb_body *body)
+{
+    sbi_body_sum_moments(body);
+    for (int c = 0; c < body->component_count; c++) {
+        double *sum = body->support_grams[c], m = sum[SBI_SUM_MASS];
+        sb_vec3 size = sb_v3_sub(body->component_high[c], body->component_low[c]), shift, tilt, centre;
+        sb_mat3 second;
+        for (int k = 0; k < 9 && m > 0; k++)
+            second.m[k / 3][k % 3] = (sb_real)((sum[SBI_SUM_SECOND + k] - sum[SBI_SUM_FIRST + k / 3] *
+                                                                             sum[SBI_SUM_FIRST + k % 3] / m) / m);
+        if (!(m > 0))
+            continue;
+        centre = sb_v3((sb_real)(sum[SBI_SUM_FIRST] / m), (sb_real)(sum[SBI_SUM_FIRST + 1] / m),
+                       (sb_real)(sum[SBI_SUM_FIRST + 2] / m));
+        shift = sb_v3((sb_real)((sum[SBI_SUM_WANTED] - sum[SBI_SUM_FIRST]) / m),
+                      (sb_real)((sum[SBI_SUM_WANTED + 1] - sum[SBI_SUM_FIRST + 1]) / m),
+                      (sb_real)((sum[SBI_SUM_WANTED + 2] - sum[SBI_SUM_FIRST + 2]) / m));
+        tilt = sb_m3_apply(sb_m3_inverse(second), shift);
+        memset(sum, 0, sizeof body->support_grams[0]);
+        if (!(sb_abs(tilt.x) * size.x + sb_abs(tilt.y) * size.y + sb_abs(tilt.z) * size.z < (sb_real)0.25) ||
+            sb_v3_norm(shift) < 64 * SB_EPSILON * sb_v3_norm(size))
+            continue;
+        sum[0] = (double)tilt.x, sum[1] = (double)tilt.y, sum[2] = (double)tilt.z;
+        sum[3] = (double)sb_v3_dot(tilt, centre);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0) {
+            const double *tilt = body->support_grams[body->node_component[i]];
+            sb_vec3 x = sb_v3_sub(body->reference[i], body->component_low[body->node_component[i]]);
+            body->lumped_mass[i] *= (sb_real)(1 + tilt[0] * (double)x.x + tilt[1] * (double)x.y +
+                                              tilt[2] * (double)x.z - tilt[3]);
+        }
+}
+
 SBI_API void sbi_body_update_mass(sb_body *body)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    int n = body->domain.nodes_per_cell;
+    int n = body->domain.nodes_per_cell, lifted = 0;
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
+    memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
     if (body->mass_blocks)
         memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
     for (int e = 0; e < body->domain.cell_count; e++) {
@@ -447,12 +550,16 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
-        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
+        lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
         }
+        if (body->domain.cell_mass)
+            sbi_body_add_least_mass(body, e, x, density);
     }
+    if (body->domain.cell_mass && (sbi_body_lift_masses(body) || lifted))
+        sbi_body_tilt_masses(body);
 }
 
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out)
@@ -1369,23 +1476,26 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     return SB_OK;
 }
 
-/* y = K x with the rotations as they are; -1, or the first cell without a tangent. */
-static int sbi_body_stiffness_product(sb_body *body, const sb_vec3 *x, sb_vec3 *y)
+/* y = K x; -1, or the first cell without a tangent. */
+static int sbi_body_tangent_product(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y)
 {
     int bad;
-    if (sbi_assembly_multiply(&body->assembly, x, y))
+    if (kind == SB_TANGENT_QUASI && sbi_assembly_multiply(&body->assembly, x, y))
         return -1;
-    bad = sbi_assembly_tangent(&body->assembly, body->displacement, SB_TANGENT_QUASI, 1, &body->matrix);
+    bad = sbi_assembly_tangent(&body->assembly, body->displacement, kind, 1, &body->matrix);
     if (bad < 0)
         sb_matrix_multiply(&body->matrix, &x[0].x, &y[0].x, &body->jobs);
     return bad;
 }
 
-SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error)
+SB_API sb_result sb_body_multiply_tangent(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y,
+                                          sb_error *error)
 {
     int bad = -1, has_rotations;
     if (!body || !x || !y)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_multiply_stiffness needs a body, x and y");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a product with the stiffness needs a body, x and y");
+    if (kind != SB_TANGENT_EXACT && kind != SB_TANGENT_SPD && kind != SB_TANGENT_QUASI)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the kind of tangent %d is unknown", (int)kind);
     for (int i = 0; i < body->domain.node_count; i++)
         if (!sb_v3_is_finite(x[i]))
             return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the displacement of node %d is not finite", i);
@@ -1395,7 +1505,7 @@ SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_
         bad = sbi_assembly_force(&body->assembly, body->displacement, body->work);
     }
     if (bad < 0)
-        bad = sbi_body_stiffness_product(body, x, body->work2);
+        bad = sbi_body_tangent_product(body, kind, x, body->work2);
     if (!has_rotations)
         sbi_assembly_restore_rotations(&body->assembly);
     if (bad >= 0)
@@ -1403,6 +1513,11 @@ SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_
                                 "element %d is inside out, which its material does not allow", bad);
     memcpy(y, body->work2, (size_t)body->domain.node_count * sizeof *y);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error)
+{
+    return sb_body_multiply_tangent(body, SB_TANGENT_EXACT, x, y, error);
 }
 
 SB_API sb_real sb_body_mass(const sb_body *body)
@@ -1898,10 +2013,39 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
         report->warnings |= SB_CHECK_COMPONENTS;
 }
 
+/* Poisson's ratio from which the body's elements lose more than 2 % to locking; measured, see sb_check_report. */
+static sb_real sbi_body_locking_limit(const sb_domain *domain)
+{
+    sbi_element element = sbi_domain_element(domain);
+    if (domain->mean_point)
+        return (sb_real)0.5;
+    switch (domain->element_type) {
+    case SB_TET4: return (sb_real)0.35;
+    case SB_TET10: return (sb_real)0.495;
+    case SB_HEX8: return (sb_real)0.4;
+    case SB_CUSTOM:
+        return sbi_element_node_count(element) == sbi_element_corner_count(element) ? (sb_real)0.4 : (sb_real)0.49;
+    default: return (sb_real)0.49;
+    }
+}
+
+static void sbi_body_check_locking(const sb_body *body, sb_check_report *report)
+{
+    const sb_real rounding = 1 + (sb_real)1e-5; /* of a ratio that was made of moduli */
+    report->locking_limit = sbi_body_locking_limit(&body->domain);
+    report->locking_element = -1;
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        if (!(sb_material_poisson(body->materials + body->cell_material[e]) > rounding * report->locking_limit))
+            continue;
+        if (report->locking_count++ == 0)
+            report->locking_element = e;
+    }
+    if (report->locking_count > 0)
+        report->warnings |= SB_CHECK_LOCKING;
+}
+
 static void sbi_body_check_materials(const sb_body *body, sb_check_report *report)
 {
-    int locks = body->domain.element_type == SB_TET4 ||
-                (body->domain.element_type == SB_HEX8 && !body->domain.mean_point);
     for (int i = 0; i < body->material_count; i++) {
         const sb_material *material = body->materials + i;
         sb_real young = sb_material_young(material);
@@ -1909,9 +2053,8 @@ static void sbi_body_check_materials(const sb_body *body, sb_check_report *repor
             report->warnings |= SB_CHECK_DENSITY;
         if (young < 10 || young > (sb_real)1e7)
             report->warnings |= SB_CHECK_STIFFNESS;
-        if (locks && sb_material_poisson(material) > (sb_real)0.49)
-            report->warnings |= SB_CHECK_LOCKING;
     }
+    sbi_body_check_locking(body, report);
 }
 
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report)
@@ -1935,7 +2078,7 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_DENSITY: return "a density is outside 100 to 10,000 kg/m^3: are the units SI?";
     case SB_CHECK_STIFFNESS: return "a Young's modulus is outside 10 Pa to 10 MPa: are the units SI?";
     case SB_CHECK_SLIVERS: return "some elements are slivers (quality under 0.1): solves will be slow";
-    case SB_CHECK_LOCKING: return "Poisson's ratio above 0.49 locks tet4 and hex8: use tet10 or B-bar hex8";
+    case SB_CHECK_LOCKING: return "Poisson's ratio is too high for this element, which locks and is too stiff: use B-bar hex8";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
     case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";

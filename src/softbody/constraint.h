@@ -24,8 +24,8 @@ typedef struct sb_constraint_term {
  *   id            receives the constraint's number, >= 0, never used again by this body; may be NULL
  * A gap that a new constraint finds open is closed like the way of a moving support: at once by a time step, by load
  * increments in a static solve. A slave's velocity becomes that of its masters.
- * Errors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, the
- * slave of another constraint, among its own masters, or in a circle of constraints; node and axis named),
+ * Errors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, as
+ * nodes of no element always are, the slave of another constraint, among its own masters, or in a circle of constraints; node and axis named),
  * SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples them all: m^2 matrix blocks. */
 SB_API sb_result sb_body_add_constraint(sb_body *body, const sb_constraint_term *terms, int count, sb_real value,
                                         int *id, sb_error *error);
@@ -60,7 +60,8 @@ typedef struct sb_tie_report {
     int tied_count;        /* slave nodes tied */
     int free_count;        /* slave nodes left free: too far from all faces */
     int farthest_node;     /* the farthest of them, or -1 */
-    int supported_count;   /* slave nodes with supported axes; those axes are left to their supports */
+    int supported_count;   /* slave nodes with supported axes; those axes are left to their supports (nodes of no
+                            * element count here: none of their axes is tied) */
     sb_real largest_gap;   /* of the nodes tied (m) */
     int first_constraint, constraint_count;
 } sb_tie_report;

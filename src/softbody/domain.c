@@ -9,7 +9,6 @@ SB_API void sb_domain_free(sb_domain *domain)
     sbi_free(&allocator, domain->cells);
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
-    sbi_free(&allocator, domain->corner_gradients);
     sbi_free(&allocator, domain->cell_mass);
     memset(domain, 0, sizeof *domain);
 }
@@ -123,13 +122,6 @@ static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, s
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
-        if (domain->single_rotation) {
-            sb_real tet4_gradient[4][3], centre[3] = {(sb_real)0.25, (sb_real)0.25, (sb_real)0.25};
-            sb_element_shape(SB_TET4, centre, NULL, tet4_gradient);
-            if (!(sbi_domain_point(4, x, (const sb_real(*)[3])tet4_gradient,
-                                   domain->corner_gradients + (size_t)e * 12) > 0))
-                return sbi_fail_element(error, SB_ERROR_MESH, e, "the corners of element %d span no volume", e);
-        }
     }
     return SB_OK;
 }
@@ -144,10 +136,7 @@ static sb_result sbi_domain_allocate(const sb_mesh *mesh, const sb_allocator *al
     domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
-    if (domain->single_rotation)
-        domain->corner_gradients = (sb_real *)sbi_alloc(allocator, cells, 12 * sizeof(sb_real));
-    if (!domain->cells || !domain->gradients || !domain->weights ||
-        (domain->single_rotation && !domain->corner_gradients))
+    if (!domain->cells || !domain->gradients || !domain->weights)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d elements",
                         mesh->element_count);
     memcpy(domain->cells, mesh->elements, cells * n * sizeof(int));
@@ -243,8 +232,7 @@ static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *me
     if (!sbi_domain_has_loops(domain, mesh))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
                         domain->points_per_cell, sb_element_name(mesh->element_type));
-    if (!domain->cells || !domain->gradients || !domain->weights ||
-        (domain->single_rotation && !domain->corner_gradients))
+    if (!domain->cells || !domain->gradients || !domain->weights)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "an array of the domain is NULL");
     for (size_t i = 0; i < entries; i++)
         if (domain->cells[i] != mesh->elements[i])
@@ -280,8 +268,7 @@ static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *
     const sb_real *weights = domain->weights + (size_t)e * q, *gradients = domain->gradients + (size_t)e * q * 3 * n;
     const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
     if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
-        (mass && !sbi_domain_all_finite(mass, pairs)) ||
-        (domain->single_rotation && !sbi_domain_all_finite(domain->corner_gradients + (size_t)e * 12, 12)))
+        (mass && !sbi_domain_all_finite(mass, pairs)))
         return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
     for (size_t p = 0; p < q; p++) {
         if (!(weights[p] >= 0))
@@ -334,8 +321,6 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
         memcpy(made.cells, domain->cells, cells * n * sizeof(int));
     made.gradients = sbi_domain_copy_reals(allocator, domain->gradients, cells, q * n * 3, &failed);
     made.weights = sbi_domain_copy_reals(allocator, domain->weights, cells, q, &failed);
-    made.corner_gradients = sbi_domain_copy_reals(
-        allocator, domain->single_rotation ? domain->corner_gradients : NULL, cells, 12, &failed);
     made.cell_mass = sbi_domain_copy_reals(allocator, domain->cell_mass, cells, n * (n + 1) / 2, &failed);
     if (failed || !made.cells) {
         sb_domain_free(&made);
@@ -381,6 +366,37 @@ static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
             mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
 }
 
+/* Lumped masses of a cell with a mass of its own: HRZ, lifted where it needs to be; returns 1 then. Of a brick of which a corner is full, the squares of the
+ * other nodes' shape functions sum to next to nothing, while their slopes resist like those of any other material; the
+ * step that central differences may take falls with the root of the quotient. So every node gets at least a share of what
+ * it would have of these masses in the full cell; the cell's mass stays what it is. */
+static int sbi_domain_lump_part(int n, sb_real volume, const sb_real *full, sb_real *mass)
+{
+    sb_real all = 0, sum = 0;
+    int lifted = 0;
+    sbi_domain_lump(n, volume, mass);
+    for (int a = 0; a < n; a++)
+        all += full[a];
+    for (int a = 0; a < n; a++) {
+        sb_real *m = mass + a * (n + 1), least = SBI_LEAST_MASS * volume * full[a] / all;
+        lifted |= *m < least;
+        *m = sb_max(*m, least);
+        sum += *m;
+    }
+    for (int a = 0; a < n && lifted; a++)
+        mass[a * (n + 1)] *= volume / sum;
+    return lifted;
+}
+
+SBI_API void sbi_domain_full_mass(const sb_domain *domain, const sb_vec3 *x, sb_real *full)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    int n = domain->nodes_per_cell;
+    sbi_element_mass(sbi_domain_element(domain), SB_MASS_LUMPED, x, mass, NULL);
+    for (int a = 0; a < n; a++)
+        full[a] = mass[a * (n + 1)];
+}
+
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load)
 {
@@ -394,15 +410,15 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
         sbi_domain_lump(n, volume, mass);
 }
 
-SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
                                      sb_real *mass, sb_real *volume_load)
 {
     int n = domain->nodes_per_cell;
     const sb_real *own = domain->cell_mass;
-    sb_real volume = 0;
+    sb_real volume = 0, full[SB_MAX_ELEMENT_NODES];
     if (!own) {
         sbi_element_mass(sbi_domain_element(domain), kind, x, mass, volume_load);
-        return;
+        return 0;
     }
     own += (size_t)cell * (size_t)(n * (n + 1) / 2);
     for (int a = 0; a < n; a++)
@@ -416,8 +432,10 @@ SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_
             volume_load[a] = load;
         volume += load;
     }
-    if (kind == SB_MASS_LUMPED)
-        sbi_domain_lump(n, volume, mass);
+    if (kind != SB_MASS_LUMPED)
+        return 0;
+    sbi_domain_full_mass(domain, x, full);
+    return sbi_domain_lump_part(n, volume, full, mass);
 }
 
 /* ---- points between nodes ---- */

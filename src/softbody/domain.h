@@ -14,7 +14,7 @@
 typedef struct sb_domain {
     sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
-    int single_rotation;          /* 1: one rotation per cell, from its corners (tet10) */
+    int single_rotation;          /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
     int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
                                    * gradients and their volume, and stands for the share of the material that resists
                                    * changes of volume, which the others then leave out */
@@ -25,7 +25,6 @@ typedef struct sb_domain {
     int *cells;                   /* [cell_count][nodes_per_cell] */
     sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
-    sb_real *corner_gradients;    /* [cell_count][4][3] of the straight corner tet (1/m), or NULL */
     sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
                                    * row by row (n nodes per cell); NULL: the cells are elements, full of material */
     sb_allocator allocator;
@@ -56,7 +55,11 @@ SB_API void sb_domain_free(sb_domain *domain);
 
 /* Mass matrices of an element at unit density. */
 typedef enum sb_mass_kind {
-    SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976) */
+    SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976). Where cells
+                             * have masses of their own (cell_mass), no node gets less than half of what it would have of
+                             * cells as full as their stiffness, so that explicit steps stay nearly as long as in full
+                             * cells however little of one is inside; the mass of each part of the body stays what it is,
+                             * and where any node was given more its centre is made exact */
     SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
     SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
                              * rank on tets: for comparisons, with supports */
@@ -88,9 +91,15 @@ SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_ve
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error);
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
- * SB_MASS_REDUCED makes no difference. */
-SBI_API void sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
-                                     sb_real *mass, sb_real *volume_load);
+ * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
+ * have had less, else 0. */
+SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                    sb_real *mass, sb_real *volume_load);
+/* The least share of the mass that a node would have, were its cells full up to their stiffness, that lumping leaves it
+ * with where cells have masses of their own. */
+#define SBI_LEAST_MASS ((sb_real)0.5)
+/* full[nodes] (m^3): the lumped mass of the cell's element with nodes at x[nodes] (m), as if it were full. */
+SBI_API void sbi_domain_full_mass(const sb_domain *domain, const sb_vec3 *x, sb_real *full);
 /* The element of the cells. */
 SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
 {

@@ -17,6 +17,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
     for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
         if (!sb_v3_is_finite(forces[i]))
             return SB_ERROR_NOT_FINITE;
+    for (int i = 0; i < count; i++) {
+        sb_vec3 f = forces[uniform ? 0 : i];
+        if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
+            return SB_ERROR_INDEX;
+    }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
     if (count > 0)
@@ -416,6 +421,9 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
         if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
+        else if (body->node_component[nodes[i]] < 0)
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d pulls at node %d, which no element has", i,
+                                 nodes[i]);
     result = sbi_load_check_stiffness(stiffness, count, uniform, error);
     if (result == SB_OK)
         result = sbi_load_check_points(points, count, error);
@@ -455,6 +463,9 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
+            if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
+                return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping has a weight at node %d, which "
+                                        "no element has", j, mapping->nodes[k]);
             if (!sb_is_finite(mapping->weights[k]))
                 return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "row %d of the mapping has a weight that is "
                                         "not finite", j);

@@ -201,6 +201,7 @@
 #define sb_body_external_forces sb_body_external_forces_f32
 #define sb_body_energy sb_body_energy_f32
 #define sb_body_multiply_stiffness sb_body_multiply_stiffness_f32
+#define sb_body_multiply_tangent sb_body_multiply_tangent_f32
 #define sb_body_mass sb_body_mass_f32
 #define sb_body_momentum sb_body_momentum_f32
 #define sb_body_stress sb_body_stress_f32

@@ -113,9 +113,10 @@
  * sb_material_neo_hookean, _neo_hookean_isochoric, _mooney_rivlin, _reduced_polynomial and _svk to agree with textbooks
  * and industrial solvers.
  *
- * Which element? tet10 bends well and does not lock; tet4 is fastest per element but too stiff in bending and near
- * incompressibility (nu above 0.49); hex8 for structured blocks, with SB_INTEGRATION_BBAR when nearly incompressible;
- * hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 cheaper.
+ * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
+ * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
+ * def.single_rotation makes tet10 cheaper. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
+ * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check tells, sb_check_report says how much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
  * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,

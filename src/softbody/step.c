@@ -1099,7 +1099,7 @@ SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
     newton.max_iterations = body->max_iterations;
     newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
-    newton.line_search = !body->domain.single_rotation && !(newton.linearised && sbi_newton_is_tame(body));
+    newton.line_search = !(newton.linearised && sbi_newton_is_tame(body));
     sbi_step_save(body);
     sbi_step_watch_knots(body, newton.linearised);
     result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
@@ -1256,10 +1256,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     newton.info = info;
     newton.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
     newton.max_newton = sbi_max_int(options->max_newton, 2);
-    if (body->domain.single_rotation) /* its tangent leaves dR/dx out, so that it converges linearly */
-        newton.max_newton = sbi_max_int(newton.max_newton, 10 * SBI_STATIC_NEWTON);
     newton.max_iterations = options->max_iterations;
-    newton.line_search = !body->domain.single_rotation;
+    newton.line_search = 1;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
