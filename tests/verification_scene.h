@@ -383,11 +383,23 @@ typedef struct verify_ring {
     double inner, outer, angle, length;
 } verify_ring;
 
+static inline sb_vec3 verify_ring_point(const verify_ring *ring, double r, double y, double z)
+{
+    double a = ring->angle * y;
+    return sb_v3(REAL(r * cos(a)), REAL(y == 0 ? 0 : r * sin(a)), REAL(ring->length * z));
+}
+
 static inline sb_vec3 verify_map_ring(const void *user, double x, double y, double z)
 {
     const verify_ring *ring = (const verify_ring *)user;
-    double r = ring->inner * pow(ring->outer / ring->inner, x), a = ring->angle * y;
-    return sb_v3(REAL(r * cos(a)), REAL(y == 0 ? 0 : r * sin(a)), REAL(ring->length * z));
+    return verify_ring_point(ring, ring->inner * pow(ring->outer / ring->inner, x), y, z);
+}
+
+/* The same with cells of one height. */
+static inline sb_vec3 verify_map_even_ring(const void *user, double x, double y, double z)
+{
+    const verify_ring *ring = (const verify_ring *)user;
+    return verify_ring_point(ring, ring->inner + (ring->outer - ring->inner) * x, y, z);
 }
 
 /* A third of an octant of a thick sphere: the part in which component `axis` of the direction is the
@@ -397,10 +409,8 @@ typedef struct verify_shell {
     int axis;
 } verify_shell;
 
-static inline sb_vec3 verify_map_shell(const void *user, double x, double y, double z)
+static inline sb_vec3 verify_shell_point(const verify_shell *shell, double r, double y, double z)
 {
-    const verify_shell *shell = (const verify_shell *)user;
-    double r = shell->inner * pow(shell->outer / shell->inner, x);
     double direction[3], b = tan(y * VERIFY_PI / 4), c = tan(z * VERIFY_PI / 4),
                          length = sqrt(1 + b * b + c * c);
     direction[shell->axis] = r / length;
@@ -409,11 +419,40 @@ static inline sb_vec3 verify_map_shell(const void *user, double x, double y, dou
     return sb_v3(REAL(direction[0]), REAL(direction[1]), REAL(direction[2]));
 }
 
+static inline sb_vec3 verify_map_shell(const void *user, double x, double y, double z)
+{
+    const verify_shell *shell = (const verify_shell *)user;
+    return verify_shell_point(shell, shell->inner * pow(shell->outer / shell->inner, x), y, z);
+}
+
+/* The same with cells of one height. */
+static inline sb_vec3 verify_map_even_shell(const void *user, double x, double y, double z)
+{
+    const verify_shell *shell = (const verify_shell *)user;
+    return verify_shell_point(shell, shell->inner + (shell->outer - shell->inner) * x, y, z);
+}
+
+/* Appends a mesh, which is freed, without joining nodes; `whole` starts as zeros. */
+static inline void verify_append(sb_mesh *whole, sb_mesh *part)
+{
+    size_t nodes = (size_t)sb_element_node_count(part->element_type);
+    size_t old_nodes = (size_t)whole->node_count, old_elements = (size_t)whole->element_count * nodes;
+    size_t new_elements = (size_t)part->element_count * nodes;
+    whole->element_type = part->element_type;
+    whole->nodes = (sb_vec3 *)realloc(whole->nodes, (old_nodes + (size_t)part->node_count) * sizeof(sb_vec3));
+    whole->elements = (int *)realloc(whole->elements, (old_elements + new_elements) * sizeof(int));
+    memcpy(whole->nodes + old_nodes, part->nodes, (size_t)part->node_count * sizeof(sb_vec3));
+    for (size_t i = 0; i < new_elements; i++)
+        whole->elements[old_elements + i] = part->elements[i] + whole->node_count;
+    whole->node_count += part->node_count;
+    whole->element_count += part->element_count;
+    sb_mesh_free(part);
+}
+
 /* An octant of a thick sphere in three blocks of `around`^2 x `across` cells. */
 static inline sb_mesh verify_octant(sb_element_type type, double inner, double outer, int across, int around)
 {
     sb_mesh whole;
-    size_t nodes = (size_t)sb_element_node_count(type);
     memset(&whole, 0, sizeof whole);
     for (int axis = 0; axis < 3; axis++) {
         verify_shell shell;
@@ -421,18 +460,7 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
         shell.outer = outer;
         shell.axis = axis;
         sb_mesh part = verify_block(type, across, around, around, verify_map_shell, &shell, 0);
-        size_t old_nodes = (size_t)whole.node_count, old_elements = (size_t)whole.element_count * nodes;
-        size_t new_elements = (size_t)part.element_count * nodes;
-        whole.element_type = type;
-        whole.nodes =
-            (sb_vec3 *)realloc(whole.nodes, (old_nodes + (size_t)part.node_count) * sizeof(sb_vec3));
-        whole.elements = (int *)realloc(whole.elements, (old_elements + new_elements) * sizeof(int));
-        memcpy(whole.nodes + old_nodes, part.nodes, (size_t)part.node_count * sizeof(sb_vec3));
-        for (size_t i = 0; i < new_elements; i++)
-            whole.elements[old_elements + i] = part.elements[i] + whole.node_count;
-        whole.node_count += part.node_count;
-        whole.element_count += part.element_count;
-        sb_mesh_free(&part);
+        verify_append(&whole, &part);
     }
     CHECK_OK(sb_mesh_merge_nodes(&whole, REAL(-1), NULL, NULL));
     return whole;
@@ -498,7 +526,7 @@ static inline int verify_solve(sb_body *body)
     sb_static_options options = sb_default_static_options();
     sb_step_info info;
     options.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-4 : 1e-11);
-    options.max_newton = 300; /* a single rotation converges linearly */
+    options.max_newton = 300;
     int ok = CHECK_OK(sb_body_solve_static(body, &options, &info));
     if (!ok)
         printf("%s (load factor %.3g, residual %.1e)\n", info.error.message, (double)info.load_factor,
