@@ -2994,14 +2994,16 @@ typedef enum sb_surface_finding {
     SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
     SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
     SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
-    SB_SURFACE_SEVERAL_PARTS = 1024    /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_SEVERAL_PARTS = 1024,   /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_CROWDED = 2048          /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
+                                        * size, and that do not cross those looked at: the rest were not looked at */
 } sb_surface_finding;
 
 enum {
-    SB_SURFACE_FINDING_COUNT = 11,
+    SB_SURFACE_FINDING_COUNT = 12,
     /* What leaves it open which points are inside. */
     SB_SURFACE_NOT_SOLID = SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED | SB_SURFACE_NONMANIFOLD_EDGES |
-                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING
+                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING | SB_SURFACE_CROWDED
 };
 
 /* How often something was found, and the first place; -1 where that has no element or node. */
@@ -3013,7 +3015,9 @@ typedef struct sb_surface_place {
 
 typedef struct sb_surface_report {
     int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
-    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; number 10: parts beyond the first */
+    int crossings_partial;                         /* 1: more pairs may cross than were counted. Counting ends at 16
+                                                    * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
     int parts;                                     /* parts that share no node */
     sb_real volume;                                /* m^3 enclosed; meaningful when closed */
     sb_real area;                                  /* m^2 */
@@ -3021,7 +3025,8 @@ typedef struct sb_surface_report {
 
 /* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
  * does, and then leaves *report alone. Faces count as the mesh has them; crossings are looked for between the triangles
- * they are cut into. Triangles that only touch do not cross. O(faces log faces), about 0.4 s for 100,000 triangles. */
+ * they are cut into. Triangles that only touch do not cross. O(faces log faces), also where all faces coincide, share a
+ * node or are stacked; about 0.4 s for 100,000 triangles. */
 SB_API sb_result sb_surface_check(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface_report *report,
                                   sb_error *error);
 /* One sentence that names the finding, e.g. "edges of one face only"; "unknown finding" for no single one. Static. */
@@ -5824,8 +5829,8 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 
 /* ==== src/softbody/surface.h, internal ==== */
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
- * the nearest, only the winding number tells the sign. Returns 1 when triangles cross, else all are 0. Some 2 us for each
- * triangle, 10 us when they cross. */
+ * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
+ * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
 
 /* ==== src/softbody/material.h, internal ==== */
@@ -17955,6 +17960,10 @@ SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye);
 SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
+/* Counts pairs of triangles that cross, and triangles whose search was given up; places must be 0 or -1 all over.
+ * crossing[triangles] (or NULL) becomes 1 for both. Returns 1 when pairs may be missing, 0 when not, -1: no memory. */
+SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
+                                       sb_surface_place *crowds, unsigned char *crossing);
 #endif
 
 #endif /* SBI_SURFACE_TREE_H */
@@ -19972,8 +19981,18 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
         sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
 
-/* ==== src/softbody/surface_check.c ==== */
-/* surface_check: what is wrong with a surface, and what can be repaired. */
+/* ==== src/softbody/surface_crossing.c ==== */
+/* surface_crossing: pairs of triangles that pass through each other or overlap in a plane.
+ *
+ * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
+ * left out. Three kinds of surface would still make that quadratic, and each has its own answer:
+ *
+ *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only cross
+ *              where their arcs do, seen from the node: a tree over the arcs finds the pairs
+ *   wide ones  a triangle with hundreds of small ones on it: put off, then the small ones look for the few wide ones
+ *   crowds     hundreds on hundreds, coincident or stacked closer than float boxes can tell apart: when they cross,
+ *              counting ends after SBI_CROSSING_PAIRS for each triangle; when they do not, the search gives up and
+ *              says so (SB_SURFACE_CROWDED) */
 
 /* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
@@ -20092,52 +20111,377 @@ static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
     return shared >= 3;
 }
 
-static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const float low[3], const float high[3])
+/* ---- the search ---------------------------------------------------------------------------------------------- */
+
+enum {
+    SBI_CROSSING_STEPS = 256,  /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
+    SBI_CROSSING_FAN = 64,     /* triangles round a node that make it a hub */
+    SBI_CROSSING_PAIRS = 16,   /* pairs for each triangle that are counted, */
+    SBI_CROSSING_MORE = 1024   /* and so many more */
+};
+
+/* What lasts over a search. */
+typedef struct sbi_crossing {
+    const sb_surface *s;
+    const sb_allocator *allocator;
+    unsigned char *crossing;     /* [triangles] 1: crosses another; or NULL */
+    sb_surface_place *crossings, *crowds;
+    int *hub;                    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
+    int most;                    /* pairs after which counting ends */
+    int partial;                 /* 1: pairs may be missing */
+} sbi_crossing;
+
+/* A tree to look in, of the surface, of the arcs round a hub, or of wide triangles of these. */
+typedef struct sbi_crossing_tree {
+    const sb_surface *tree;
+    const int *names; /* [tree triangles] number in the surface, ascending; NULL: the same */
+    int (*branch_hub)[SBI_SURFACE_WIDTH]; /* [tree nodes] hub of all triangles below, or -1; NULL: unknown */
+    int skips_fans;   /* 1: pairs of one hub are found elsewhere */
+} sbi_crossing_tree;
+
+/* One triangle that looks for partners, in local coordinates of the tree. */
+typedef struct sbi_crossing_seeker {
+    int name;             /* in the surface */
+    int is_after;         /* looks for partners with lower numbers; else for those with higher ones */
+    int hub;              /* whose triangles are left out; -1: none */
+    int steps;
+    float corner[3][3], low[3], high[3], normal[3], offset;
+} sbi_crossing_seeker;
+
+static int sbi_crossing_name(const sbi_crossing_tree *in, int triangle)
+{
+    return in->names ? in->names[triangle] : triangle;
+}
+
+static float sbi_crossing_dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* x: corners in the units that the tree was made in. A triangle without a plane has the normal 0. */
+static void sbi_crossing_seek_from(const sb_surface *tree, const sb_vec3 corners[3], sbi_crossing_seeker *seeker)
+{
+    sb_vec3 x[3], normal;
+    sb_real length;
+    for (int i = 0; i < 3; i++) {
+        x[i] = sb_v3_scale(tree->scale, corners[i]);
+        sbi_surface_to_local(tree, x[i], seeker->corner[i]);
+    }
+    sbi_surface_box_of(tree, x, seeker->low, seeker->high);
+    normal = sbi_surface_area_vector(x);
+    length = sbi_surface_slimness(x) > sb_sqrt(SB_EPSILON) ? sb_v3_norm(normal) : 0;
+    normal = length > 0 ? sb_v3_scale((sb_real)1 / length, normal) : sb_v3(0, 0, 0);
+    seeker->normal[0] = (float)normal.x;
+    seeker->normal[1] = (float)normal.y;
+    seeker->normal[2] = (float)normal.z;
+    seeker->offset = sbi_crossing_dot(seeker->normal, seeker->corner[0]);
+}
+
+/* Whether the seeker's plane passes child k of a node by. */
+static int sbi_crossing_plane_misses(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
+{
+    float height = -seeker->offset, reach = SBI_SURFACE_SLACK;
+    for (int axis = 0; axis < 3; axis++) {
+        float n = seeker->normal[axis], half = 0.5f * (node->high[axis][k] - node->low[axis][k]);
+        height += n * 0.5f * (node->high[axis][k] + node->low[axis][k]);
+        reach += (n < 0 ? -n : n) * half;
+    }
+    return height > reach || height < -reach;
+}
+
+/* Whether the coin of child k lies on one side of the seeker. */
+static int sbi_crossing_coin_misses(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
+{
+    float thickness = node->coin[SBI_COIN_THICKNESS][k] + SBI_SURFACE_SLACK;
+    int below = 0, above = 0;
+    for (int i = 0; i < 3; i++) {
+        float height = 0;
+        for (int axis = 0; axis < 3; axis++)
+            height += node->coin[SBI_COIN_NORMAL + axis][k] *
+                      (seeker->corner[i][axis] - node->coin[SBI_COIN_CENTRE + axis][k]);
+        below += height < -thickness;
+        above += height > thickness;
+    }
+    return below == 3 || above == 3;
+}
+
+static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
 {
     for (int axis = 0; axis < 3; axis++)
-        if (node->low[axis][k] > high[axis] || node->high[axis][k] < low[axis])
+        if (node->low[axis][k] > seeker->high[axis] || node->high[axis][k] < seeker->low[axis])
             return 0;
+    return !sbi_crossing_plane_misses(node, k, seeker) && !sbi_crossing_coin_misses(node, k, seeker);
+}
+
+static void sbi_crossing_leaf(const sbi_crossing *c, const sbi_crossing_tree *in, int leaf_number,
+                              sbi_crossing_seeker *seeker)
+{
+    const sb_surface *s = c->s;
+    const sbi_surface_leaf *leaf = in->tree->leaf + leaf_number;
+    for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
+        int other = sbi_crossing_name(in, sbi_surface_leaf_triangle(leaf, k)), t = seeker->name;
+        if (other == t || (other < t) != seeker->is_after || s->element[other] == s->element[t] ||
+            (seeker->hub >= 0 && c->hub[other] == seeker->hub))
+            continue;
+        seeker->steps++;
+        if (sbi_crossing_same_corners(s, t, other) || !sbi_crossing_test(s, t, other))
+            continue;
+        if (c->crossing)
+            c->crossing[t] = c->crossing[other] = 1;
+        if (c->crossings->count++ == 0) {
+            c->crossings->element = s->element[sbi_min_int(t, other)];
+            c->crossings->other_element = s->element[sbi_max_int(t, other)];
+        }
+    }
+}
+
+/* Looks for all partners; 0 when it gave up. */
+static int sbi_crossing_seek(const sbi_crossing *c, const sbi_crossing_tree *in, sbi_crossing_seeker *seeker)
+{
+    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
+    seeker->steps = 0;
+    stack[top++] = 0;
+    while (top > 0) {
+        int child = stack[--top];
+        if (++seeker->steps > SBI_CROSSING_STEPS)
+            return 0;
+        if (child < 0) {
+            sbi_crossing_leaf(c, in, ~child, seeker);
+            continue;
+        }
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+            if ((seeker->hub < 0 || !in->branch_hub || in->branch_hub[child][k] != seeker->hub) &&
+                sbi_crossing_boxes_meet(in->tree->tree + child, k, seeker))
+                stack[top++] = in->tree->tree[child].child[k];
+    }
     return 1;
 }
 
-static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, int triangle, sb_surface_place *place,
-                              unsigned char *crossing)
+/* A surface of some triangles of another: wide[count] are their numbers there. In the units of its nodes as it holds
+ * them. NULL: no memory. */
+static sb_surface *sbi_crossing_subset(const sbi_crossing *c, const sb_surface *of, const int *wide, int count)
 {
-    for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
-        int other = sbi_surface_leaf_triangle(leaf, k);
-        if (other <= triangle || s->element[other] == s->element[triangle] ||
-            sbi_crossing_same_corners(s, triangle, other) || !sbi_crossing_test(s, triangle, other))
+    sb_mesh mesh;
+    sb_surface *made = NULL;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TRI3;
+    mesh.nodes = of->nodes;
+    mesh.node_count = of->node_count;
+    mesh.element_count = count;
+    mesh.elements = (int *)sbi_alloc(c->allocator, (size_t)count, 3 * sizeof(int));
+    for (int i = 0; mesh.elements && i < count; i++)
+        memcpy(mesh.elements + 3 * (size_t)i, of->corners[wide[i]], 3 * sizeof(int));
+    if (mesh.elements && sb_surface_create(&mesh, c->allocator, &made, NULL) != SB_OK)
+        made = NULL;
+    sbi_free(c->allocator, mesh.elements);
+    return made;
+}
+
+static int sbi_crossing_is_full(const sbi_crossing *c) { return c->crossings->count >= c->most; }
+
+/* All triangles of a tree look among the wide ones, which come before them. */
+static int sbi_crossing_among_wide(sbi_crossing *c, const sbi_crossing_tree *in, int *wide, int count)
+{
+    sb_surface *subset = sbi_crossing_subset(c, in->tree, wide, count);
+    sbi_crossing_tree among;
+    int before;
+    if (!subset)
+        return 0;
+    for (int i = 0; i < count; i++)
+        wide[i] = sbi_crossing_name(in, wide[i]);
+    among.tree = subset;
+    among.names = wide;
+    among.branch_hub = NULL;
+    among.skips_fans = in->skips_fans;
+    for (int i = 0; i < in->tree->triangle_count && !sbi_crossing_is_full(c); i++) {
+        sbi_crossing_seeker seeker;
+        sb_vec3 x[3];
+        sbi_surface_corners(in->tree, i, x);
+        sbi_crossing_seek_from(subset, x, &seeker);
+        seeker.name = sbi_crossing_name(in, i);
+        seeker.is_after = 1;
+        seeker.hub = in->skips_fans ? c->hub[seeker.name] : -1;
+        before = c->crossings->count;
+        if (c->s->shape[seeker.name] == SBI_SURFACE_FLAT || sbi_crossing_seek(c, &among, &seeker))
             continue;
-        if (crossing)
-            crossing[triangle] = crossing[other] = 1;
-        if (place->count++ == 0) {
-            place->element = s->element[triangle];
-            place->other_element = s->element[other];
+        c->partial = 1;
+        if (c->crossings->count == before && c->crowds->count++ == 0)
+            c->crowds->element = c->s->element[seeker.name];
+    }
+    sb_surface_destroy(subset);
+    return 1;
+}
+
+/* Finds all pairs in a tree. 0: no memory. */
+static int sbi_crossing_all(sbi_crossing *c, const sbi_crossing_tree *in)
+{
+    const sb_surface *tree = in->tree;
+    int *wide = (int *)sbi_alloc(c->allocator, (size_t)tree->triangle_count, sizeof(int));
+    int count = 0, made = wide != NULL;
+    for (int i = 0; wide && i < tree->triangle_count && !sbi_crossing_is_full(c); i++) {
+        sb_surface_place before = *c->crossings;
+        sbi_crossing_seeker seeker;
+        sb_vec3 x[3];
+        sbi_surface_corners(tree, i, x);
+        for (int k = 0; k < 3; k++)
+            x[k] = sb_v3_scale(tree->inverse, x[k]);
+        sbi_crossing_seek_from(tree, x, &seeker);
+        seeker.name = sbi_crossing_name(in, i);
+        seeker.is_after = 0;
+        seeker.hub = in->skips_fans ? c->hub[seeker.name] : -1;
+        if (c->s->shape[seeker.name] == SBI_SURFACE_FLAT || sbi_crossing_seek(c, in, &seeker))
+            continue;
+        if (c->crossings->count - before.count >= SBI_CROSSING_PAIRS) {
+            c->partial = 1; /* enough is known of this one */
+            continue;
+        }
+        *c->crossings = before; /* its pairs are found again from the other side */
+        wide[count++] = i;
+    }
+    if (count > 0 && !sbi_crossing_is_full(c))
+        made = sbi_crossing_among_wide(c, in, wide, count);
+    sbi_free(c->allocator, wide);
+    return made;
+}
+
+/* ---- fans ---------------------------------------------------------------------------------------------------- */
+
+/* Labels triangles with their hubs. */
+static void sbi_crossing_find_hubs(const sb_surface *s, int *hub)
+{
+    for (int t = 0; t < s->triangle_count; t++) {
+        int most = SBI_CROSSING_FAN;
+        hub[t] = -1;
+        for (int i = 0; i < 3; i++) {
+            int v = s->corners[t][i], count = s->fan_start[v + 1] - s->fan_start[v];
+            if (count > most)
+                most = count, hub[t] = v;
         }
     }
 }
 
-/* Pairs of triangles, counted from the one with the lower number. crossing[triangles] (or NULL) becomes 1 for both. */
-static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place, unsigned char *crossing)
+static int sbi_crossing_leaf_hub(const sb_surface *s, const int *hub, int leaf_number)
 {
-    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
-    for (int t = 0; t < s->triangle_count; t++) {
-        sb_vec3 x[3];
-        float low[3], high[3];
-        sbi_surface_corners(s, t, x);
-        sbi_surface_box_of(s, x, low, high);
-        stack[top++] = 0;
-        while (top > 0) {
-            int child = stack[--top];
-            if (child < 0) {
-                sbi_crossing_leaf(s, s->leaf + ~child, t, place, crossing);
+    const sbi_surface_leaf *leaf = s->leaf + leaf_number;
+    int common = hub[sbi_surface_leaf_triangle(leaf, 0)];
+    for (int k = 1; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
+        common = hub[sbi_surface_leaf_triangle(leaf, k)] == common ? common : -1;
+    return common;
+}
+
+static void sbi_crossing_label_branches(const sb_surface *s, const int *hub, int (*branch_hub)[SBI_SURFACE_WIDTH])
+{
+    for (int i = s->tree_count - 1; i >= 0; i--) { /* children come after their parents */
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+            int child = s->tree[i].child[k], count = sbi_surface_child_count(s->tree + i), common;
+            branch_hub[i][k] = -1;
+            if (k >= count)
                 continue;
-            }
-            for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
-                if (sbi_crossing_boxes_meet(s->tree + child, k, low, high))
-                    stack[top++] = s->tree[child].child[k];
+            common = child < 0 ? sbi_crossing_leaf_hub(s, hub, ~child) : branch_hub[child][0];
+            for (int j = 1; child >= 0 && j < sbi_surface_child_count(s->tree + child); j++)
+                common = branch_hub[child][j] == common ? common : -1;
+            branch_hub[i][k] = common;
         }
     }
+}
+
+/* A triangle round the arc that a triangle covers on the unit sphere round one of its corners, in the plane of both:
+ * the ends of the arc and where the tangents there meet. Arcs near a half circle get one round the whole sphere. */
+static void sbi_crossing_arc(const sb_surface *s, int triangle, int hub, sb_vec3 arc[3])
+{
+    sb_vec3 x[3], end[2], middle;
+    sb_real length;
+    int corner = s->corners[triangle][0] == hub ? 0 : s->corners[triangle][1] == hub ? 1 : 2;
+    sbi_surface_corners(s, triangle, x);
+    for (int i = 0; i < 2; i++) {
+        end[i] = sb_v3_sub(x[(corner + 1 + i) % 3], x[corner]);
+        length = sb_v3_norm(end[i]);
+        end[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, end[i]) : sb_v3(0, 0, 0);
+    }
+    middle = sb_v3_scale((sb_real)0.5, sb_v3_add(end[0], end[1]));
+    length = sb_v3_dot(middle, middle); /* squared cosine of half the angle */
+    arc[0] = end[0], arc[1] = end[1];
+    arc[2] = length > 0 ? sb_v3_scale((sb_real)1 / length, middle) : middle;
+    if (length < (sb_real)0.05)
+        arc[0] = sb_v3(-1, -1, -1), arc[1] = sb_v3(1, 1, -1), arc[2] = sb_v3(1, -1, 1);
+}
+
+/* Finds the pairs among fan[count], the triangles of one hub. 0: no memory. */
+static int sbi_crossing_fan(sbi_crossing *c, int hub, const int *fan, int count)
+{
+    sb_surface *arcs = NULL;
+    sb_mesh mesh;
+    int made = 0;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TRI3;
+    mesh.element_count = count;
+    mesh.node_count = 3 * count;
+    mesh.nodes = (sb_vec3 *)sbi_alloc(c->allocator, (size_t)mesh.node_count, sizeof(sb_vec3));
+    mesh.elements = (int *)sbi_alloc(c->allocator, (size_t)mesh.node_count, sizeof(int));
+    if (mesh.nodes && mesh.elements) {
+        for (int i = 0; i < count; i++)
+            sbi_crossing_arc(c->s, fan[i], hub, mesh.nodes + 3 * (size_t)i);
+        for (int i = 0; i < mesh.node_count; i++)
+            mesh.elements[i] = i;
+        if (sb_surface_create(&mesh, c->allocator, &arcs, NULL) == SB_OK) {
+            sbi_crossing_tree in = {NULL, NULL, NULL, 0};
+            in.tree = arcs;
+            in.names = fan;
+            made = sbi_crossing_all(c, &in);
+            sb_surface_destroy(arcs);
+        }
+    }
+    sbi_free(c->allocator, mesh.nodes);
+    sbi_free(c->allocator, mesh.elements);
+    return made;
+}
+
+static int sbi_crossing_fans(sbi_crossing *c, int *fan)
+{
+    const sb_surface *s = c->s;
+    for (int v = 0; v < s->node_count && !sbi_crossing_is_full(c); v++) {
+        int count = 0;
+        if (s->fan_start[v + 1] - s->fan_start[v] <= SBI_CROSSING_FAN)
+            continue;
+        for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
+            int t = s->fan[i] / 3;
+            if (c->hub[t] == v && s->shape[t] != SBI_SURFACE_FLAT && (count == 0 || fan[count - 1] != t))
+                fan[count++] = t;
+        }
+        if (count > 1 && !sbi_crossing_fan(c, v, fan, count))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- results ------------------------------------------------------------------------------------------------- */
+
+SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
+                                       sb_surface_place *crowds, unsigned char *crossing)
+{
+    size_t triangles = (size_t)s->triangle_count;
+    int *fan = (int *)sbi_alloc(allocator, triangles, sizeof(int)), made = 0;
+    sbi_crossing_tree in;
+    sbi_crossing c;
+    memset(&c, 0, sizeof c);
+    memset(&in, 0, sizeof in);
+    c.s = in.tree = s;
+    c.allocator = allocator;
+    c.crossing = crossing;
+    c.crossings = crossings;
+    c.crowds = crowds;
+    c.most = s->triangle_count < (INT_MAX - SBI_CROSSING_MORE) / SBI_CROSSING_PAIRS
+                 ? SBI_CROSSING_PAIRS * s->triangle_count + SBI_CROSSING_MORE
+                 : INT_MAX;
+    c.hub = (int *)sbi_alloc(allocator, triangles, sizeof(int));
+    in.branch_hub = (int(*)[SBI_SURFACE_WIDTH])sbi_alloc(allocator, (size_t)s->tree_count, sizeof *in.branch_hub);
+    in.skips_fans = 1;
+    if (fan && c.hub && in.branch_hub) {
+        sbi_crossing_find_hubs(s, c.hub);
+        sbi_crossing_label_branches(s, c.hub, in.branch_hub);
+        made = sbi_crossing_all(&c, &in) && sbi_crossing_fans(&c, fan);
+    }
+    sbi_free(allocator, fan);
+    sbi_free(allocator, c.hub);
+    sbi_free(allocator, in.branch_hub);
+    return !made ? -1 : sbi_crossing_is_full(&c) || c.partial;
 }
 
 /* Whether the winding number just off the middle of a triangle, on both sides, contradicts its orientation. */
@@ -20158,14 +20502,23 @@ static int sbi_crossing_is_hidden(const sb_surface *s, int triangle)
 
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful)
 {
-    sb_surface_place place;
-    memset(&place, 0, sizeof place);
+    sb_surface_place crossings, crowds;
+    int partial;
+    memset(&crossings, 0, sizeof crossings);
+    memset(&crowds, 0, sizeof crowds);
     memset(doubtful, 0, (size_t)surface->triangle_count);
-    sbi_crossing_count(surface, &place, doubtful);
-    for (int t = 0; t < surface->triangle_count && place.count > 0; t++)
+    partial = sbi_surface_find_crossings(surface, &surface->allocator, &crossings, &crowds, doubtful);
+    if (partial < 0)
+        return -1;
+    if (partial) /* any triangle may cross what was not looked at */
+        memset(doubtful, 1, (size_t)surface->triangle_count);
+    for (int t = 0; t < surface->triangle_count && !partial && crossings.count > 0; t++)
         doubtful[t] = doubtful[t] || sbi_crossing_is_hidden(surface, t);
-    return place.count > 0;
+    return partial || crossings.count > 0;
 }
+
+/* ==== src/softbody/surface_check.c ==== */
+/* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
@@ -20180,7 +20533,8 @@ enum { /* places of the findings: 1 << place */
     SBI_FOUND_INSIDE_OUT = 7,
     SBI_FOUND_CROSSING = 8,
     SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10
+    SBI_FOUND_PARTS = 10,
+    SBI_FOUND_CROWDED = 11
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -20197,6 +20551,7 @@ SB_API const char *sb_surface_check_string(int finding)
     case SB_SURFACE_SELF_CROSSING: return "pairs of triangles that cross";
     case SB_SURFACE_UNREFERENCED: return "nodes of no face";
     case SB_SURFACE_SEVERAL_PARTS: return "further parts";
+    case SB_SURFACE_CROWDED: return "triangles among too many others to look for all crossings";
     default: return "unknown finding";
     }
 }
@@ -20270,6 +20625,7 @@ typedef struct sbi_found_scratch {
     unsigned char *skip;        /* [elements] faces with a node twice */
     int *representative;        /* [nodes] */
     double *volume;             /* [parts] */
+    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
     unsigned char *open;        /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
@@ -20283,6 +20639,8 @@ static void sbi_found_free(const sb_allocator *allocator, sbi_found_scratch *scr
     sbi_free(allocator, scratch->skip);
     sbi_free(allocator, scratch->representative);
     sbi_free(allocator, scratch->volume);
+    sbi_free(allocator, scratch->first);
+    sbi_free(allocator, scratch->order);
     sbi_free(allocator, scratch->open);
 }
 
@@ -20300,7 +20658,10 @@ static sb_result sbi_found_prepare(const sb_mesh *mesh, const sb_allocator *allo
     scratch->representative = (int *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(int));
     scratch->volume = (double *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, sizeof(double));
     scratch->open = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, 1);
-    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open)
+    scratch->first = (int *)sbi_alloc(allocator, (size_t)scratch->parts + 1, sizeof(int));
+    scratch->order = (int *)sbi_alloc(allocator, (size_t)scratch->surface->triangle_count, sizeof(int));
+    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open || !scratch->first ||
+        !scratch->order)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     for (int i = 0; i < scratch->mesh.bad_count; i++)
         if (scratch->mesh.bad[i].defect == SB_MESH_REPEATED_NODE)
@@ -20329,17 +20690,39 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
     }
 }
 
-/* Winding number of all parts but one at a point (scaled) of that one. */
-static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
+/* Lists the triangles of each part, one part after the other: part p has order[first[p] .. first[p + 1]). */
+static void sbi_found_list_parts(const sb_surface *s, const sbi_found_scratch *scratch)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    for (int t = 0; t < s->triangle_count; t++) {
-        sb_vec3 x[3];
+    int *first = scratch->first;
+    memset(first, 0, sizeof(int) * ((size_t)scratch->parts + 1));
+    for (int t = 0; t < s->triangle_count; t++)
+        first[scratch->part.items[s->element[t]] + 1]++;
+    for (int p = 0; p < scratch->parts; p++)
+        first[p + 1] += first[p];
+    for (int t = 0; t < s->triangle_count; t++)
+        scratch->order[first[scratch->part.items[s->element[t]]]++] = t;
+    memmove(first + 1, first, sizeof(int) * (size_t)scratch->parts); /* filling moved each to its end */
+    first[0] = 0;
+}
+
+/* Winding number of all parts but one, just off the middle of a triangle of that one: all of them by the tree, less its
+ * own triangles. */
+static double sbi_found_winding_of_others(const sb_surface *s, const sbi_found_scratch *scratch, int part, int triangle)
+{
+    sbi_surface_angle own = sbi_surface_angle_zero();
+    sb_vec3 x[3], normal = sbi_surface_unit_normal(s, triangle), eye;
+    sb_real size;
+    sbi_surface_corners(s, triangle, x);
+    size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
+    eye = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    eye = sb_v3_madd(eye, sb_sqrt(SB_EPSILON) * size, normal);
+    for (int i = scratch->first[part]; i < scratch->first[part + 1]; i++) {
+        int t = scratch->order[i];
         sbi_surface_corners(s, t, x);
-        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
-            sbi_surface_angle_of(x, eye, &angle);
+        if (s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &own);
     }
-    return (sb_real)sbi_surface_angle_turns(&angle);
+    return sbi_surface_winding(s, eye) - sbi_surface_angle_turns(&own);
 }
 
 /* Closed parts with a negative volume, unless the others surround them: then they are walls of cavities. */
@@ -20347,12 +20730,13 @@ static void sbi_found_inside_out(const sb_surface *s, sbi_found_scratch *scratch
 {
     const int *part = scratch->part.items;
     sbi_found_measure_parts(s, scratch);
+    sbi_found_list_parts(s, scratch);
     for (int t = 0; t < s->triangle_count; t++) {
         int p = part[s->element[t]];
-        if (scratch->open[p] || !(scratch->volume[p] < 0))
+        if (scratch->open[p] || !(scratch->volume[p] < 0) || s->shape[t] == SBI_SURFACE_FLAT)
             continue;
         scratch->open[p] = 1; /* once is enough */
-        if (sbi_found_winding_of_others(s, part, p, s->nodes[s->corners[t][0]]) < (sb_real)0.5)
+        if (sbi_found_winding_of_others(s, scratch, p, t) < 0.5)
             sbi_found_element(place, s->element[t], -1);
     }
 }
@@ -20390,9 +20774,12 @@ static void sbi_found_parts(const sb_mesh *mesh, const sbi_found_scratch *scratc
             place->element = e;
 }
 
-static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int crossings, sb_surface_report *report)
+/* 0: no memory. */
+static int sbi_found_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_found_scratch *scratch, int crossings,
+                         sb_surface_report *report)
 {
     sb_surface_place *place = report->place;
+    int partial = 0;
     memset(report, 0, sizeof *report);
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         place[i].element = place[i].other_element = place[i].node = place[i].other_node = -1;
@@ -20402,13 +20789,16 @@ static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int c
     sbi_found_nodes(mesh, scratch, place);
     sbi_found_inside_out(scratch->surface, scratch, place + SBI_FOUND_INSIDE_OUT);
     if (crossings)
-        sbi_crossing_count(scratch->surface, place + SBI_FOUND_CROSSING, NULL);
+        partial = sbi_surface_find_crossings(scratch->surface, allocator, place + SBI_FOUND_CROSSING,
+                                             place + SBI_FOUND_CROWDED, NULL);
     sbi_found_parts(mesh, scratch, place + SBI_FOUND_PARTS);
+    report->crossings_partial = partial != 0;
     report->parts = scratch->parts;
     report->volume = scratch->mesh.volume;
     report->area = scratch->mesh.area;
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         report->findings |= place[i].count > 0 ? 1 << i : 0;
+    return partial >= 0;
 }
 
 /* The check with or without the search for crossings. */
@@ -20416,11 +20806,14 @@ static sb_result sbi_found_check(const sb_mesh *mesh, int crossings, const sb_al
                                  sb_surface_report *report, sb_error *error)
 {
     sbi_found_scratch scratch;
+    sb_surface_report found;
     sb_result result;
     memset(&scratch, 0, sizeof scratch);
     result = sbi_found_prepare(mesh, allocator, &scratch, error);
+    if (result == SB_OK && !sbi_found_all(mesh, allocator, &scratch, crossings, &found))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     if (result == SB_OK)
-        sbi_found_all(mesh, &scratch, crossings, report);
+        *report = found;
     sbi_found_free(allocator, &scratch);
     return result;
 }
@@ -34280,6 +34673,7 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
     for (int s = 0; s < work->shape_count; s++) {
         const sb_surface *surface = sbi_grid_get_shape(work->def, s)->surface;
         size_t triangles = (size_t)sb_surface_triangle_count(surface);
+        int found;
         if (!surface)
             continue;
         if (!sb_surface_is_closed(surface)) {
@@ -34290,9 +34684,10 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
                             s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
-        if (!work->doubtful[s])
+        found = work->doubtful[s] ? sbi_surface_find_doubtful(surface, work->doubtful[s]) : -1;
+        if (found < 0)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
-        if (!sbi_surface_find_doubtful(surface, work->doubtful[s])) {
+        if (found == 0) {
             sbi_free(allocator, work->doubtful[s]);
             work->doubtful[s] = NULL;
         }

@@ -151,6 +151,7 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
     for (int s = 0; s < work->shape_count; s++) {
         const sb_surface *surface = sbi_grid_get_shape(work->def, s)->surface;
         size_t triangles = (size_t)sb_surface_triangle_count(surface);
+        int found;
         if (!surface)
             continue;
         if (!sb_surface_is_closed(surface)) {
@@ -161,9 +162,10 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
                             s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
-        if (!work->doubtful[s])
+        found = work->doubtful[s] ? sbi_surface_find_doubtful(surface, work->doubtful[s]) : -1;
+        if (found < 0)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
-        if (!sbi_surface_find_doubtful(surface, work->doubtful[s])) {
+        if (found == 0) {
             sbi_free(allocator, work->doubtful[s]);
             work->doubtful[s] = NULL;
         }
