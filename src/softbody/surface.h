@@ -257,6 +257,9 @@ typedef struct sb_shape {
  * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
+/* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
+ * winding numbers tell. 0: no memory. */
+SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
 #endif
 
 #endif /* SB_SURFACE_H */

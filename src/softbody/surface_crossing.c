@@ -533,3 +533,64 @@ SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *
         doubtful[t] = doubtful[t] || sbi_crossing_is_hidden(surface, t);
     return partial || crossings.count > 0;
 }
+
+/* ---- inside out ---------------------------------------------------------------------------------------------- */
+
+/* Whether the winding number just off the middle of a triangle is negative on the side that its normal points to, and
+ * nothing is inside on the other side. */
+static int sbi_inside_out_looks_inward(const sb_surface *s, int triangle)
+{
+    sb_vec3 x[3], middle, off;
+    sb_real size;
+    if (s->shape[triangle] == SBI_SURFACE_FLAT)
+        return 0;
+    sbi_surface_corners(s, triangle, x);
+    size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
+    middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    off = sb_v3_scale(sb_sqrt(SB_EPSILON) * size, sbi_surface_unit_normal(s, triangle));
+    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 && sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
+}
+
+/* Lists the triangles that share nodes with list[0], each marked; returns how many. */
+static int sbi_inside_out_part(const sb_surface *s, int *list, unsigned char *mark)
+{
+    int count = 1;
+    mark[list[0]] = 1;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < 3; i++) {
+            int v = s->corners[list[k]][i], begin = s->fan_start[v], end = s->fan_start[v + 1];
+            if (mark[s->fan[begin] / 3] && mark[s->fan[end - 1] / 3])
+                continue; /* a fan is taken as a whole */
+            for (int j = begin; j < end; j++) {
+                int t = s->fan[j] / 3;
+                if (!mark[t])
+                    mark[t] = 1, list[count++] = t;
+            }
+        }
+    return count;
+}
+
+/* Outside a solid the winding number is 0, in front of the wall of a cavity too. -1 there means that the part looks
+ * inward; open sheets stay above. */
+SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator *allocator, int *triangle)
+{
+    enum { ASKED = 9 };
+    int *list = (int *)sbi_alloc(allocator, (size_t)s->triangle_count, sizeof(int));
+    unsigned char *mark = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)s->triangle_count, 1);
+    *triangle = -1;
+    for (int t = 0; list && mark && t < s->triangle_count && *triangle < 0; t++) {
+        int count, asked, inward = 0;
+        if (mark[t])
+            continue;
+        list[0] = t;
+        count = sbi_inside_out_part(s, list, mark);
+        asked = sbi_min_int(count, ASKED);
+        for (int k = 0; k < asked; k++)
+            inward += sbi_inside_out_looks_inward(s, list[(size_t)k * (size_t)count / (size_t)asked]);
+        if (2 * inward > asked)
+            *triangle = t;
+    }
+    sbi_free(allocator, list);
+    sbi_free(allocator, mark);
+    return list && mark;
+}
