@@ -417,6 +417,11 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     echo '1 2 x' >bad.txt
     expect 2 'bad.txt:1: not' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --landmarks bad.txt
+    echo '5 5 5 0 0 0' >bad.txt # a landmark that is refused ends every match, the one that would follow without loads, too
+    for how in pbsm 'pbsm --plain' nicp; do
+        expect 3 'outside the mesh' register_liver "$case_of_liver/coarse_tet4.vtk" \
+            "$case_of_liver/deformed_surface.obj" --method $how --landmarks bad.txt
+    done
     echo '0.1 0.1 0.1' >point.xyz
     expect 2 'one place or line' register_liver "$case_of_liver/coarse_tet4.vtk" point.xyz
     awk 'BEGIN { for (i = 0; i < 400; i++) print 0.01 * (i % 20), 0.01 * int(i / 20), 0 }' >plane.xyz
