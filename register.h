@@ -1388,9 +1388,9 @@ static void regi_kdtree_fill(reg_kdtree *tree, int leaf, const regi_kdtree_point
     regi_kdtree_leaf *out = tree->leaves + leaf;
     for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
         int there = from + i < to;
-        out->x[i] = there ? p[from + i].x[0] : (sb_real)NAN;
-        out->y[i] = there ? p[from + i].x[1] : (sb_real)NAN;
-        out->z[i] = there ? p[from + i].x[2] : (sb_real)NAN;
+        out->x[i] = there ? p[from + i].x[0] : (sb_real)INFINITY;
+        out->y[i] = there ? p[from + i].x[1] : (sb_real)INFINITY;
+        out->z[i] = there ? p[from + i].x[2] : (sb_real)INFINITY;
         out->index[i] = there ? p[from + i].index : -1;
     }
 }
@@ -1526,7 +1526,8 @@ static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real 
         bound[c] = gap[0][c] * gap[0][c] + gap[1][c] * gap[1][c] + gap[2][c] * gap[2][c];
 }
 
-/* Squared distances to the points of a leaf; NaN, which no comparison takes, where there is none. */
+/* Squared distances to the points of a leaf; infinity, which is beyond every limit, where there is none. (A NaN would raise
+ * the invalid exception in each comparison.) */
 static void regi_kdtree_distances(const regi_kdtree_leaf *leaf, sb_vec3 p, sb_real d[REGI_KDTREE_LEAF])
 {
     for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
@@ -1582,7 +1583,7 @@ static sb_real regi_kdtree_limit(sb_real within)
 {
     if (!(within >= 0))
         return -1;
-    return sb_min(within * within, SB_REAL_MAX);
+    return sbi_capped_product(within, within);
 }
 
 REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared)
@@ -3112,7 +3113,8 @@ static void regi_smooth_find_stretched(regi_smooth_work *w, const sbi_surface_cu
             int from = c[k % 3], to = c[(k % 3 + 1 + k % 6 / 3) % 3];
             if (pass == 0)
                 shortest[to] = sb_min(shortest[to], sb_v3_norm(sb_v3_sub(w->vectors[from], w->vectors[to])));
-            sum[to] += w->out[from] ? 0 : shortest[from];
+            else
+                sum[to] += w->out[from] ? 0 : shortest[from];
             count[to] += !w->out[from];
         }
         for (int i = 0; i < n && pass > 0; i++)
@@ -4848,11 +4850,11 @@ static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int cou
     regi_cpd_totals *totals = e->totals + chunk;
     at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
     least = regi_cpd_distances(e->moved, blocks, count, at, terms);
-    depth = least / (2 * e->sigma2);
-    if (e->outlier > 0 && (count == 0 || depth > 700)) { /* below anything that can be told from 0 beside c */
+    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that can be told from 0 beside c */
         totals->logs -= sbi_dense_log(e->outlier);
         return;
     }
+    depth = least / (2 * e->sigma2);
     sum = regi_cpd_exponentials(e, least, blocks, count, terms);
     if (e->outlier > 0) {
         double size = sbi_dense_exp(-depth), whole = size * sum + e->outlier;

@@ -413,7 +413,8 @@ static void regi_smooth_find_stretched(regi_smooth_work *w, const sbi_surface_cu
             int from = c[k % 3], to = c[(k % 3 + 1 + k % 6 / 3) % 3];
             if (pass == 0)
                 shortest[to] = sb_min(shortest[to], sb_v3_norm(sb_v3_sub(w->vectors[from], w->vectors[to])));
-            sum[to] += w->out[from] ? 0 : shortest[from];
+            else
+                sum[to] += w->out[from] ? 0 : shortest[from];
             count[to] += !w->out[from];
         }
         for (int i = 0; i < n && pass > 0; i++)

@@ -79,9 +79,9 @@ static void regi_kdtree_fill(reg_kdtree *tree, int leaf, const regi_kdtree_point
     regi_kdtree_leaf *out = tree->leaves + leaf;
     for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
         int there = from + i < to;
-        out->x[i] = there ? p[from + i].x[0] : (sb_real)NAN;
-        out->y[i] = there ? p[from + i].x[1] : (sb_real)NAN;
-        out->z[i] = there ? p[from + i].x[2] : (sb_real)NAN;
+        out->x[i] = there ? p[from + i].x[0] : (sb_real)INFINITY;
+        out->y[i] = there ? p[from + i].x[1] : (sb_real)INFINITY;
+        out->z[i] = there ? p[from + i].x[2] : (sb_real)INFINITY;
         out->index[i] = there ? p[from + i].index : -1;
     }
 }
@@ -217,7 +217,8 @@ static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real 
         bound[c] = gap[0][c] * gap[0][c] + gap[1][c] * gap[1][c] + gap[2][c] * gap[2][c];
 }
 
-/* Squared distances to the points of a leaf; NaN, which no comparison takes, where there is none. */
+/* Squared distances to the points of a leaf; infinity, which is beyond every limit, where there is none. (A NaN would raise
+ * the invalid exception in each comparison.) */
 static void regi_kdtree_distances(const regi_kdtree_leaf *leaf, sb_vec3 p, sb_real d[REGI_KDTREE_LEAF])
 {
     for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
@@ -273,7 +274,7 @@ static sb_real regi_kdtree_limit(sb_real within)
 {
     if (!(within >= 0))
         return -1;
-    return sb_min(within * within, SB_REAL_MAX);
+    return sbi_capped_product(within, within);
 }
 
 REGI_API int regi_kdtree_nearest_from(const reg_kdtree *tree, sb_vec3 point, int found, sb_real *squared)

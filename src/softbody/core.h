@@ -2,6 +2,7 @@
 #ifndef SB_CORE_H
 #define SB_CORE_H
 
+#include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -44,19 +45,41 @@ typedef SB_REAL sb_real;
 #endif
 
 /* ---- linkage ----------------------------------------------------------------------------------------
- * SB_API: public functions; SB_STATIC makes them static, so that two libraries in one process never clash.
+ * SB_API: what stands before the declaration of each public function. Define it before including to have your own, in C++
+ * with extern "C". Else SB_STATIC makes public functions static, so that two libraries in one process never clash, and
+ * SB_SHARED makes them those of a shared library: exported by the file that defines SB_IMPLEMENTATION (before its first
+ * inclusion), also under -fvisibility=hidden, and imported by all others.
  * SBI_API: internal functions; static in the shipped header, extern when the rooms are compiled apart. */
 #if defined(__GNUC__)
 #define SBI_UNUSED __attribute__((unused))
 #else
 #define SBI_UNUSED
 #endif
-#if defined(SB_STATIC)
-#define SB_API static SBI_UNUSED
-#elif defined(__cplusplus)
-#define SB_API extern "C"
+#if defined(__cplusplus)
+#define SBI_EXTERN extern "C"
 #else
-#define SB_API extern
+#define SBI_EXTERN extern
+#endif
+#if defined(_WIN32) || defined(__CYGWIN__)
+#define SBI_EXPORT SBI_EXTERN __declspec(dllexport)
+#define SBI_IMPORT SBI_EXTERN __declspec(dllimport)
+#elif defined(__GNUC__)
+#define SBI_EXPORT SBI_EXTERN __attribute__((visibility("default")))
+#define SBI_IMPORT SBI_EXPORT
+#else
+#define SBI_EXPORT SBI_EXTERN
+#define SBI_IMPORT SBI_EXTERN
+#endif
+#if defined(SB_API)
+#define SBI_API_IS_GIVEN 1
+#elif defined(SB_STATIC)
+#define SB_API static SBI_UNUSED
+#elif defined(SB_SHARED) && defined(SB_IMPLEMENTATION)
+#define SB_API SBI_EXPORT
+#elif defined(SB_SHARED)
+#define SB_API SBI_IMPORT
+#else
+#define SB_API SBI_EXTERN
 #endif
 #if defined(SB_SPLIT_BUILD)
 #define SBI_API extern
@@ -82,12 +105,10 @@ typedef SB_REAL sb_real;
 #endif
 
 /* SB_RESTRICT: the pointer's target is reached through no other pointer of the function. */
-#if defined(__cplusplus)
-#if defined(__GNUC__) || defined(_MSC_VER)
+#if defined(__GNUC__) || defined(_MSC_VER) /* in every language mode; cl knows C99's word from /std:c11 on only */
 #define SB_RESTRICT __restrict
-#else
+#elif defined(__cplusplus)
 #define SB_RESTRICT
-#endif
 #else
 #define SB_RESTRICT restrict
 #endif
@@ -225,7 +246,7 @@ SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *p
 
 SB_INLINE int sbi_min_int(int a, int b) { return a < b ? a : b; }
 SB_INLINE int sbi_max_int(int a, int b) { return a > b ? a : b; }
-/* 1 when x is neither NaN nor infinite. */
-SB_INLINE int sb_is_finite(sb_real x) { return x - x == (sb_real)0; }
+/* 1 when x is neither NaN nor infinite. Raises no floating-point exception. */
+SB_INLINE int sb_is_finite(sb_real x) { return isfinite(x) != 0; }
 
 #endif /* SB_CORE_H */

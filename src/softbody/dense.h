@@ -33,6 +33,8 @@ SB_INLINE sb_real sb_abs(sb_real x) { return fabs(x); }
 #endif
 SB_INLINE sb_real sb_min(sb_real a, sb_real b) { return a < b ? a : b; }
 SB_INLINE sb_real sb_max(sb_real a, sb_real b) { return a > b ? a : b; }
+/* a b for a, b >= 0, at most SB_REAL_MAX and without the exception that an overflow raises. */
+SB_INLINE sb_real sbi_capped_product(sb_real a, sb_real b) { return a > 1 && b > SB_REAL_MAX / a ? SB_REAL_MAX : a * b; }
 
 /* ---- 3-vectors ---- */
 
@@ -554,8 +556,9 @@ SB_INLINE void sbi_dense_scale(sb_real size, sb_real *scale, sb_real *inverse)
  * deg. */
 SB_INLINE sb_real sbi_dense_jacobi_tangent(sb_real a, sb_real b, sb_real d)
 {
+    const sb_real most = SB_REAL_IS_FLOAT ? (sb_real)1.844674e19 : (sb_real)1.3407807929942596e154; /* root of SB_REAL_MAX */
     sb_real theta = (d - a) / (b + b);
-    sb_real t = (sb_real)1 / (sb_abs(theta) + sb_sqrt(theta * theta + 1)); /* 0 when theta^2 overflows */
+    sb_real t = sb_abs(theta) < most ? (sb_real)1 / (sb_abs(theta) + sb_sqrt(theta * theta + 1)) : 0;
     return theta < 0 ? -t : t;
 }
 
@@ -799,7 +802,11 @@ SBI_FORCE_INLINE int sbi_polar_newton(sb_mat3 f, sb_quat q, sb_vec3 *u, sb_real 
     sb_real g01 = -(b01 + b10), g02 = -(b02 + b20), g12 = -(b12 + b21);
     sb_real c00 = g11 * g22 - g12 * g12, c01 = g12 * g02 - g01 * g22, c02 = g01 * g12 - g11 * g02;
     sb_real c11 = g00 * g22 - g02 * g02, c12 = g01 * g02 - g00 * g12, c22 = g00 * g11 - g01 * g01;
-    sb_real det = g00 * c00 + g01 * c01 + g02 * c02, trace = g00 + g11 + g22, inverse = (sb_real)1 / det;
+    sb_real det = g00 * c00 + g01 * c01 + g02 * c02, trace = g00 + g11 + g22;
+    int definite = (det > SBI_POLAR_DEFINITE * (trace * trace * trace)) & (g00 > 0) & (c22 > 0) &
+                   (trace > SBI_POLAR_LEAST) & (trace < SBI_POLAR_MOST);
+    sb_real divisor = definite ? det : (sb_real)1, quotient = (sb_real)1 / divisor; /* no division by zero in any lane */
+    sb_real inverse = definite ? quotient : (sb_real)0;
     sb_mat3 c = sb_m3_columns(sb_v3(c00, c01, c02), sb_v3(c01, c11, c12), sb_v3(c02, c12, c22));
     sb_vec3 a = sb_v3(ax, ay, az), first = sb_v3_scale(inverse, sb_m3_apply(c, a)), before, change;
     before = sbi_polar_correct(first, first, a, c, inverse);
@@ -807,8 +814,7 @@ SBI_FORCE_INLINE int sbi_polar_newton(sb_mat3 f, sb_quat q, sb_vec3 *u, sb_real 
     *u = sbi_polar_correct(before, first, a, c, inverse);
     change = sb_v3_sub(*u, before);
     *last = sb_v3_dot(change, change);
-    return (det > SBI_POLAR_DEFINITE * (trace * trace * trace)) & (g00 > 0) & (c22 > 0) &
-           (trace > SBI_POLAR_LEAST) & (trace < SBI_POLAR_MOST) & (sb_v3_dot(first, first) < (sb_real)0.25);
+    return definite & (sb_v3_dot(first, first) < (sb_real)0.25);
 }
 
 /* q (1, u) for |u| <= 0.6: the rotation q and then the step. The length stays within a few per cent of |q|

@@ -124,8 +124,8 @@ static void sbi_embed_grow(sbi_embed_box *box, sb_vec3 low, sb_vec3 high)
 static sbi_embed_box sbi_embed_empty_box(void)
 {
     sbi_embed_box box;
-    box.low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-    box.high = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    box.low = sb_v3((sb_real)INFINITY, (sb_real)INFINITY, (sb_real)INFINITY);
+    box.high = sb_v3(-(sb_real)INFINITY, -(sb_real)INFINITY, -(sb_real)INFINITY);
     return box;
 }
 

@@ -693,7 +693,10 @@ static void sbi_mg_set_step(sbi_mg_work *work, int step)
         rho = 1 / (twice_sigma - last);
     }
     work->keep = (float)(rho * last);
-    work->add = (float)((step ? 4 * rho / (1 - low) : 2 / (1 + low)) / work->level->bound);
+    if (work->level->bound > 0)
+        work->add = (float)((step ? 4 * rho / (1 - low) : 2 / (1 + low)) / work->level->bound);
+    else
+        work->add = 0; /* nothing to relax */
 }
 
 static void sbi_mg_steps(sbi_mg_work *work, int first, int last)

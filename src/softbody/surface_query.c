@@ -139,7 +139,8 @@ typedef struct sbi_surface_search {
 /* Nothing wins beyond `distance`, a true one, or beyond one from a leaf plus its slack. */
 static void sbi_surface_narrow(sbi_surface_search *q, sb_real distance)
 {
-    sb_real reach = distance + q->slack, limit = reach * reach * (sb_real)1.00001;
+    sb_real reach = sb_min(distance + q->slack, sb_sqrt((sb_real)SBI_SURFACE_NO_LIMIT));
+    sb_real limit = reach * reach * (sb_real)1.00001;
     if (limit < (sb_real)q->limit)
         q->limit = (float)limit;
 }
@@ -444,8 +445,8 @@ SB_API int sb_surface_closest_from(const sb_surface *surface, sb_vec3 point, sb_
         sbi_surface_miss(hit);
     if (!surface || !(max_distance >= 0))
         return 0;
-    max_distance *= surface->scale;
-    q.best.square = max_distance * max_distance;
+    max_distance = sbi_capped_product(max_distance, surface->scale);
+    q.best.square = sbi_capped_product(max_distance, max_distance);
     sbi_surface_find(surface, point, triangle, &q);
     if (q.triangle < 0)
         return 0;
@@ -609,19 +610,20 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
 }
 
 /* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
- * 9); near[k] > 0 where the child is closer than twice its radius. */
+ * 9); near[k] > 0 where the child is closer than twice its radius, and its number means nothing. */
 static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
                                    float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
 {
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float inverse = 1.0f / square, cube = inverse * (float)sqrt((double)inverse);
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
+        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
         number[k] = (dipole + trace - 3.0f * twist * inverse) * cube * 0.079577472f; /* 1 / (4 pi) */
-        near[k] = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] - square;
+        near[k] = reach - square;
     }
 }
 
@@ -752,7 +754,7 @@ static int sbi_surface_beam_make(const sb_surface *s, sb_vec3 origin, sb_vec3 di
     direction = sb_v3(direction.x / size, direction.y / size, direction.z / size);
     beam->direction = sb_v3_scale((sb_real)1 / sb_v3_norm(direction), direction);
     beam->origin = sb_v3_scale(s->scale, origin);
-    beam->best = max * s->scale;
+    beam->best = sbi_capped_product(max, s->scale);
     beam->triangle = -1;
     if (!(sbi_surface_far(s, beam->origin) <= sbi_surface_horizon()))
         return 0;
