@@ -18,8 +18,8 @@
  * and in all others only the last line; it includes softbody.h. Both headers come from one release and lie in one
  * folder. Link with -lm, optimise (-O2 or -O3).
  *
- * OPTIONS are softbody.h's. SB_REAL: exported names of a float build end in _f32. SB_STATIC makes this header static,
- * too; REG_STATIC makes only this one so.
+ * OPTIONS are softbody.h's. SB_REAL: exported names of a float build end in _f32. SB_STATIC, SB_SHARED and
+ * SB_API hold for this header, too; REG_STATIC or REG_API for this one only.
  *
  * WHAT IT DOES NOT DO
  *
@@ -264,14 +264,21 @@
 #error "register.h: define REG_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
 #endif
 
-/* REG_API: public functions; static under SB_STATIC or REG_STATIC. REGI_API: internal functions; static in the shipped
- * header, extern when the rooms are compiled apart. */
-#if defined(SB_STATIC) || defined(REG_STATIC)
+/* REG_API: what stands before each public function: static under SB_STATIC or REG_STATIC; exported or imported under
+ * SB_SHARED, as REG_IMPLEMENTATION says; your own where you define it, or SB_API, before including. REGI_API: internal
+ * functions; static in the shipped header, extern when the rooms are compiled apart. */
+#if defined(REG_API)
+/* the caller's */
+#elif defined(SB_STATIC) || defined(REG_STATIC)
 #define REG_API static SBI_UNUSED
-#elif defined(__cplusplus)
-#define REG_API extern "C"
+#elif defined(SBI_API_IS_GIVEN)
+#define REG_API SB_API
+#elif defined(SB_SHARED) && defined(REG_IMPLEMENTATION)
+#define REG_API SBI_EXPORT
+#elif defined(SB_SHARED)
+#define REG_API SBI_IMPORT
 #else
-#define REG_API extern
+#define REG_API SBI_EXTERN
 #endif
 #if defined(SB_SPLIT_BUILD)
 #define REGI_API extern

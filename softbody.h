@@ -24,6 +24,10 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
+ *     SB_SHARED          a shared library or DLL: the file with SB_IMPLEMENTATION exports the public functions, also under
+ *                        -fvisibility=hidden; all others import them.
+ *     SB_API             what stands before each public function in place of extern (in C++ extern "C"), of needle.h's
+ *                        and register.h's too unless NDL_API and REG_API are defined.
  *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
  *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
@@ -25508,7 +25512,7 @@ static void sbi_front_tiles(const sbi_front_product *p, int first_row, int rows,
                             int depth)
 {
     const sb_real *left = p->pack, *right = p->pack + SBI_FRONT_DEPTH * SBI_FRONT_ROWS;
-    sb_real tile[SBI_FRONT_TILE * SBI_FRONT_GROUP];
+    sb_real tile[(int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP];
     for (int j = 0; j < columns; j += SBI_FRONT_TILE)
         for (int i = 0; i < rows; i += SBI_FRONT_GROUP) {
             int have = sbi_min_int(SBI_FRONT_GROUP, rows - i), wide = sbi_min_int(SBI_FRONT_TILE, columns - j);
@@ -49555,7 +49559,7 @@ SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_all
                              error);
     if (result != SB_OK)
         return result;
-    if (size < SBI_RECORD_HEAD + SBI_IMAGE_TAIL)
+    if (size < (size_t)SBI_RECORD_HEAD + (size_t)SBI_IMAGE_TAIL)
         return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved recording", (unsigned long)size);
     made = sbi_record_make(allocator, error);
     if (!made)

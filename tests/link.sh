@@ -1,6 +1,6 @@
 #!/bin/sh
 # How the headers link: run as `tests/link.sh FOLDER` from the root, objects go to FOLDER. Compilers from GCC, CLANG,
-# GXX, OBJDUMP; a missing one is a skip. Ends with `N passed, N failed, N skipped`.
+# GXX, MINGW, OBJDUMP; a missing one is a skip. Ends with `N passed, N failed, N skipped`.
 folder=$1
 gcc=${GCC:-gcc} clang=${CLANG:-clang} gxx=${GXX:-g++} objdump=${OBJDUMP:-objdump}
 include="-I. -Itests"
@@ -74,6 +74,73 @@ report $? "names exported by a double object"
 report $? "names exported by a float object"
 ! exported static_first.o | grep -v '^main$'
 report $? "names exported under SB_STATIC"
+
+# A shared library under -fvisibility=hidden: with SB_SHARED it exports the public functions, all of them and nothing else,
+# without it nothing; callers in C and C++ find them. What stands before public functions may also be given.
+public() { nm -g --defined-only "$folder/$1" | awk '$2 == "T" {print $3}' | sort; }
+shared() { # shared NAME [FLAG...]: builds NAME.so, writes what it exports to NAME.exports
+    library=$1
+    shift
+    c "$library.o" tests/implementation.c -fPIC -fvisibility=hidden "$@"
+    "$gcc" -shared "$folder/$library.o" -lm -o "$folder/$library.so" &&
+        nm -D --defined-only "$folder/$library.so" | awk '$2 == "T" {print $3}' | sort >"$folder/$library.exports"
+}
+public implementation.o >"$folder/public"
+shared shared -DSB_SHARED && cmp -s "$folder/public" "$folder/shared.exports"
+report $? "SB_SHARED exports every public function"
+shared hidden && ! grep . "$folder/hidden.exports"
+report $? "nothing exported under hidden visibility without SB_SHARED"
+shared given '-DSB_API=__attribute__((visibility("default")))' && cmp -s "$folder/public" "$folder/given.exports"
+report $? "SB_API given: every public function of the three headers"
+shared part '-DREG_API=__attribute__((visibility("default")))' && [ -s "$folder/part.exports" ] &&
+    ! grep -v '^reg_' "$folder/part.exports"
+report $? "REG_API given: that header's functions alone"
+c shared_user.o tests/link/shared_user.c
+cpp shared_user_cpp.o tests/link/shared_user.c
+links "C caller of a shared library" shared_user.o shared.so -Wl,-rpath,.
+links "C++ caller of a shared library" shared_user_cpp.o shared.so -Wl,-rpath,.
+c room_static.o tests/link/room_static.c
+links "NDL_STATIC and REG_STATIC" room_static.o
+! exported room_static.o | grep -v "^sb_\|^main$"
+report $? "names exported under NDL_STATIC and REG_STATIC"
+
+# A DLL: exported from there, imported by its callers.
+mingw=${MINGW:-x86_64-w64-mingw32-gcc}
+if command -v "$mingw" >/dev/null; then
+    "$mingw" -std=c99 $include -Wall -Wextra -Werror -DSB_SHARED -shared tests/implementation.c -o "$folder/shared.dll" \
+        -Wl,--out-implib,"$folder/shared.lib" &&
+        "$mingw" -std=c99 $include -Wall -Wextra -Werror -c tests/link/shared_user.c -o "$folder/shared_user.obj" &&
+        "$mingw" "$folder/shared_user.obj" "$folder/shared.lib" -o "$folder/shared_user.exe" &&
+        "${mingw%gcc}nm" "$folder/shared_user.obj" | grep -q __imp_sb_result_string
+    report $? "a DLL of MinGW and its caller"
+    "${mingw%gcc}objdump" -p "$folder/shared.dll" | sed -n 's/^.*\[ *[0-9]*\].* \([a-z]*_[a-z0-9_]*\)$/\1/p' | sort |
+        cmp -s "$folder/public" -
+    report $? "a DLL exports every public function and nothing else"
+else
+    skip "no $mingw: DLL"
+fi
+
+# cl's language, as far as clang knows it: no GNU extension, and no `restrict` before /std:c11.
+if command -v "$clang" >/dev/null && [ -d /usr/include ]; then
+    cl="$clang --target=x86_64-pc-windows-msvc -fms-compatibility -fms-extensions -w -fsyntax-only -isystem /usr/include"
+    cl="$cl -isystem /usr/include/$(uname -m)-linux-gnu $include -Drestrict=no_such_word"
+    for language in "-x c -std=c99" "-x c -std=c99 -DSB_REAL=float" "-x c++ -std=c++14" "-x c++ -std=c++20"; do
+        $cl $language tests/implementation.c
+        report $? "cl's dialect: $language"
+    done
+else
+    skip "no $clang with system headers: cl's dialect"
+fi
+
+# Nothing that C++20 deprecates.
+for compiler in "$gxx" "$clang++"; do
+    if echo 'int main() { return 0; }' | "$compiler" -std=c++20 -x c++ -fsyntax-only - 2>/dev/null; then
+        "$compiler" -std=c++20 $include -Wall -Wextra -Wpedantic -Wdeprecated -Werror -x c++ -fsyntax-only tests/implementation.c
+        report $? "C++20 by $compiler"
+    else
+        skip "no $compiler for C++20"
+    fi
+done
 
 # Writable data: no symbol in .data, .bss or a common block, in either precision. (Constant tables of pointers to
 # functions lie in .data.rel.ro, which is read-only once the program has been loaded.)

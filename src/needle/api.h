@@ -19,15 +19,23 @@
 #error "needle.h: define NDL_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
 #endif
 
-/* NDL_API: public functions; static under SB_STATIC or NDL_STATIC. NDLI_API: internal functions; static in the shipped
- * header, extern when the rooms are compiled apart. */
-#if defined(SB_STATIC) || defined(NDL_STATIC)
+/* NDL_API: what stands before each public function: static under SB_STATIC or NDL_STATIC; exported or imported under
+ * SB_SHARED, as NDL_IMPLEMENTATION says; your own where you define it, or SB_API, before including. NDLI_API: internal
+ * functions; static in the shipped header, extern when the rooms are compiled apart. */
+#if defined(NDL_API)
+/* the caller's */
+#elif defined(SB_STATIC) || defined(NDL_STATIC)
 #define NDL_API static SBI_UNUSED
-#elif defined(__cplusplus)
-#define NDL_API extern "C"
+#elif defined(SBI_API_IS_GIVEN)
+#define NDL_API SB_API
+#elif defined(SB_SHARED) && defined(NDL_IMPLEMENTATION)
+#define NDL_API SBI_EXPORT
+#elif defined(SB_SHARED)
+#define NDL_API SBI_IMPORT
 #else
-#define NDL_API extern
+#define NDL_API SBI_EXTERN
 #endif
+#undef NDL_STATIC /* a state of the coupling has this name */
 #if defined(SB_SPLIT_BUILD)
 #define NDLI_API extern
 #else

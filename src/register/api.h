@@ -19,14 +19,21 @@
 #error "register.h: define REG_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
 #endif
 
-/* REG_API: public functions; static under SB_STATIC or REG_STATIC. REGI_API: internal functions; static in the shipped
- * header, extern when the rooms are compiled apart. */
-#if defined(SB_STATIC) || defined(REG_STATIC)
+/* REG_API: what stands before each public function: static under SB_STATIC or REG_STATIC; exported or imported under
+ * SB_SHARED, as REG_IMPLEMENTATION says; your own where you define it, or SB_API, before including. REGI_API: internal
+ * functions; static in the shipped header, extern when the rooms are compiled apart. */
+#if defined(REG_API)
+/* the caller's */
+#elif defined(SB_STATIC) || defined(REG_STATIC)
 #define REG_API static SBI_UNUSED
-#elif defined(__cplusplus)
-#define REG_API extern "C"
+#elif defined(SBI_API_IS_GIVEN)
+#define REG_API SB_API
+#elif defined(SB_SHARED) && defined(REG_IMPLEMENTATION)
+#define REG_API SBI_EXPORT
+#elif defined(SB_SHARED)
+#define REG_API SBI_IMPORT
 #else
-#define REG_API extern
+#define REG_API SBI_EXTERN
 #endif
 #if defined(SB_SPLIT_BUILD)
 #define REGI_API extern

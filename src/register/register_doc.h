@@ -12,8 +12,8 @@
  * and in all others only the last line; it includes softbody.h. Both headers come from one release and lie in one
  * folder. Link with -lm, optimise (-O2 or -O3).
  *
- * OPTIONS are softbody.h's. SB_REAL: exported names of a float build end in _f32. SB_STATIC makes this header static,
- * too; REG_STATIC makes only this one so.
+ * OPTIONS are softbody.h's. SB_REAL: exported names of a float build end in _f32. SB_STATIC, SB_SHARED and
+ * SB_API hold for this header, too; REG_STATIC or REG_API for this one only.
  *
  * WHAT IT DOES NOT DO
  *

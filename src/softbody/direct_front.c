@@ -85,7 +85,7 @@ static void sbi_front_tiles(const sbi_front_product *p, int first_row, int rows,
                             int depth)
 {
     const sb_real *left = p->pack, *right = p->pack + SBI_FRONT_DEPTH * SBI_FRONT_ROWS;
-    sb_real tile[SBI_FRONT_TILE * SBI_FRONT_GROUP];
+    sb_real tile[(int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP];
     for (int j = 0; j < columns; j += SBI_FRONT_TILE)
         for (int i = 0; i < rows; i += SBI_FRONT_GROUP) {
             int have = sbi_min_int(SBI_FRONT_GROUP, rows - i), wide = sbi_min_int(SBI_FRONT_TILE, columns - j);

@@ -715,7 +715,7 @@ SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_all
                              error);
     if (result != SB_OK)
         return result;
-    if (size < SBI_RECORD_HEAD + SBI_IMAGE_TAIL)
+    if (size < (size_t)SBI_RECORD_HEAD + (size_t)SBI_IMAGE_TAIL)
         return sbi_fail(error, SB_ERROR_FORMAT, "%lu bytes are too few for a saved recording", (unsigned long)size);
     made = sbi_record_make(allocator, error);
     if (!made)

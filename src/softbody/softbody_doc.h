@@ -19,6 +19,10 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
+ *     SB_SHARED          a shared library or DLL: the file with SB_IMPLEMENTATION exports the public functions, also under
+ *                        -fvisibility=hidden; all others import them.
+ *     SB_API             what stands before each public function in place of extern (in C++ extern "C"), of needle.h's
+ *                        and register.h's too unless NDL_API and REG_API are defined.
  *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
  *                        only. Other elements are refused with SB_ERROR_UNSUPPORTED. Default: all.
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
