@@ -257,7 +257,8 @@ race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 # Fuzz targets are functions of one program. Where clang has libFuzzer it does the fuzzing, under the sanitizers;
 # elsewhere the program mutates the corpus by itself. The corpus is also a test.
 FUZZ_SECONDS = 10
-FUZZ_TARGETS = vtk gmsh tetgen surface geometry mesh case state record body cloud vtu medit
+FUZZ_TARGETS = vtk gmsh tetgen surface geometry mesh case state record body cloud vtu medit needle_state needle_program \
+	icp cpd match nicp precond
 FUZZ_PARTS = $(FUZZERS) $(HEADERS) $(wildcard tests/fuzz/*.h examples/case_reader.h)
 CORPUS_TESTS = $(foreach target,$(FUZZ_TARGETS),"build/fuzz/plain $(target) tests/fuzz/corpus/$(target)/*")
 CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput(void) { return 0; }' | \

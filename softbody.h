@@ -3025,14 +3025,16 @@ typedef enum sb_surface_finding {
     SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
     SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
     SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
-    SB_SURFACE_SEVERAL_PARTS = 1024    /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_SEVERAL_PARTS = 1024,   /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_CROWDED = 2048          /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
+                                        * size, and that do not cross those looked at: the rest were not looked at */
 } sb_surface_finding;
 
 enum {
-    SB_SURFACE_FINDING_COUNT = 11,
+    SB_SURFACE_FINDING_COUNT = 12,
     /* What leaves it open which points are inside. */
     SB_SURFACE_NOT_SOLID = SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED | SB_SURFACE_NONMANIFOLD_EDGES |
-                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING
+                           SB_SURFACE_INSIDE_OUT | SB_SURFACE_SELF_CROSSING | SB_SURFACE_CROWDED
 };
 
 /* How often something was found, and the first place; -1 where that has no element or node. */
@@ -3044,7 +3046,9 @@ typedef struct sb_surface_place {
 
 typedef struct sb_surface_report {
     int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
-    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; the last: parts beyond the first */
+    sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; number 10: parts beyond the first */
+    int crossings_partial;                         /* 1: more pairs may cross than were counted. Counting ends at 16
+                                                    * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
     int parts;                                     /* parts that share no node */
     sb_real volume;                                /* m^3 enclosed; meaningful when closed */
     sb_real area;                                  /* m^2 */
@@ -3052,7 +3056,8 @@ typedef struct sb_surface_report {
 
 /* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
  * does, and then leaves *report alone. Faces count as the mesh has them; crossings are looked for between the triangles
- * they are cut into. Triangles that only touch do not cross. O(faces log faces), about 0.4 s for 100,000 triangles. */
+ * they are cut into. Triangles that only touch do not cross. O(faces log faces), also where all faces coincide, share a
+ * node or are stacked; about 0.4 s for 100,000 triangles. */
 SB_API sb_result sb_surface_check(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface_report *report,
                                   sb_error *error);
 /* One sentence that names the finding, e.g. "edges of one face only"; "unknown finding" for no single one. Static. */
@@ -3146,6 +3151,9 @@ typedef struct sb_stuff_def {
     int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
     sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
     int max_elements;             /* more than that are refused; default 20 million */
+    sb_real least_share;          /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
+                                   * by both, is refused with the cell that would do, in [0, 1]; default 0.5. 0: whatever
+                                   * comes out is taken */
     int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
                                                    * a result other than 0 cancels. Default NULL */
     void *progress_user;
@@ -3162,6 +3170,10 @@ typedef struct sb_stuff_report {
     sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
                               * its triangles; functions: to where a few Newton steps end */
     sb_real volume;          /* m^3 */
+    /* Of each shape, what of it lies in the first one: share of its volume that the mesh has (closed surfaces: exact but
+     * where they overlap themselves, which counts twice; functions: of a sample of points), and share of its surface
+     * within half a cell of the boundary of its part of the mesh. -1: unknown (open surfaces; nothing lies inside). */
+    sb_real volume_share[SB_STUFF_MAX_SHAPES], surface_share[SB_STUFF_MAX_SHAPES];
 } sb_stuff_report;
 
 SB_API sb_stuff_def sb_default_stuff_def(void);
@@ -3177,15 +3189,19 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
  * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
  * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
- * come loose stay (sb_mesh_components finds them).
+ * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share tell how much is missing;
+ * where it is more than def->least_share allows, there is no mesh but an error that names a cell for the thickness of
+ * what is missing.
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
  * elements than allowed, the message has their number), SB_ERROR_NOT_FINITE (field, or a point where the distance is
- * not), SB_ERROR_MESH (nothing to mesh: the cell is too large, or the surface is inside out),
+ * not), SB_ERROR_MESH (less than least_share is kept, or nothing: the cell is too large; a surface, or a part of it, is
+ * inside out: error->element is one of its faces),
  * SB_ERROR_CANCELLED, SB_ERROR_MEMORY. Cost: distances are taken near the surfaces only, O(surface); two bytes per
  * cell of the box, the rest O(mesh). */
 SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error);
+
 
 #endif /* SB_STUFFING_H */
 
@@ -4826,7 +4842,7 @@ typedef struct sb_grid {
 } sb_grid;
 
 /* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box,
- * cell_size, or a distance), SB_ERROR_MESH (no cell has anything inside, or a closed surface is inside out),
+ * cell_size, or a distance), SB_ERROR_MESH (no cell has anything inside, or a surface or a part of it is inside out),
  * SB_ERROR_UNSUPPORTED (more cells than an int counts, more points than max_points), SB_ERROR_CANCELLED,
  * SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
 SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);
@@ -5855,9 +5871,18 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 
 /* ==== src/softbody/surface.h, internal ==== */
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
- * the nearest, only the winding number tells the sign. Returns 1 when triangles cross, else all are 0. Some 2 us for each
- * triangle, 10 us when they cross. */
+ * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
+ * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
+/* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
+ * winding numbers tell. 0: no memory. */
+SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
+
+/* ==== src/softbody/stuffing.h, internal ==== */
+/* Fills in the shares that a tet4 mesh (empty: none) keeps of the shapes; SB_ERROR_MESH where one is below
+ * least_share. */
+SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_mesh *mesh, sb_stuff_report *report,
+                                              sb_error *error);
 
 /* ==== src/softbody/material.h, internal ==== */
 /* ==== internal: shares of a material =====================================================================
@@ -17986,6 +18011,10 @@ SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye);
 SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
+/* Counts pairs of triangles that cross, and triangles whose search was given up; places must be 0 or -1 all over.
+ * crossing[triangles] (or NULL) becomes 1 for both. Returns 1 when pairs may be missing, 0 when not, -1: no memory. */
+SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
+                                       sb_surface_place *crowds, unsigned char *crossing);
 #endif
 
 #endif /* SBI_SURFACE_TREE_H */
@@ -20005,8 +20034,18 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
         sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
 
-/* ==== src/softbody/surface_check.c ==== */
-/* surface_check: what is wrong with a surface, and what can be repaired. */
+/* ==== src/softbody/surface_crossing.c ==== */
+/* surface_crossing: pairs of triangles that pass through each other or overlap in a plane.
+ *
+ * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
+ * left out. Three kinds of surface would still make that quadratic, and each has its own answer:
+ *
+ *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only cross
+ *              where their arcs do, seen from the node: a tree over the arcs finds the pairs
+ *   wide ones  a triangle with hundreds of small ones on it: put off, then the small ones look for the few wide ones
+ *   crowds     hundreds on hundreds, coincident or stacked closer than float boxes can tell apart: when they cross,
+ *              counting ends after SBI_CROSSING_PAIRS for each triangle; when they do not, the search gives up and
+ *              says so (SB_SURFACE_CROWDED) */
 
 /* ---- triangles that cross ------------------------------------------------------------------------------------ */
 
@@ -20125,52 +20164,377 @@ static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
     return shared >= 3;
 }
 
-static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const float low[3], const float high[3])
+/* ---- the search ---------------------------------------------------------------------------------------------- */
+
+enum {
+    SBI_CROSSING_STEPS = 256,  /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
+    SBI_CROSSING_FAN = 64,     /* triangles round a node that make it a hub */
+    SBI_CROSSING_PAIRS = 16,   /* pairs for each triangle that are counted, */
+    SBI_CROSSING_MORE = 1024   /* and so many more */
+};
+
+/* What lasts over a search. */
+typedef struct sbi_crossing {
+    const sb_surface *s;
+    const sb_allocator *allocator;
+    unsigned char *crossing;     /* [triangles] 1: crosses another; or NULL */
+    sb_surface_place *crossings, *crowds;
+    int *hub;                    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
+    int most;                    /* pairs after which counting ends */
+    int partial;                 /* 1: pairs may be missing */
+} sbi_crossing;
+
+/* A tree to look in, of the surface, of the arcs round a hub, or of wide triangles of these. */
+typedef struct sbi_crossing_tree {
+    const sb_surface *tree;
+    const int *names; /* [tree triangles] number in the surface, ascending; NULL: the same */
+    int (*branch_hub)[SBI_SURFACE_WIDTH]; /* [tree nodes] hub of all triangles below, or -1; NULL: unknown */
+    int skips_fans;   /* 1: pairs of one hub are found elsewhere */
+} sbi_crossing_tree;
+
+/* One triangle that looks for partners, in local coordinates of the tree. */
+typedef struct sbi_crossing_seeker {
+    int name;             /* in the surface */
+    int is_after;         /* looks for partners with lower numbers; else for those with higher ones */
+    int hub;              /* whose triangles are left out; -1: none */
+    int steps;
+    float corner[3][3], low[3], high[3], normal[3], offset;
+} sbi_crossing_seeker;
+
+static int sbi_crossing_name(const sbi_crossing_tree *in, int triangle)
+{
+    return in->names ? in->names[triangle] : triangle;
+}
+
+static float sbi_crossing_dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* x: corners in the units that the tree was made in. A triangle without a plane has the normal 0. */
+static void sbi_crossing_seek_from(const sb_surface *tree, const sb_vec3 corners[3], sbi_crossing_seeker *seeker)
+{
+    sb_vec3 x[3], normal;
+    sb_real length;
+    for (int i = 0; i < 3; i++) {
+        x[i] = sb_v3_scale(tree->scale, corners[i]);
+        sbi_surface_to_local(tree, x[i], seeker->corner[i]);
+    }
+    sbi_surface_box_of(tree, x, seeker->low, seeker->high);
+    normal = sbi_surface_area_vector(x);
+    length = sbi_surface_slimness(x) > sb_sqrt(SB_EPSILON) ? sb_v3_norm(normal) : 0;
+    normal = length > 0 ? sb_v3_scale((sb_real)1 / length, normal) : sb_v3(0, 0, 0);
+    seeker->normal[0] = (float)normal.x;
+    seeker->normal[1] = (float)normal.y;
+    seeker->normal[2] = (float)normal.z;
+    seeker->offset = sbi_crossing_dot(seeker->normal, seeker->corner[0]);
+}
+
+/* Whether the seeker's plane passes child k of a node by. */
+static int sbi_crossing_plane_misses(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
+{
+    float height = -seeker->offset, reach = SBI_SURFACE_SLACK;
+    for (int axis = 0; axis < 3; axis++) {
+        float n = seeker->normal[axis], half = 0.5f * (node->high[axis][k] - node->low[axis][k]);
+        height += n * 0.5f * (node->high[axis][k] + node->low[axis][k]);
+        reach += (n < 0 ? -n : n) * half;
+    }
+    return height > reach || height < -reach;
+}
+
+/* Whether the coin of child k lies on one side of the seeker. */
+static int sbi_crossing_coin_misses(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
+{
+    float thickness = node->coin[SBI_COIN_THICKNESS][k] + SBI_SURFACE_SLACK;
+    int below = 0, above = 0;
+    for (int i = 0; i < 3; i++) {
+        float height = 0;
+        for (int axis = 0; axis < 3; axis++)
+            height += node->coin[SBI_COIN_NORMAL + axis][k] *
+                      (seeker->corner[i][axis] - node->coin[SBI_COIN_CENTRE + axis][k]);
+        below += height < -thickness;
+        above += height > thickness;
+    }
+    return below == 3 || above == 3;
+}
+
+static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const sbi_crossing_seeker *seeker)
 {
     for (int axis = 0; axis < 3; axis++)
-        if (node->low[axis][k] > high[axis] || node->high[axis][k] < low[axis])
+        if (node->low[axis][k] > seeker->high[axis] || node->high[axis][k] < seeker->low[axis])
             return 0;
+    return !sbi_crossing_plane_misses(node, k, seeker) && !sbi_crossing_coin_misses(node, k, seeker);
+}
+
+static void sbi_crossing_leaf(const sbi_crossing *c, const sbi_crossing_tree *in, int leaf_number,
+                              sbi_crossing_seeker *seeker)
+{
+    const sb_surface *s = c->s;
+    const sbi_surface_leaf *leaf = in->tree->leaf + leaf_number;
+    for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
+        int other = sbi_crossing_name(in, sbi_surface_leaf_triangle(leaf, k)), t = seeker->name;
+        if (other == t || (other < t) != seeker->is_after || s->element[other] == s->element[t] ||
+            (seeker->hub >= 0 && c->hub[other] == seeker->hub))
+            continue;
+        seeker->steps++;
+        if (sbi_crossing_same_corners(s, t, other) || !sbi_crossing_test(s, t, other))
+            continue;
+        if (c->crossing)
+            c->crossing[t] = c->crossing[other] = 1;
+        if (c->crossings->count++ == 0) {
+            c->crossings->element = s->element[sbi_min_int(t, other)];
+            c->crossings->other_element = s->element[sbi_max_int(t, other)];
+        }
+    }
+}
+
+/* Looks for all partners; 0 when it gave up. */
+static int sbi_crossing_seek(const sbi_crossing *c, const sbi_crossing_tree *in, sbi_crossing_seeker *seeker)
+{
+    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
+    seeker->steps = 0;
+    stack[top++] = 0;
+    while (top > 0) {
+        int child = stack[--top];
+        if (++seeker->steps > SBI_CROSSING_STEPS)
+            return 0;
+        if (child < 0) {
+            sbi_crossing_leaf(c, in, ~child, seeker);
+            continue;
+        }
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
+            if ((seeker->hub < 0 || !in->branch_hub || in->branch_hub[child][k] != seeker->hub) &&
+                sbi_crossing_boxes_meet(in->tree->tree + child, k, seeker))
+                stack[top++] = in->tree->tree[child].child[k];
+    }
     return 1;
 }
 
-static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, int triangle, sb_surface_place *place,
-                              unsigned char *crossing)
+/* A surface of some triangles of another: wide[count] are their numbers there. In the units of its nodes as it holds
+ * them. NULL: no memory. */
+static sb_surface *sbi_crossing_subset(const sbi_crossing *c, const sb_surface *of, const int *wide, int count)
 {
-    for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
-        int other = sbi_surface_leaf_triangle(leaf, k);
-        if (other <= triangle || s->element[other] == s->element[triangle] ||
-            sbi_crossing_same_corners(s, triangle, other) || !sbi_crossing_test(s, triangle, other))
+    sb_mesh mesh;
+    sb_surface *made = NULL;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TRI3;
+    mesh.nodes = of->nodes;
+    mesh.node_count = of->node_count;
+    mesh.element_count = count;
+    mesh.elements = (int *)sbi_alloc(c->allocator, (size_t)count, 3 * sizeof(int));
+    for (int i = 0; mesh.elements && i < count; i++)
+        memcpy(mesh.elements + 3 * (size_t)i, of->corners[wide[i]], 3 * sizeof(int));
+    if (mesh.elements && sb_surface_create(&mesh, c->allocator, &made, NULL) != SB_OK)
+        made = NULL;
+    sbi_free(c->allocator, mesh.elements);
+    return made;
+}
+
+static int sbi_crossing_is_full(const sbi_crossing *c) { return c->crossings->count >= c->most; }
+
+/* All triangles of a tree look among the wide ones, which come before them. */
+static int sbi_crossing_among_wide(sbi_crossing *c, const sbi_crossing_tree *in, int *wide, int count)
+{
+    sb_surface *subset = sbi_crossing_subset(c, in->tree, wide, count);
+    sbi_crossing_tree among;
+    int before;
+    if (!subset)
+        return 0;
+    for (int i = 0; i < count; i++)
+        wide[i] = sbi_crossing_name(in, wide[i]);
+    among.tree = subset;
+    among.names = wide;
+    among.branch_hub = NULL;
+    among.skips_fans = in->skips_fans;
+    for (int i = 0; i < in->tree->triangle_count && !sbi_crossing_is_full(c); i++) {
+        sbi_crossing_seeker seeker;
+        sb_vec3 x[3];
+        sbi_surface_corners(in->tree, i, x);
+        sbi_crossing_seek_from(subset, x, &seeker);
+        seeker.name = sbi_crossing_name(in, i);
+        seeker.is_after = 1;
+        seeker.hub = in->skips_fans ? c->hub[seeker.name] : -1;
+        before = c->crossings->count;
+        if (c->s->shape[seeker.name] == SBI_SURFACE_FLAT || sbi_crossing_seek(c, &among, &seeker))
             continue;
-        if (crossing)
-            crossing[triangle] = crossing[other] = 1;
-        if (place->count++ == 0) {
-            place->element = s->element[triangle];
-            place->other_element = s->element[other];
+        c->partial = 1;
+        if (c->crossings->count == before && c->crowds->count++ == 0)
+            c->crowds->element = c->s->element[seeker.name];
+    }
+    sb_surface_destroy(subset);
+    return 1;
+}
+
+/* Finds all pairs in a tree. 0: no memory. */
+static int sbi_crossing_all(sbi_crossing *c, const sbi_crossing_tree *in)
+{
+    const sb_surface *tree = in->tree;
+    int *wide = (int *)sbi_alloc(c->allocator, (size_t)tree->triangle_count, sizeof(int));
+    int count = 0, made = wide != NULL;
+    for (int i = 0; wide && i < tree->triangle_count && !sbi_crossing_is_full(c); i++) {
+        sb_surface_place before = *c->crossings;
+        sbi_crossing_seeker seeker;
+        sb_vec3 x[3];
+        sbi_surface_corners(tree, i, x);
+        for (int k = 0; k < 3; k++)
+            x[k] = sb_v3_scale(tree->inverse, x[k]);
+        sbi_crossing_seek_from(tree, x, &seeker);
+        seeker.name = sbi_crossing_name(in, i);
+        seeker.is_after = 0;
+        seeker.hub = in->skips_fans ? c->hub[seeker.name] : -1;
+        if (c->s->shape[seeker.name] == SBI_SURFACE_FLAT || sbi_crossing_seek(c, in, &seeker))
+            continue;
+        if (c->crossings->count - before.count >= SBI_CROSSING_PAIRS) {
+            c->partial = 1; /* enough is known of this one */
+            continue;
+        }
+        *c->crossings = before; /* its pairs are found again from the other side */
+        wide[count++] = i;
+    }
+    if (count > 0 && !sbi_crossing_is_full(c))
+        made = sbi_crossing_among_wide(c, in, wide, count);
+    sbi_free(c->allocator, wide);
+    return made;
+}
+
+/* ---- fans ---------------------------------------------------------------------------------------------------- */
+
+/* Labels triangles with their hubs. */
+static void sbi_crossing_find_hubs(const sb_surface *s, int *hub)
+{
+    for (int t = 0; t < s->triangle_count; t++) {
+        int most = SBI_CROSSING_FAN;
+        hub[t] = -1;
+        for (int i = 0; i < 3; i++) {
+            int v = s->corners[t][i], count = s->fan_start[v + 1] - s->fan_start[v];
+            if (count > most)
+                most = count, hub[t] = v;
         }
     }
 }
 
-/* Pairs of triangles, counted from the one with the lower number. crossing[triangles] (or NULL) becomes 1 for both. */
-static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place, unsigned char *crossing)
+static int sbi_crossing_leaf_hub(const sb_surface *s, const int *hub, int leaf_number)
 {
-    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
-    for (int t = 0; t < s->triangle_count; t++) {
-        sb_vec3 x[3];
-        float low[3], high[3];
-        sbi_surface_corners(s, t, x);
-        sbi_surface_box_of(s, x, low, high);
-        stack[top++] = 0;
-        while (top > 0) {
-            int child = stack[--top];
-            if (child < 0) {
-                sbi_crossing_leaf(s, s->leaf + ~child, t, place, crossing);
+    const sbi_surface_leaf *leaf = s->leaf + leaf_number;
+    int common = hub[sbi_surface_leaf_triangle(leaf, 0)];
+    for (int k = 1; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
+        common = hub[sbi_surface_leaf_triangle(leaf, k)] == common ? common : -1;
+    return common;
+}
+
+static void sbi_crossing_label_branches(const sb_surface *s, const int *hub, int (*branch_hub)[SBI_SURFACE_WIDTH])
+{
+    for (int i = s->tree_count - 1; i >= 0; i--) { /* children come after their parents */
+        for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+            int child = s->tree[i].child[k], count = sbi_surface_child_count(s->tree + i), common;
+            branch_hub[i][k] = -1;
+            if (k >= count)
                 continue;
-            }
-            for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
-                if (sbi_crossing_boxes_meet(s->tree + child, k, low, high))
-                    stack[top++] = s->tree[child].child[k];
+            common = child < 0 ? sbi_crossing_leaf_hub(s, hub, ~child) : branch_hub[child][0];
+            for (int j = 1; child >= 0 && j < sbi_surface_child_count(s->tree + child); j++)
+                common = branch_hub[child][j] == common ? common : -1;
+            branch_hub[i][k] = common;
         }
     }
+}
+
+/* A triangle round the arc that a triangle covers on the unit sphere round one of its corners, in the plane of both:
+ * the ends of the arc and where the tangents there meet. Arcs near a half circle get one round the whole sphere. */
+static void sbi_crossing_arc(const sb_surface *s, int triangle, int hub, sb_vec3 arc[3])
+{
+    sb_vec3 x[3], end[2], middle;
+    sb_real length;
+    int corner = s->corners[triangle][0] == hub ? 0 : s->corners[triangle][1] == hub ? 1 : 2;
+    sbi_surface_corners(s, triangle, x);
+    for (int i = 0; i < 2; i++) {
+        end[i] = sb_v3_sub(x[(corner + 1 + i) % 3], x[corner]);
+        length = sb_v3_norm(end[i]);
+        end[i] = length > 0 ? sb_v3_scale((sb_real)1 / length, end[i]) : sb_v3(0, 0, 0);
+    }
+    middle = sb_v3_scale((sb_real)0.5, sb_v3_add(end[0], end[1]));
+    length = sb_v3_dot(middle, middle); /* squared cosine of half the angle */
+    arc[0] = end[0], arc[1] = end[1];
+    arc[2] = length > 0 ? sb_v3_scale((sb_real)1 / length, middle) : middle;
+    if (length < (sb_real)0.05)
+        arc[0] = sb_v3(-1, -1, -1), arc[1] = sb_v3(1, 1, -1), arc[2] = sb_v3(1, -1, 1);
+}
+
+/* Finds the pairs among fan[count], the triangles of one hub. 0: no memory. */
+static int sbi_crossing_fan(sbi_crossing *c, int hub, const int *fan, int count)
+{
+    sb_surface *arcs = NULL;
+    sb_mesh mesh;
+    int made = 0;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TRI3;
+    mesh.element_count = count;
+    mesh.node_count = 3 * count;
+    mesh.nodes = (sb_vec3 *)sbi_alloc(c->allocator, (size_t)mesh.node_count, sizeof(sb_vec3));
+    mesh.elements = (int *)sbi_alloc(c->allocator, (size_t)mesh.node_count, sizeof(int));
+    if (mesh.nodes && mesh.elements) {
+        for (int i = 0; i < count; i++)
+            sbi_crossing_arc(c->s, fan[i], hub, mesh.nodes + 3 * (size_t)i);
+        for (int i = 0; i < mesh.node_count; i++)
+            mesh.elements[i] = i;
+        if (sb_surface_create(&mesh, c->allocator, &arcs, NULL) == SB_OK) {
+            sbi_crossing_tree in = {NULL, NULL, NULL, 0};
+            in.tree = arcs;
+            in.names = fan;
+            made = sbi_crossing_all(c, &in);
+            sb_surface_destroy(arcs);
+        }
+    }
+    sbi_free(c->allocator, mesh.nodes);
+    sbi_free(c->allocator, mesh.elements);
+    return made;
+}
+
+static int sbi_crossing_fans(sbi_crossing *c, int *fan)
+{
+    const sb_surface *s = c->s;
+    for (int v = 0; v < s->node_count && !sbi_crossing_is_full(c); v++) {
+        int count = 0;
+        if (s->fan_start[v + 1] - s->fan_start[v] <= SBI_CROSSING_FAN)
+            continue;
+        for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
+            int t = s->fan[i] / 3;
+            if (c->hub[t] == v && s->shape[t] != SBI_SURFACE_FLAT && (count == 0 || fan[count - 1] != t))
+                fan[count++] = t;
+        }
+        if (count > 1 && !sbi_crossing_fan(c, v, fan, count))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- results ------------------------------------------------------------------------------------------------- */
+
+SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
+                                       sb_surface_place *crowds, unsigned char *crossing)
+{
+    size_t triangles = (size_t)s->triangle_count;
+    int *fan = (int *)sbi_alloc(allocator, triangles, sizeof(int)), made = 0;
+    sbi_crossing_tree in;
+    sbi_crossing c;
+    memset(&c, 0, sizeof c);
+    memset(&in, 0, sizeof in);
+    c.s = in.tree = s;
+    c.allocator = allocator;
+    c.crossing = crossing;
+    c.crossings = crossings;
+    c.crowds = crowds;
+    c.most = s->triangle_count < (INT_MAX - SBI_CROSSING_MORE) / SBI_CROSSING_PAIRS
+                 ? SBI_CROSSING_PAIRS * s->triangle_count + SBI_CROSSING_MORE
+                 : INT_MAX;
+    c.hub = (int *)sbi_alloc(allocator, triangles, sizeof(int));
+    in.branch_hub = (int(*)[SBI_SURFACE_WIDTH])sbi_alloc(allocator, (size_t)s->tree_count, sizeof *in.branch_hub);
+    in.skips_fans = 1;
+    if (fan && c.hub && in.branch_hub) {
+        sbi_crossing_find_hubs(s, c.hub);
+        sbi_crossing_label_branches(s, c.hub, in.branch_hub);
+        made = sbi_crossing_all(&c, &in) && sbi_crossing_fans(&c, fan);
+    }
+    sbi_free(allocator, fan);
+    sbi_free(allocator, c.hub);
+    sbi_free(allocator, in.branch_hub);
+    return !made ? -1 : sbi_crossing_is_full(&c) || c.partial;
 }
 
 /* Whether the winding number just off the middle of a triangle, on both sides, contradicts its orientation. */
@@ -20191,14 +20555,84 @@ static int sbi_crossing_is_hidden(const sb_surface *s, int triangle)
 
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful)
 {
-    sb_surface_place place;
-    memset(&place, 0, sizeof place);
+    sb_surface_place crossings, crowds;
+    int partial;
+    memset(&crossings, 0, sizeof crossings);
+    memset(&crowds, 0, sizeof crowds);
     memset(doubtful, 0, (size_t)surface->triangle_count);
-    sbi_crossing_count(surface, &place, doubtful);
-    for (int t = 0; t < surface->triangle_count && place.count > 0; t++)
+    partial = sbi_surface_find_crossings(surface, &surface->allocator, &crossings, &crowds, doubtful);
+    if (partial < 0)
+        return -1;
+    if (partial) /* any triangle may cross what was not looked at */
+        memset(doubtful, 1, (size_t)surface->triangle_count);
+    for (int t = 0; t < surface->triangle_count && !partial && crossings.count > 0; t++)
         doubtful[t] = doubtful[t] || sbi_crossing_is_hidden(surface, t);
-    return place.count > 0;
+    return partial || crossings.count > 0;
 }
+
+/* ---- inside out ---------------------------------------------------------------------------------------------- */
+
+/* Whether the winding number just off the middle of a triangle is negative on the side that its normal points to, and
+ * nothing is inside on the other side. */
+static int sbi_inside_out_looks_inward(const sb_surface *s, int triangle)
+{
+    sb_vec3 x[3], middle, off;
+    sb_real size;
+    if (s->shape[triangle] == SBI_SURFACE_FLAT)
+        return 0;
+    sbi_surface_corners(s, triangle, x);
+    size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
+    middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    off = sb_v3_scale(sb_sqrt(SB_EPSILON) * size, sbi_surface_unit_normal(s, triangle));
+    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 && sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
+}
+
+/* Lists the triangles that share nodes with list[0], each marked; returns how many. */
+static int sbi_inside_out_part(const sb_surface *s, int *list, unsigned char *mark)
+{
+    int count = 1;
+    mark[list[0]] = 1;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < 3; i++) {
+            int v = s->corners[list[k]][i], begin = s->fan_start[v], end = s->fan_start[v + 1];
+            if (mark[s->fan[begin] / 3] && mark[s->fan[end - 1] / 3])
+                continue; /* a fan is taken as a whole */
+            for (int j = begin; j < end; j++) {
+                int t = s->fan[j] / 3;
+                if (!mark[t])
+                    mark[t] = 1, list[count++] = t;
+            }
+        }
+    return count;
+}
+
+/* Outside a solid the winding number is 0, in front of the wall of a cavity too. -1 there means that the part looks
+ * inward; open sheets stay above. */
+SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator *allocator, int *triangle)
+{
+    enum { ASKED = 9 };
+    int *list = (int *)sbi_alloc(allocator, (size_t)s->triangle_count, sizeof(int));
+    unsigned char *mark = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)s->triangle_count, 1);
+    *triangle = -1;
+    for (int t = 0; list && mark && t < s->triangle_count && *triangle < 0; t++) {
+        int count, asked, inward = 0;
+        if (mark[t])
+            continue;
+        list[0] = t;
+        count = sbi_inside_out_part(s, list, mark);
+        asked = sbi_min_int(count, ASKED);
+        for (int k = 0; k < asked; k++)
+            inward += sbi_inside_out_looks_inward(s, list[(size_t)k * (size_t)count / (size_t)asked]);
+        if (2 * inward > asked)
+            *triangle = t;
+    }
+    sbi_free(allocator, list);
+    sbi_free(allocator, mark);
+    return list && mark;
+}
+
+/* ==== src/softbody/surface_check.c ==== */
+/* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
@@ -20213,7 +20647,8 @@ enum { /* places of the findings: 1 << place */
     SBI_FOUND_INSIDE_OUT = 7,
     SBI_FOUND_CROSSING = 8,
     SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10
+    SBI_FOUND_PARTS = 10,
+    SBI_FOUND_CROWDED = 11
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -20230,6 +20665,7 @@ SB_API const char *sb_surface_check_string(int finding)
     case SB_SURFACE_SELF_CROSSING: return "pairs of triangles that cross";
     case SB_SURFACE_UNREFERENCED: return "nodes of no face";
     case SB_SURFACE_SEVERAL_PARTS: return "further parts";
+    case SB_SURFACE_CROWDED: return "triangles among too many others to look for all crossings";
     default: return "unknown finding";
     }
 }
@@ -20303,6 +20739,7 @@ typedef struct sbi_found_scratch {
     unsigned char *skip;        /* [elements] faces with a node twice */
     int *representative;        /* [nodes] */
     double *volume;             /* [parts] */
+    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
     unsigned char *open;        /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
@@ -20316,6 +20753,8 @@ static void sbi_found_free(const sb_allocator *allocator, sbi_found_scratch *scr
     sbi_free(allocator, scratch->skip);
     sbi_free(allocator, scratch->representative);
     sbi_free(allocator, scratch->volume);
+    sbi_free(allocator, scratch->first);
+    sbi_free(allocator, scratch->order);
     sbi_free(allocator, scratch->open);
 }
 
@@ -20333,7 +20772,10 @@ static sb_result sbi_found_prepare(const sb_mesh *mesh, const sb_allocator *allo
     scratch->representative = (int *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(int));
     scratch->volume = (double *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, sizeof(double));
     scratch->open = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, 1);
-    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open)
+    scratch->first = (int *)sbi_alloc(allocator, (size_t)scratch->parts + 1, sizeof(int));
+    scratch->order = (int *)sbi_alloc(allocator, (size_t)scratch->surface->triangle_count, sizeof(int));
+    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open || !scratch->first ||
+        !scratch->order)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     for (int i = 0; i < scratch->mesh.bad_count; i++)
         if (scratch->mesh.bad[i].defect == SB_MESH_REPEATED_NODE)
@@ -20362,17 +20804,39 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
     }
 }
 
-/* Winding number of all parts but one at a point (scaled) of that one. */
-static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
+/* Lists the triangles of each part, one part after the other: part p has order[first[p] .. first[p + 1]). */
+static void sbi_found_list_parts(const sb_surface *s, const sbi_found_scratch *scratch)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    for (int t = 0; t < s->triangle_count; t++) {
-        sb_vec3 x[3];
+    int *first = scratch->first;
+    memset(first, 0, sizeof(int) * ((size_t)scratch->parts + 1));
+    for (int t = 0; t < s->triangle_count; t++)
+        first[scratch->part.items[s->element[t]] + 1]++;
+    for (int p = 0; p < scratch->parts; p++)
+        first[p + 1] += first[p];
+    for (int t = 0; t < s->triangle_count; t++)
+        scratch->order[first[scratch->part.items[s->element[t]]]++] = t;
+    memmove(first + 1, first, sizeof(int) * (size_t)scratch->parts); /* filling moved each to its end */
+    first[0] = 0;
+}
+
+/* Winding number of all parts but one, just off the middle of a triangle of that one: all of them by the tree, less its
+ * own triangles. */
+static double sbi_found_winding_of_others(const sb_surface *s, const sbi_found_scratch *scratch, int part, int triangle)
+{
+    sbi_surface_angle own = sbi_surface_angle_zero();
+    sb_vec3 x[3], normal = sbi_surface_unit_normal(s, triangle), eye;
+    sb_real size;
+    sbi_surface_corners(s, triangle, x);
+    size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
+    eye = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    eye = sb_v3_madd(eye, sb_sqrt(SB_EPSILON) * size, normal);
+    for (int i = scratch->first[part]; i < scratch->first[part + 1]; i++) {
+        int t = scratch->order[i];
         sbi_surface_corners(s, t, x);
-        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
-            sbi_surface_angle_of(x, eye, &angle);
+        if (s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &own);
     }
-    return (sb_real)sbi_surface_angle_turns(&angle);
+    return sbi_surface_winding(s, eye) - sbi_surface_angle_turns(&own);
 }
 
 /* Closed parts with a negative volume, unless the others surround them: then they are walls of cavities. */
@@ -20380,12 +20844,13 @@ static void sbi_found_inside_out(const sb_surface *s, sbi_found_scratch *scratch
 {
     const int *part = scratch->part.items;
     sbi_found_measure_parts(s, scratch);
+    sbi_found_list_parts(s, scratch);
     for (int t = 0; t < s->triangle_count; t++) {
         int p = part[s->element[t]];
-        if (scratch->open[p] || !(scratch->volume[p] < 0))
+        if (scratch->open[p] || !(scratch->volume[p] < 0) || s->shape[t] == SBI_SURFACE_FLAT)
             continue;
         scratch->open[p] = 1; /* once is enough */
-        if (sbi_found_winding_of_others(s, part, p, s->nodes[s->corners[t][0]]) < (sb_real)0.5)
+        if (sbi_found_winding_of_others(s, scratch, p, t) < 0.5)
             sbi_found_element(place, s->element[t], -1);
     }
 }
@@ -20423,9 +20888,12 @@ static void sbi_found_parts(const sb_mesh *mesh, const sbi_found_scratch *scratc
             place->element = e;
 }
 
-static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int crossings, sb_surface_report *report)
+/* 0: no memory. */
+static int sbi_found_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_found_scratch *scratch, int crossings,
+                         sb_surface_report *report)
 {
     sb_surface_place *place = report->place;
+    int partial = 0;
     memset(report, 0, sizeof *report);
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         place[i].element = place[i].other_element = place[i].node = place[i].other_node = -1;
@@ -20435,13 +20903,16 @@ static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int c
     sbi_found_nodes(mesh, scratch, place);
     sbi_found_inside_out(scratch->surface, scratch, place + SBI_FOUND_INSIDE_OUT);
     if (crossings)
-        sbi_crossing_count(scratch->surface, place + SBI_FOUND_CROSSING, NULL);
+        partial = sbi_surface_find_crossings(scratch->surface, allocator, place + SBI_FOUND_CROSSING,
+                                             place + SBI_FOUND_CROWDED, NULL);
     sbi_found_parts(mesh, scratch, place + SBI_FOUND_PARTS);
+    report->crossings_partial = partial != 0;
     report->parts = scratch->parts;
     report->volume = scratch->mesh.volume;
     report->area = scratch->mesh.area;
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         report->findings |= place[i].count > 0 ? 1 << i : 0;
+    return partial >= 0;
 }
 
 /* The check with or without the search for crossings. */
@@ -20449,11 +20920,14 @@ static sb_result sbi_found_check(const sb_mesh *mesh, int crossings, const sb_al
                                  sb_surface_report *report, sb_error *error)
 {
     sbi_found_scratch scratch;
+    sb_surface_report found;
     sb_result result;
     memset(&scratch, 0, sizeof scratch);
     result = sbi_found_prepare(mesh, allocator, &scratch, error);
+    if (result == SB_OK && !sbi_found_all(mesh, allocator, &scratch, crossings, &found))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     if (result == SB_OK)
-        sbi_found_all(mesh, &scratch, crossings, report);
+        *report = found;
     sbi_found_free(allocator, &scratch);
     return result;
 }
@@ -20994,6 +21468,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void)
     memset(&def, 0, sizeof def);
     def.type = SB_TET4;
     def.max_elements = 20000000;
+    def.least_share = (sb_real)0.5;
     def.cookie = SBI_STUFF_COOKIE;
     return def;
 }
@@ -21212,6 +21687,26 @@ static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh
         return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
     if (def->max_elements < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
+    if (!(def->least_share >= 0 && def->least_share <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "least_share is %g, it must be 0 to 1", (double)def->least_share);
+    return SB_OK;
+}
+
+/* Surfaces, and parts of them, that look inward enclose nothing. */
+static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_error *error)
+{
+    for (int shape = 0; shape < def->shape_count; shape++) {
+        int triangle = -1;
+        if (!def->shapes[shape].surface)
+            continue;
+        if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
+        if (triangle >= 0)
+            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+                                    "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
+                                    "it): sb_surface_repair turns it",
+                                    shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
+    }
     return SB_OK;
 }
 
@@ -22955,9 +23450,9 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
+/* All but the shares. */
 static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
 {
-    memset(report, 0, sizeof *report);
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
     report->element_count = mesh->element_count;
@@ -23066,14 +23561,22 @@ static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, s
 SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
 {
     sb_mesh made, raised;
+    sb_stuff_report found;
     sb_real distance = 0;
     double told = 0;
     int cells[3];
     sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result == SB_OK)
+        result = sbi_stuffing_check_orientation(def, error);
     if (result != SB_OK)
         return result;
     memset(&made, 0, sizeof made);
+    memset(&found, 0, sizeof found);
     result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+        sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
+        result = kept == SB_OK ? result : kept;
+    }
     if (result == SB_OK)
         result = sb_mesh_reorder(&made, NULL, NULL, error);
     if (result == SB_OK && def->type == SB_TET10) {
@@ -23090,9 +23593,362 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         return result;
     }
     *mesh = made;
+    sbi_stuffing_fill_report(mesh, distance, cells, &found);
     if (report)
-        sbi_stuffing_fill_report(mesh, distance, cells, report);
+        *report = found;
     return SB_OK;
+}
+
+/* ==== src/softbody/stuffing_share.c ==== */
+/* stuffing_share: how much of each shape a mesh keeps, and which cell would keep what is missing. */
+
+#include <stdio.h>
+
+enum {
+    SBI_SHARE_LEAST = 400,     /* samples of a shape's surface */
+    SBI_SHARE_MOST = 20000,
+    SBI_SHARE_POINTS = 400000, /* of a box in which a function is sampled */
+    SBI_SHARE_STEPS = 200      /* of a search for the far side of a function */
+};
+
+/* A point of a shape's surface, with the unit normal that points out of the shape. */
+typedef struct sbi_share_sample {
+    sb_vec3 at, normal;
+    sb_real thickness; /* m */
+    int triangle;      /* of a surface */
+} sbi_share_sample;
+
+typedef struct sbi_share {
+    const sb_stuff_def *def;
+    int number;                /* of the shape */
+    const sb_shape *shape;
+    sb_vec3 low, high;         /* box that functions are sampled in */
+    sbi_share_sample *samples; /* [SBI_SHARE_MOST] of the surface that lies in the first shape */
+    int count, cut_off;        /* cut_off: samples outside of the first shape */
+    double volume;             /* of the shape in the first one, m^3; 0: unknown */
+    uint64_t dice;
+} sbi_share;
+
+/* Uniform in [0, 1), the same numbers each time (splitmix64). */
+static sb_real sbi_share_dice(sbi_share *share)
+{
+    uint64_t z = share->dice += 0x9e3779b97f4a7c15u;
+    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+    return (sb_real)((double)((z ^ z >> 31) >> 11) * 1.1102230246251565e-16); /* 2^-53 */
+}
+
+static sb_real sbi_share_value(const sb_shape *shape, sb_vec3 p)
+{
+    return shape->surface ? sb_surface_signed_distance(shape->surface, p, NULL) : shape->distance(shape->user, p);
+}
+
+/* Whether the first shape, cut off at its box, contains a point. */
+static int sbi_share_is_kept(const sbi_share *share, sb_vec3 p)
+{
+    const sb_shape *first = share->def->shapes;
+    if (first->surface)
+        return sb_surface_inside(first->surface, p);
+    return p.x > share->low.x && p.y > share->low.y && p.z > share->low.z && p.x < share->high.x &&
+           p.y < share->high.y && p.z < share->high.z && first->distance(first->user, p) < 0;
+}
+
+static void sbi_share_add(sbi_share *share, sb_vec3 at, sb_vec3 normal, int triangle)
+{
+    sbi_share_sample *sample = share->samples + share->count;
+    if (share->number > 0 && !sbi_share_is_kept(share, at)) {
+        share->cut_off++;
+        return;
+    }
+    if (share->count == SBI_SHARE_MOST)
+        return;
+    sample->at = at;
+    sample->normal = normal;
+    sample->triangle = triangle;
+    sample->thickness = SB_REAL_MAX;
+    share->count++;
+}
+
+/* Samples each triangle in proportion to its area. */
+static void sbi_share_sample_surface(sbi_share *share)
+{
+    const sb_surface *s = share->shape->surface;
+    const double inverse = (double)s->inverse, cell = (double)share->def->cell;
+    double area = 0, per, due = 0.5, volume = 0;
+    for (int t = 0; t < s->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(s, t, x);
+        area += 0.5 * (double)sb_v3_norm(sbi_surface_area_vector(x));
+        for (int i = 0; i < 3; i++)
+            x[i] = sb_v3_sub(x[i], s->centre);
+        volume += (double)sb_v3_dot(x[0], sb_v3_cross(x[1], x[2])) / 6;
+    }
+    area *= inverse * inverse;
+    per = 4 * area / (cell * cell);
+    per = per < (double)SBI_SHARE_LEAST ? (double)SBI_SHARE_LEAST : per;
+    per = per > 0.9 * SBI_SHARE_MOST ? 0.9 * SBI_SHARE_MOST : per;
+    for (int t = 0; t < s->triangle_count && area > 0; t++) {
+        sb_vec3 x[3], normal = sbi_surface_unit_normal(s, t);
+        sbi_surface_corners(s, t, x);
+        due += per * 0.5 * (double)sb_v3_norm(sbi_surface_area_vector(x)) * inverse * inverse / area;
+        for (; due >= 1; due -= 1) {
+            sb_real v = sbi_share_dice(share), w = sbi_share_dice(share);
+            sb_vec3 p = x[0];
+            if (v + w > 1)
+                v = 1 - v, w = 1 - w;
+            p = sb_v3_madd(sb_v3_madd(p, v, sb_v3_sub(x[1], x[0])), w, sb_v3_sub(x[2], x[0]));
+            sbi_share_add(share, sb_v3_scale(s->inverse, p), normal, t);
+        }
+    }
+    if (sb_surface_is_closed(s) && share->cut_off == 0)
+        share->volume = volume * inverse * inverse * inverse;
+}
+
+static sb_vec3 sbi_share_gradient(const sb_shape *shape, sb_vec3 p, sb_real step)
+{
+    sb_vec3 x = sb_v3(step, 0, 0), y = sb_v3(0, step, 0), z = sb_v3(0, 0, step);
+    sb_vec3 d = sb_v3(sbi_share_value(shape, sb_v3_add(p, x)) - sbi_share_value(shape, sb_v3_sub(p, x)),
+                      sbi_share_value(shape, sb_v3_add(p, y)) - sbi_share_value(shape, sb_v3_sub(p, y)),
+                      sbi_share_value(shape, sb_v3_add(p, z)) - sbi_share_value(shape, sb_v3_sub(p, z)));
+    return sb_v3_scale((sb_real)0.5 / step, d);
+}
+
+/* Newton steps from a point near the surface of a function; keeps where they end, if that is near. */
+static void sbi_share_project(sbi_share *share, sb_vec3 p, sb_real value, sb_real reach)
+{
+    const sb_vec3 start = p;
+    sb_vec3 gradient = sb_v3(0, 0, 0);
+    sb_real square = 0;
+    for (int i = 0; i < 4; i++) {
+        gradient = sbi_share_gradient(share->shape, p, (sb_real)0.01 * reach);
+        square = sb_v3_dot(gradient, gradient);
+        if (!(square > 0) || !sb_is_finite(square))
+            return;
+        p = sb_v3_madd(p, -value / square, gradient);
+        value = sbi_share_value(share->shape, p);
+        if (!(sb_v3_norm(sb_v3_sub(p, start)) <= reach))
+            return;
+    }
+    if (sb_abs(value) <= (sb_real)0.01 * reach * sb_sqrt(square))
+        sbi_share_add(share, p, sb_v3_scale((sb_real)1 / sb_sqrt(square), gradient), -1);
+}
+
+/* One random point in each cell of a grid over the box: those inside give the volume, those near the surface samples. */
+static void sbi_share_sample_function(sbi_share *share)
+{
+    sb_vec3 size = sb_v3_sub(share->high, share->low);
+    sb_real h = (sb_real)0.5 * share->def->cell, slope = share->shape->max_slope;
+    double n[3], share_of_near = 1, boxes, inside = 0;
+    h = sb_max(h, (sb_real)cbrt((double)size.x * (double)size.y * (double)size.z / SBI_SHARE_POINTS));
+    n[0] = ceil((double)(size.x / h)), n[1] = ceil((double)(size.y / h)), n[2] = ceil((double)(size.z / h));
+    boxes = n[0] * n[1] * n[2];
+    if (boxes > 4.0 * SBI_SHARE_POINTS)
+        return; /* a box that is long and thin beyond reason */
+    if (boxes > 2.0 * SBI_SHARE_MOST)
+        share_of_near = 4.0 * SBI_SHARE_MOST / boxes;
+    for (int k = 0; k < (int)n[2]; k++)
+        for (int j = 0; j < (int)n[1]; j++)
+            for (int i = 0; i < (int)n[0]; i++) {
+                sb_vec3 at = sb_v3((sb_real)i + sbi_share_dice(share), (sb_real)j + sbi_share_dice(share),
+                                   (sb_real)k + sbi_share_dice(share));
+                sb_vec3 p = sb_v3(share->low.x + at.x * size.x / (sb_real)n[0],
+                                  share->low.y + at.y * size.y / (sb_real)n[1],
+                                  share->low.z + at.z * size.z / (sb_real)n[2]);
+                sb_real value = sbi_share_value(share->shape, p);
+                int is_near = slope == 0 || sb_abs(value) <= slope * h;
+                inside += value < 0 && (share->number == 0 || sbi_share_is_kept(share, p));
+                if (is_near && sb_is_finite(value) && (double)sbi_share_dice(share) < share_of_near)
+                    sbi_share_project(share, p, value, h);
+            }
+    share->volume = inside / boxes * (double)size.x * (double)size.y * (double)size.z;
+}
+
+/* How far it is from each sample through the shape to the other side; no farther than `most`. */
+static void sbi_share_find_thickness(sbi_share *share, sb_real most)
+{
+    for (int i = 0; i < share->count; i++) {
+        sbi_share_sample *sample = share->samples + i;
+        sb_vec3 inward = sb_v3_scale(-1, sample->normal);
+        sb_real slope = share->shape->max_slope, at = (sb_real)0.001 * most;
+        sample->thickness = most;
+        if (share->shape->surface) {
+            sb_surface_hit hits[8];
+            int count = sb_surface_ray_all(share->shape->surface, sample->at, inward, most, hits, 8);
+            for (int k = sbi_min_int(count, 8) - 1; k >= 0; k--)
+                if (hits[k].triangle != sample->triangle && hits[k].distance > (sb_real)1e-6 * most)
+                    sample->thickness = hits[k].distance;
+            continue;
+        }
+        for (int k = 0; k < SBI_SHARE_STEPS && at < most; k++) {
+            sb_real value = sbi_share_value(share->shape, sb_v3_madd(sample->at, at, inward));
+            if (!(value < 0)) {
+                sample->thickness = at;
+                break;
+            }
+            at += sb_max(slope > 0 ? -value / slope : 0, (sb_real)0.01 * most);
+        }
+    }
+}
+
+/* The thickness that a share of the samples falls below. */
+static sb_real sbi_share_quantile(const sbi_share *share, double part, sb_real most)
+{
+    sb_real low = 0, high = most;
+    for (int round = 0; round < 40; round++) {
+        sb_real middle = (sb_real)0.5 * (low + high);
+        int below = 0;
+        for (int i = 0; i < share->count; i++)
+            below += share->samples[i].thickness <= middle;
+        if (below > part * share->count)
+            high = middle;
+        else
+            low = middle;
+    }
+    return high;
+}
+
+/* Whether the part of the mesh with this region and middle belongs to the shape. Regions may be those of several. */
+static int sbi_share_has(const sbi_share *share, const sb_mesh *mesh, int e)
+{
+    const sb_stuff_def *def = share->def;
+    int same = 0, later = 0, others = 0;
+    const int *nodes = mesh->elements + 4 * (size_t)e;
+    sb_vec3 middle = sb_v3(0, 0, 0);
+    for (int k = 0; k < def->shape_count; k++) {
+        same |= k == share->number && def->shapes[k].region == mesh->regions[e];
+        others |= k != share->number && def->shapes[k].region == mesh->regions[e];
+        later |= k > share->number && def->shapes[k].region == mesh->regions[e];
+    }
+    if (share->number == 0 || (same && !others))
+        return 1;
+    if (!same && !later)
+        return 0;
+    for (int i = 0; i < 4; i++)
+        middle = sb_v3_madd(middle, (sb_real)0.25, mesh->nodes[nodes[i]]);
+    return share->shape->surface ? sb_surface_inside(share->shape->surface, middle)
+                                 : sbi_share_value(share->shape, middle) < 0;
+}
+
+/* Measures what a mesh of tet4 keeps of the sampled shape: its volume, and how many samples are near its boundary. */
+static sb_result sbi_share_measure(const sbi_share *share, const sb_mesh *mesh, double *kept, int *covered,
+                                   sb_error *error)
+{
+    const sb_allocator *allocator = &share->def->allocator;
+    sb_boundary boundary;
+    sb_surface *skin = NULL;
+    sb_mesh part = *mesh;
+    sb_result result = SB_OK;
+    *kept = 0;
+    *covered = 0;
+    if (mesh->element_count == 0)
+        return SB_OK;
+    part.element_count = 0;
+    part.elements = (int *)sbi_alloc(allocator, (size_t)mesh->element_count, 4 * sizeof(int));
+    if (!part.elements)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the shares of a mesh");
+    for (int e = 0; e < mesh->element_count; e++) {
+        if (!sbi_share_has(share, mesh, e))
+            continue;
+        memcpy(part.elements + 4 * (size_t)part.element_count++, mesh->elements + 4 * (size_t)e, 4 * sizeof(int));
+        *kept += (double)sb_mesh_element_volume(mesh, e);
+    }
+    memset(&boundary, 0, sizeof boundary);
+    part.regions = NULL;
+    part.allocator = *allocator;
+    if (part.element_count > 0)
+        result = sb_mesh_boundary(&part, 1, allocator, &boundary, error);
+    if (result == SB_OK && part.element_count > 0)
+        result = sb_surface_create(&boundary.surface, allocator, &skin, error);
+    for (int i = 0; skin && i < share->count; i++)
+        *covered += sb_surface_closest(skin, share->samples[i].at, (sb_real)0.5 * share->def->cell, NULL);
+    sb_surface_destroy(skin);
+    sb_boundary_free(&boundary);
+    sbi_free(allocator, part.elements);
+    return result;
+}
+
+/* 1 when a closed surface's volume is what it encloses: a surface that crosses itself counts parts twice. */
+static int sbi_share_trusts_volume(const sbi_share *share)
+{
+    const sb_surface *s = share->shape->surface;
+    sb_surface_place crossings, crowds;
+    if (!s)
+        return 1;
+    memset(&crossings, 0, sizeof crossings);
+    memset(&crowds, 0, sizeof crowds);
+    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 && crossings.count == 0;
+}
+
+/* Names the cell that would keep the shape. A third of what may be missing is allowed to be thinner. */
+static sb_result sbi_share_fail(sbi_share *share, double volume_share, double surface_share, sb_error *error)
+{
+    double limit = (double)share->def->least_share, cell = (double)share->def->cell;
+    sb_real most = 4 * share->def->cell;
+    double needed;
+    char of_volume[48] = "";
+    if (volume_share >= 0)
+        snprintf(of_volume, sizeof of_volume, "%.3g %% of the volume and ", 100 * volume_share);
+    sbi_share_find_thickness(share, most);
+    needed = (double)sbi_share_quantile(share, (1 - limit) / 3, most) / 1.5;
+    needed = needed < 0.7 * cell ? needed : 0.7 * cell;
+    return sbi_fail(error, SB_ERROR_MESH,
+                    "cells of %g m keep %s%.3g %% of the surface of shape %d, least_share asks for %.3g %%: it is too "
+                    "thin for them; try cells of %.2g m",
+                    cell, of_volume, 100 * surface_share, share->number, 100 * limit, needed);
+}
+
+static sb_result sbi_share_one(sbi_share *share, const sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+{
+    double kept, volume = -1, surface = -1, limit = (double)share->def->least_share;
+    int covered;
+    sb_result result;
+    if (share->shape->surface)
+        sbi_share_sample_surface(share);
+    else
+        sbi_share_sample_function(share);
+    result = sbi_share_measure(share, mesh, &kept, &covered, error);
+    if (result != SB_OK)
+        return result;
+    if (share->volume > 0)
+        volume = kept / share->volume;
+    if (share->count > 0)
+        surface = (double)covered / share->count;
+    report->volume_share[share->number] = (sb_real)volume;
+    report->surface_share[share->number] = (sb_real)surface;
+    if (surface < 0 || (surface >= limit && (volume < 0 || volume >= limit)))
+        return SB_OK;
+    /* faces between regions may give way by a cell: an inner shape must be short of both */
+    if (share->number > 0 && (surface >= limit || volume >= limit))
+        return SB_OK;
+    if (surface >= limit && !sbi_share_trusts_volume(share))
+        return SB_OK;
+    return sbi_share_fail(share, volume, surface, error);
+}
+
+SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_mesh *mesh, sb_stuff_report *report,
+                                              sb_error *error)
+{
+    sbi_share share;
+    sb_result result = SB_OK;
+    memset(&share, 0, sizeof share);
+    share.def = def;
+    share.low = def->low;
+    share.high = def->high;
+    if (def->shapes[0].surface)
+        sb_surface_bounds(def->shapes[0].surface, &share.low, &share.high);
+    share.samples = (sbi_share_sample *)sbi_alloc(&def->allocator, SBI_SHARE_MOST, sizeof *share.samples);
+    if (!share.samples)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the shares of a mesh");
+    for (int k = 0; k < def->shape_count && result == SB_OK; k++) {
+        share.number = k;
+        share.shape = def->shapes + k;
+        share.count = share.cut_off = 0;
+        share.volume = 0;
+        share.dice = 1;
+        result = sbi_share_one(&share, mesh, report, error);
+    }
+    sbi_free(&def->allocator, share.samples);
+    return result;
 }
 
 /* ==== src/softbody/material.c ==== */
@@ -34300,35 +35156,31 @@ static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 p
                                     : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
 }
 
-/* Whether what is far outside of a closed surface is on the inner side of its triangles: all of the box but the body
- * would become the body. */
-static int sbi_grid_is_inside_out(const sb_surface *surface)
-{
-    sb_vec3 low, high, size;
-    sb_surface_bounds(surface, &low, &high);
-    size = sb_v3_sub(high, low);
-    return sb_surface_signed_distance(surface, sb_v3_add(high, size), NULL) < 0;
-}
-
 static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 {
     const sb_allocator *allocator = &work->def->allocator;
     for (int s = 0; s < work->shape_count; s++) {
         const sb_surface *surface = sbi_grid_get_shape(work->def, s)->surface;
         size_t triangles = (size_t)sb_surface_triangle_count(surface);
+        int found, turned = -1;
         if (!surface)
             continue;
+        if (!sbi_surface_find_inside_out(surface, allocator, &turned))
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
+        if (turned >= 0)
+            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(surface, turned, NULL),
+                                    "the surface of %s is inside out, or a part of it is (element %d belongs to it): "
+                                    "sb_surface_repair turns it",
+                                    s == 0 ? "def.outer" : "an inner shape", sb_surface_triangle(surface, turned, NULL));
         if (!sb_surface_is_closed(surface)) {
             work->open |= 1u << s;
             continue;
         }
-        if (sbi_grid_is_inside_out(surface))
-            return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
-                            s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
-        if (!work->doubtful[s])
+        found = work->doubtful[s] ? sbi_surface_find_doubtful(surface, work->doubtful[s]) : -1;
+        if (found < 0)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
-        if (!sbi_surface_find_doubtful(surface, work->doubtful[s])) {
+        if (found == 0) {
             sbi_free(allocator, work->doubtful[s]);
             work->doubtful[s] = NULL;
         }

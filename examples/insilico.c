@@ -566,13 +566,14 @@ static sb_result score_outcome(const work *w, const outcome *out, const task *gi
 {
     size_t n = (size_t)w->organ.node_count;
     sb_vec3 *moved = (sb_vec3 *)malloc(n * sizeof *moved);
+    double median;
     sb_result result;
     memset(s, 0, sizeof *s);
     s->volume = (double *)malloc(n * sizeof *s->volume);
     result = moved && s->volume ? outcome_carry(out, w->organ.nodes, w->organ.node_count, moved, error)
                                 : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     if (result == SB_OK)
-        result = outcome_distance(out, given, &s->distance, error);
+        result = outcome_distance(out, given, &s->distance, &median, error);
     if (result == SB_OK) {
         score_points(w, moved, s);
         s->distance *= 1e3;

@@ -14,7 +14,11 @@
  *     --displacement FILE  n ux uy uz      is written: of every node, rigid part included
  * The last line is iterations=N steps_per_second=S seconds=T distance_mm=D stop=REASON: of the deformation, but for T,
  * which is all from the files to the result, and D, the mean distance of the target's points from the registered surface.
- * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no registration was found. */
+ * Which way a target's surface faces has to be known: from --camera, or by its normals, which are tried both ways; a
+ * cloud that has none, of a part of an organ, is refused without --camera.
+ * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no registration was found, 4 one was written
+ * that is not to be trusted: cut off by its time, or still far from the target. A small distance does not tell how far
+ * off what was not seen is. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -27,11 +31,11 @@
 #include "options.h"
 #include "registration.h"
 
-enum { EXIT_USAGE = 2, EXIT_FAILED = 3 };
+enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 #define REAL(x) ((sb_real)(x)) /* files and everything here are in double, the body in sb_real */
 
 typedef struct settings {
-    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out;
+    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *camera;
     int linear, partial, aligned, noisy, plain, cells, steps, help;
     double scale, young, poisson, seconds;
 } settings;
@@ -42,7 +46,8 @@ typedef struct work {
     method how;
     sb_mesh model, surface, target;
     reg_cloud cloud;
-    int has_surface, has_target;
+    int has_surface, has_target, has_camera;
+    sb_vec3 camera; /* m */
     sb_vec3 *landmarks, *landmark_targets;
     int landmark_count;
     int *fixed, fixed_count;
@@ -140,7 +145,8 @@ static int read_rows(const char *path, unsigned columns, const char *form, rows 
     if (!file)
         return complain(path, strerror(errno));
     for (int line = 1; !status && fgets(text, sizeof text, file); line++) {
-        int kind = parse_row(text, &item);
+        const char *start = line == 1 && strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? text + 3 : text; /* UTF-8's mark */
+        int kind = strchr(text, '\n') || feof(file) ? parse_row(start, &item) : -1; /* cut: too long, or a NUL byte */
         item.line = line;
         if (kind < 0 || (kind > 0 && !(columns >> item.count & 1u)))
             status = complain_line(path, line, form);
@@ -207,6 +213,7 @@ static int load_mesh(const settings *set, const char *path, sb_mesh *mesh)
 
 static int load_model(work *w, const char *path)
 {
+    sb_error error;
     int status = load_mesh(w->set, path, &w->model);
     if (status)
         return status;
@@ -218,6 +225,9 @@ static int load_model(work *w, const char *path)
             status = complain(w->set->surface, "is no surface");
         w->has_surface = 1;
     }
+    if (!status && w->has_surface &&
+        sb_surface_require(&w->surface, SB_SURFACE_INSIDE_OUT, NULL, NULL, &error) != SB_OK)
+        status = complain_error(w->set->surface, &error);
     return status;
 }
 
@@ -243,6 +253,88 @@ static int thin_target(work *w, const char *path)
     if (reg_cloud_thin(&w->cloud, size, &w->cloud, &error) != SB_OK)
         return complain_error(path, &error);
     printf("%s: %d points, thinned to %d by cubes of %.3g mm\n", path, count, w->cloud.count, 1e3 * (double)size);
+    return 0;
+}
+
+static int parse_camera(work *w)
+{
+    row item;
+    if (!w->set->camera)
+        return 0;
+    if (parse_row(w->set->camera, &item) != 1 || item.count != 3) {
+        fprintf(stderr, "register_liver: --camera %s: not X,Y,Z\n", w->set->camera);
+        return EXIT_USAGE;
+    }
+    w->camera = row_point(w->set, &item, 0);
+    w->has_camera = 1;
+    return 0;
+}
+
+/* Share of the normals that point away from the camera. */
+static double share_facing_away(const work *w, const sb_vec3 *points, const sb_vec3 *normals, int count)
+{
+    int away = 0, known = 0;
+    for (int i = 0; i < count; i++) {
+        sb_real towards = sb_v3_dot(normals[i], sb_v3_sub(w->camera, points[i]));
+        known += towards < 0 || towards > 0;
+        away += towards < 0;
+    }
+    return known ? (double)away / known : 0.5;
+}
+
+static void say_turned(const char *path)
+{
+    progress_end();
+    fprintf(stderr, "register_liver: %s: its normals point inwards: turned\n", path);
+}
+
+/* What a camera saw faces it: nearly all normals do, or nearly none do and they are turned, or they mean nothing. */
+static int face_camera(work *w, const char *path)
+{
+    const double few = 0.1;
+    reg_cloud seen;
+    sb_error error;
+    double away;
+    if (!w->has_target && !w->cloud.normals)
+        away = 0.5;
+    else if (!w->has_target)
+        away = share_facing_away(w, w->cloud.points, w->cloud.normals, w->cloud.count);
+    else {
+        if (reg_cloud_from_mesh(&seen, &w->target, NULL, &error) != SB_OK)
+            return complain_error(path, &error);
+        away = share_facing_away(w, seen.points, seen.normals, seen.count);
+        reg_cloud_free(&seen);
+    }
+    if (away <= few)
+        return 0;
+    if (away < 1 - few) {
+        if (w->has_target)
+            return complain(path, "a part of its triangles faces the camera, a part looks away: a camera sees no back");
+        if (w->cloud.normals)
+            fprintf(stderr, "register_liver: %s: its normals point both ways: made anew\n", path);
+        return reg_cloud_estimate_normals(&w->cloud, 12, &w->camera, NULL, &error) == SB_OK ? 0
+                                                                                          : complain_error(path, &error);
+    }
+    say_turned(path);
+    for (int i = 0; !w->has_target && i < w->cloud.count; i++)
+        w->cloud.normals[i] = sb_v3_scale(-1, w->cloud.normals[i]);
+    for (int e = 0; w->has_target && e < w->target.element_count; e++) {
+        int *n = w->target.elements + 3 * (size_t)e, first = n[0];
+        n[0] = n[1];
+        n[1] = first;
+    }
+    return 0;
+}
+
+/* Which way the target faces, or that it has to be tried. */
+static int face_target(work *w, const char *path)
+{
+    int status = parse_camera(w);
+    if (status || w->has_camera)
+        return status ? status : face_camera(w, path);
+    if (!w->has_target && !w->cloud.normals && w->set->partial)
+        return complain(path, "has no normals: which side of a part is outside? Say from where it was seen (--camera X,Y,Z), "
+                              "or give a file with normals or triangles");
     return 0;
 }
 
@@ -405,6 +497,8 @@ static int load_all(work *w, const char *const files[2])
         status = load_target(w, files[1]);
     if (!status)
         status = check_target(w, files[1]);
+    if (!status)
+        status = face_target(w, files[1]);
     if (!status && w->set->landmarks)
         status = load_landmarks(w);
     if (!status && w->set->fix)
@@ -493,6 +587,7 @@ static task make_task(const work *w)
     given.aligned = set->aligned;
     given.linear = set->linear;
     given.noisy = set->noisy;
+    given.facing = !w->has_camera;
     given.loads = !set->plain && !set->linear;
     given.fixed = w->fixed;
     given.fixed_count = w->fixed_count;
@@ -528,29 +623,50 @@ static void tell_start(const work *w)
            1e3 * (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(start, centre), centre)), w->out.seconds_start);
 }
 
-static int run(work *w, double begun)
+/* NULL, or why what was found is not to be trusted. A rigid start alone leaves what the organ was deformed by. */
+static const char *doubt(const work *w, double median)
+{
+    const double far_off = 0.01; /* of the organ's size, beside noise */
+    sb_vec3 low, high;
+    sb_mesh_bounds(&w->model, &low, &high);
+    if (strcmp(w->out.stop, "time_cap") == 0)
+        return "cut off by its time (--seconds)";
+    if (strcmp(w->out.stop, "no_overlap") == 0 || strcmp(w->out.stop, "failed") == 0)
+        return "the deformation ended early";
+    if (w->how != METHOD_ICP && median > far_off * (double)sb_v3_norm(sb_v3_sub(high, low)) + 2 * (double)w->out.smooth.noise)
+        return "half of the target is farther from the model than its noise explains";
+    return NULL;
+}
+
+static int run(work *w, double begun, const char *target)
 {
     task given = make_task(w);
     sb_error error;
-    double distance = 0, seconds;
+    double distance = 0, median = 0, seconds;
+    const char *why;
     sb_result result;
     if (w->has_target && is_open(&w->target))
         given.partial = 1;
     result = task_run(&given, w->how, &w->out, &error);
     seconds = seconds_now() - begun;
     if (result == SB_OK)
-        result = outcome_distance(&w->out, &given, &distance, &error);
+        result = outcome_distance(&w->out, &given, &distance, &median, &error);
     progress_end();
     if (result != SB_OK) {
         complain_error("the registration", &error);
         return EXIT_FAILED;
     }
+    if (w->out.is_turned)
+        say_turned(target);
     tell_start(w);
     if (write_all(w))
         return EXIT_USAGE;
     printf("iterations=%d steps_per_second=%.2f seconds=%.3f distance_mm=%.4f stop=%s\n", w->out.iterations,
            w->out.seconds_run > 0 ? w->out.iterations / w->out.seconds_run : 0.0, seconds, 1e3 * distance, w->out.stop);
-    return 0;
+    why = doubt(w, median);
+    if (why)
+        fprintf(stderr, "register_liver: the result is not to be trusted: %s\n", why);
+    return why ? EXIT_DOUBTFUL : 0;
 }
 
 static void free_work(work *w)
@@ -585,7 +701,7 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd"},
@@ -596,6 +712,8 @@ static int program(int argc, char **argv)
         {"--noisy", NULL, OPTION_FLAG, &set.noisy, NULL, NULL, 0, 0, "follow the target's shape less closely"},
         {"--plain", NULL, OPTION_FLAG, &set.plain, NULL, NULL, 0, 0,
          "pbsm only: without the loads that say more of motion along the surface; some seconds less"},
+        {"--camera", "X,Y,Z", OPTION_TEXT, NULL, NULL, &set.camera, 0, 0,
+         "from where the target was seen, in its frame and unit: normals are made or turned to face it"},
         {"--surface", "FILE", OPTION_TEXT, NULL, NULL, &set.surface, 0, 0,
          "the fine surface that the model was made from: it is matched in place of the model's own"},
         {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &set.landmarks, 0, 0, "lines x y z  X Y Z"},
@@ -631,7 +749,7 @@ static int program(int argc, char **argv)
     w.how = method_find(set.method, strlen(set.method));
     status = load_all(&w, files);
     if (!status)
-        status = run(&w, begun);
+        status = run(&w, begun, files[1]);
     free_work(&w);
     return status;
 }

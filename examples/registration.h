@@ -33,6 +33,7 @@ typedef struct task {
     int aligned;                  /* 1: it is in the model's frame already */
     int linear;                   /* 1: a linear material */
     int noisy;
+    int facing;                   /* 1: which way the target's normals face is not sure: both are tried */
     int loads; /* after shape matching: the loads on little of the surface that give that shape */
     const int *fixed;             /* [fixed_count] nodes that do not move, but with the whole organ */
     int fixed_count;
@@ -54,6 +55,7 @@ typedef struct outcome {
     sb_mesh target;       /* smoothed; or */
     reg_cloud cloud;
     reg_smooth_info smooth; /* what it was like */
+    int is_turned;        /* 1: its normals pointed inwards, and were turned */
     int is_placed;        /* 1: the fixed region was seen, and put in its place */
     sb_body *body;        /* of pbsm and nicp */
     reg_cpd *cpd;
@@ -231,6 +233,7 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
 {
     reg_icp_options options = reg_default_icp_options();
     reg_icp_landmark *pairs = (reg_icp_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *pairs);
+    reg_icp_info info;
     sb_result result;
     if (!pairs)
         return task_fail(error, SB_ERROR_MEMORY, "not enough memory");
@@ -245,11 +248,91 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
     options.max_seconds = fmin(options.max_seconds, given->max_seconds);
-    result = reg_icp(&model->shape, &target->shape, &options, &out->start, NULL, error);
+    result = reg_icp(&model->shape, &target->shape, &options, &out->start, &info, error);
     free(pairs);
+    if (result == SB_OK && info.stop == REG_ICP_TIME)
+        out->stop = "time_cap";
     if (result == SB_OK && given->fixed_count > 0)
         result = task_use_fixed(given, target, &out->boundary, &out->start, &out->is_placed, error);
     return result;
+}
+
+/* ---- which way the target faces ----------------------------------------------------------------------------------
+ * Normals that point inwards pair an organ's front with its back: every method then has an answer, centimetres off. */
+
+static inline void task_turn(outcome *out)
+{
+    for (int i = 0; out->cloud.normals && i < out->cloud.count; i++)
+        out->cloud.normals[i] = sb_v3_scale(-1, out->cloud.normals[i]);
+    for (int e = 0; e < out->target.element_count; e++) {
+        int *n = out->target.elements + 3 * (size_t)e, first = n[0];
+        n[0] = n[1];
+        n[1] = first;
+    }
+    out->is_turned = !out->is_turned;
+}
+
+enum { TASK_FACING_POINTS = 4000 }; /* are asked at most */
+
+/* Mean distance (m) of the target's points from the placed model, none more than a thirtieth of its size; a point that
+ * faces away from the closest place of the model counts as that far. */
+static inline double task_facing_gap(const task_shape *model, const task_shape *target, const reg_rigid *motion)
+{
+    reg_rigid back = reg_rigid_inverse(motion);
+    int stride = 1 + target->shape.count / TASK_FACING_POINTS, count = 0;
+    double most, sum = 0;
+    sb_vec3 low, high;
+    sb_surface_bounds(model->tree, &low, &high);
+    most = (double)sb_v3_norm(sb_v3_sub(high, low)) / 30;
+    for (int i = 0; i < target->shape.count; i += stride, count++) {
+        sb_vec3 normal = sb_m3_apply(back.rotation, target->shape.normals[i]);
+        sb_surface_hit hit;
+        int near_enough = sb_surface_closest(model->tree, reg_rigid_apply(&back, target->shape.points[i]),
+                                             (sb_real)most, &hit);
+        sum += near_enough && sb_v3_dot(sb_surface_normal(model->tree, &hit), normal) >= 0 ? (double)hit.distance : most;
+    }
+    return sum / count;
+}
+
+/* The rigid start, unless the task is aligned. *gap (where the target has normals) says how well the model fits then. */
+static inline sb_result task_align_once(const task *given, const task_shape *model, outcome *out, double *gap,
+                                        sb_error *error)
+{
+    task_shape target;
+    sb_result result;
+    memset(&target, 0, sizeof target);
+    result = task_shape_of_target(given, &target, error);
+    if (result == SB_OK && !given->aligned) {
+        task_show(given, 0, "rigid start");
+        result = task_align(given, model, &target, out, error);
+    }
+    *gap = result == SB_OK && target.shape.normals ? task_facing_gap(model, &target, &out->start) : 0;
+    task_shape_free(&target);
+    return result;
+}
+
+/* The same with the target as it is and turned; the one that fits stays, where there is no doubt. */
+static inline sb_result task_align_facing(const task *given, const task_shape *model, outcome *out, sb_error *error)
+{
+    const double clearly = 1.5;
+    outcome as_it_is;
+    double gap, turned;
+    sb_result result = task_align_once(given, model, out, &gap, error);
+    if (result != SB_OK || !given->facing)
+        return result;
+    as_it_is = *out;
+    task_turn(out);
+    out->start = reg_rigid_identity();
+    out->is_placed = 0;
+    result = task_align_once(given, model, out, &turned, error);
+    if (result != SB_OK || clearly * turned < gap)
+        return result;
+    task_turn(out);
+    *out = as_it_is;
+    if (clearly * gap < turned)
+        return SB_OK;
+    return task_fail(error, SB_ERROR_NOT_CONVERGED, "the target fits the model as well with its normals turned: say from where "
+                     "it was seen (--camera)");
 }
 
 /* ---- a smooth skin for a coarse model ---------------------------------------------------------------------------
@@ -401,25 +484,20 @@ static inline void task_place(outcome *out, const reg_rigid *motion)
 /* out->start, out->placed, out->boundary and out->seen. */
 static inline sb_result task_start(const task *given, outcome *out, sb_error *error)
 {
-    task_shape model, target;
+    task_shape model;
     const sb_mesh *surface;
     sb_result result = sb_mesh_copy(given->model, NULL, &out->placed, error);
     memset(&model, 0, sizeof model);
-    memset(&target, 0, sizeof target);
     out->start = reg_rigid_identity();
     if (result == SB_OK)
         result = sb_mesh_boundary(given->model, 1, NULL, &out->boundary, error);
     surface = given->surface ? given->surface : &out->boundary.surface;
-    if (result == SB_OK && !given->aligned) {
-        task_show(given, 0, "rigid start");
+    if (result == SB_OK && (!given->aligned || given->facing)) {
         result = task_shape_of_mesh(surface, &model, error);
         if (result == SB_OK)
-            result = task_shape_of_target(given, &target, error);
-        if (result == SB_OK)
-            result = task_align(given, &model, &target, out, error);
+            result = task_align_facing(given, &model, out, error);
     }
     task_shape_free(&model);
-    task_shape_free(&target);
     if (result == SB_OK)
         result = given->surface ? sb_surface_triangulate(surface, NULL, &out->seen, error)
                                 : task_make_skin(surface, &out->seen, error);
@@ -890,28 +968,44 @@ static inline sb_result outcome_surface(const outcome *out, sb_mesh *surface, sb
     return result;
 }
 
-/* Mean distance (m) of the target's points from the registered surface; of a million of them every so many is asked. */
-static inline sb_result outcome_distance(const outcome *out, const task *given, double *distance, sb_error *error)
+static inline int outcome_by_size(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+enum { OUTCOME_POINTS = 100000 }; /* are asked at most */
+
+/* Mean and median distance (m) of the target's points from the registered surface. */
+static inline sb_result outcome_distance(const outcome *out, const task *given, double *mean, double *median,
+                                         sb_error *error)
 {
     const sb_vec3 *points = given->target ? given->target->nodes : given->cloud->points;
     int count = given->target ? given->target->node_count : given->cloud->count, guess = -1;
-    int stride = 1 + count / 100000;
+    int stride = 1 + count / OUTCOME_POINTS, asked = 0;
     sb_mesh surface;
     sb_surface *tree = NULL;
-    double sum = 0;
-    sb_result result = outcome_surface(out, &surface, error);
-    if (result != SB_OK)
+    double sum = 0, *distances = (double *)malloc(((size_t)OUTCOME_POINTS + 1) * sizeof *distances);
+    sb_result result = distances ? outcome_surface(out, &surface, error)
+                                 : task_fail(error, SB_ERROR_MEMORY, "not enough memory for the distances");
+    if (result != SB_OK) {
+        free(distances);
         return result;
+    }
     result = sb_surface_create(&surface, NULL, &tree, error);
     for (int i = 0; result == SB_OK && i < count; i += stride) {
         sb_surface_hit hit;
         if (sb_surface_closest_from(tree, points[i], SB_REAL_MAX, guess, &hit)) {
             guess = hit.triangle;
-            sum += (double)hit.distance;
+            sum += distances[asked++] = (double)hit.distance;
         }
     }
-    if (result == SB_OK)
-        *distance = sum / ((count - 1) / stride + 1);
+    if (result == SB_OK && asked > 0) {
+        qsort(distances, (size_t)asked, sizeof *distances, outcome_by_size);
+        *mean = sum / asked;
+        *median = distances[asked / 2];
+    }
+    free(distances);
     sb_surface_destroy(tree);
     sb_mesh_free(&surface);
     return result;

@@ -42,6 +42,7 @@ typedef struct work {
     sb_grid grid;
     const sb_mesh *volume;       /* what is simulated: the tets or the grid's cells */
     sb_real min_dihedral, max_dihedral, distance;
+    double volume_share[MAX_SURFACES], surface_share[MAX_SURFACES]; /* of the stuffing, -1: unknown */
     double seconds;              /* that the volume took */
     sb_body *body;
     sb_embedding *embedding;
@@ -236,13 +237,30 @@ static void warn_outside(const work *w)
     }
 }
 
-/* Most volumes that cannot be made are thinner than a cell. */
+/* Most volumes that cannot be made are thinner than a cell; the message may name the cell that would do. */
 static int complain_volume(const work *w, const sb_error *error)
 {
+    static const char words[] = "try cells of ";
     int status = complain_about(w->set->surfaces[0], error);
-    if (error->result == SB_ERROR_MESH)
+    const char *at = strstr(error->message, words);
+    double needed = at ? strtod(at + sizeof words - 1, NULL) : 0;
+    if (needed > 0)
+        fprintf(stderr, "surface_to_sim: that is --cells %.0f\n", ceil(cell_size(w) / needed * w->set->cells));
+    else if (error->result == SB_ERROR_MESH)
         fprintf(stderr, "surface_to_sim: it may be thinner than a cell: try more than --cells %d\n", w->set->cells);
     return status;
+}
+
+/* What a mesh keeps of each surface. */
+static void print_shares(const work *w)
+{
+    for (int i = 0; i < w->set->surface_count && w->how == STUFF; i++) {
+        char of_volume[48] = "";
+        if (w->volume_share[i] >= 0)
+            snprintf(of_volume, sizeof of_volume, "%.1f %% of the volume, ", 100 * w->volume_share[i]);
+        printf("%-14s %s%.1f %% of the surface of %s\n", "kept", of_volume, 100 * fmax(w->surface_share[i], 0),
+               w->set->surfaces[i]);
+    }
 }
 
 static int stuff(work *w, const sb_shape *shapes)
@@ -263,6 +281,10 @@ static int stuff(work *w, const sb_shape *shapes)
     w->min_dihedral = report.min_dihedral;
     w->max_dihedral = report.max_dihedral;
     w->distance = report.distance;
+    for (int i = 0; i < w->set->surface_count; i++) {
+        w->volume_share[i] = (double)report.volume_share[i];
+        w->surface_share[i] = (double)report.surface_share[i];
+    }
     return 0;
 }
 
@@ -510,6 +532,7 @@ static void print_summary(const work *w)
         largest = fmax(largest, sb_v3_norm(u[i]));
     printf("%-14s %d nodes, %d elements, cells of %.3g mm\n", names[w->how], w->volume->node_count,
            w->volume->element_count, 1e3 * cell_size(w));
+    print_shares(w);
     printf("%-14s %d vertices: %d inside, %d outside by up to %.3g mm\n", "embedded", held.point_count, held.inside,
            held.point_count - held.inside, 1e3 * (double)held.max_distance);
     printf("%-14s %d steps of %.3g ms, largest displacement %.3g mm\n", "simulation", w->set->steps, 1e3 * w->set->dt,

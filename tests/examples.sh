@@ -384,6 +384,10 @@ expect 2 'no-such.vtk' needle_phantom --mesh no-such.vtk
 expect 2 'no-such-folder/x_single.csv' needle_phantom -o no-such-folder/x
 
 # ---- register_liver ----
+is_near() { # is_near MM FILE FILE: the displacements of two registrations, in their mean
+    paste -d ' ' "$2" "$3" | awk -v most="$1" '!/^#/ { sum += sqrt(($2 - $6) ^ 2 + ($3 - $7) ^ 2 + ($4 - $8) ^ 2); n++ }
+        END { exit !(n > 0 && 1e3 * sum / n < most) }'
+}
 expect 0 '^register_liver MODEL TARGET' register_liver --help
 expect 2 'needs a MODEL and a TARGET' register_liver
 expect 2 'nosuch is no option\|--nosuch' register_liver a b --nosuch
@@ -408,9 +412,16 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     echo '1972' >bad.txt
     expect 2 'bad.txt:1: no node' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --fix bad.txt
+    printf '\357\273\2770\n1\0002\n' >bad.txt # a byte order mark is no number, a NUL byte an error
+    expect 2 'bad.txt:2: ' register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/deformed_surface.obj" --fix bad.txt
     echo '1 2 x' >bad.txt
     expect 2 'bad.txt:1: not' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --landmarks bad.txt
+    echo '5 5 5 0 0 0' >bad.txt # a landmark that is refused ends every match, the one that would follow without loads, too
+    for how in pbsm 'pbsm --plain' nicp; do
+        expect 3 'outside the mesh' register_liver "$case_of_liver/coarse_tet4.vtk" \
+            "$case_of_liver/deformed_surface.obj" --method $how --landmarks bad.txt
+    done
     echo '0.1 0.1 0.1' >point.xyz
     expect 2 'one place or line' register_liver "$case_of_liver/coarse_tet4.vtk" point.xyz
     awk 'BEGIN { for (i = 0; i < 400; i++) print 0.01 * (i % 20), 0.01 * int(i / 20), 0 }' >plane.xyz
@@ -418,8 +429,24 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     awk 'BEGIN { for (i = 0; i < 400; i++) print 3 * sin(i), 3 * cos(3 * i), 3 * sin(7 * i) }' >ball.xyz
     expect 2 'are both in one unit' register_liver "$case_of_liver/coarse_tet4.vtk" ball.xyz
     awk 'BEGIN { for (i = 0; i < 60000; i++) print 0.1 * sin(i), 0.1 * cos(3 * i), 0.1 * sin(7 * i) }' >dense.xyz
-    expect 0 "$last" register_liver "$case_of_liver/coarse_tet4.vtk" dense.xyz --method icp --seconds 0.2
+    expect 3 'as well with its normals turned' register_liver "$case_of_liver/coarse_tet4.vtk" dense.xyz --method icp
     check "a dense cloud is thinned" grep -q '60000 points, thinned to' output.txt
+    # which way the target faces
+    part=$case_of_liver/partial_deformed_surface.obj model=$case_of_liver/coarse_tet4.vtk
+    awk '$1 == "f" {t = $2; $2 = $3; $3 = t} {print}' "$part" >turned.obj
+    awk '$1 == "v" {print $2, $3, $4}' "$part" >bare.xyz
+    expect 2 'bare.xyz: has no normals.*--camera' register_liver "$model" bare.xyz --partial --method icp
+    expect 2 'camera 1,2: not X,Y,Z' register_liver "$model" bare.xyz --partial --camera 1,2
+    expect 2 'a camera sees no back' register_liver "$model" "$case_of_liver/deformed_surface.obj" --camera -0.2,-1,0.6
+    expect 4 'not to be trusted: cut off by its time' register_liver "$model" "$part" --method nicp --seconds 0.001
+    expect 0 "$last" register_liver "$model" "$part" --method nicp --displacement right.txt
+    expect 0 'turned.obj: its normals point inwards: turned' register_liver "$model" turned.obj --method nicp \
+        --displacement turned.txt
+    check "a target inside out gives nearly what it gives as it is" is_near 2 right.txt turned.txt
+    expect 0 'turned.obj: its normals point inwards: turned' register_liver "$model" turned.obj --method nicp \
+        --aligned --camera -0.2,-1,0.6
+    expect 0 "$last" register_liver "$model" bare.xyz --partial --camera -0.2,-1,0.6 --method nicp --displacement bare.txt
+    check "points and a camera give nearly what the surface gives" is_near 6 right.txt bare.txt # the wrong side: 26 and more
     expect 2 'is a volume' register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/coarse_tet4.vtk"
     expect 2 'cannot be opened' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --method icp -o no-such-folder/x.vtk
@@ -469,7 +496,7 @@ full_disk() {
         "$programs/$program" "$@" 2>&1
         echo "exit status $?"
     } | cat >output.txt
-    if ! grep -q '^exit status 0$' output.txt && grep -q "^\($program\|full.case:6\): .*\(full/$file\|written\)" output.txt &&
+    if ! grep -q '^exit status 0$' output.txt && grep -q "^\($program\|full.case[:0-9]*\): .*\(full/$file\|written\)" output.txt &&
         [ "$(cat "full/$file")" = old ] && [ "$(ls full)" = "$file" ]; then
         pass
     else

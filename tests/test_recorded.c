@@ -126,6 +126,15 @@ static sb_result act_multiply(actor *a)
     free(y);
     return result;
 }
+static sb_result act_multiply_tangent(actor *a)
+{
+    size_t count = (size_t)a->mesh.node_count;
+    sb_vec3 *y = (sb_vec3 *)malloc(count * sizeof *y);
+    const sb_vec3 *u = sb_body_displacements(a->body);
+    sb_result result = sb_body_multiply_tangent(a->body, SB_TANGENT_QUASI, u, y, &a->error);
+    free(y);
+    return result;
+}
 static sb_result act_rotations(actor *a)
 {
     sb_quat *q = (sb_quat *)malloc((size_t)a->mesh.node_count * sizeof *q);
@@ -431,6 +440,7 @@ static const act acts[] = {
     {"sb_body_reset", act_reset, ACTOR_LOADED},
     {"sb_body_energy", act_energy, ACTOR_LOADED},
     {"sb_body_multiply_stiffness", act_multiply, ACTOR_LOADED},
+    {"sb_body_multiply_tangent", act_multiply_tangent, ACTOR_LOADED},
     {"sb_body_nodal_rotations", act_rotations, ACTOR_LOADED},
     {"sb_body_add_forces", act_forces, ACTOR_LOADED},
     {"sb_body_add_traction", act_traction, ACTOR_LOADED},

@@ -438,6 +438,7 @@ static void test_random_regions(void)
         s[3] = random_shape(BALL, &seed);
         set_scene(&at, s, 4, check_random_in(&seed, 0.1, 0.3), check_random(&seed));
         at.def.levels = k % 4;
+        at.def.least_share = 0; /* some regions are smaller than a cell */
         stuff_and_check(&at.def);
     }
 }
@@ -818,7 +819,221 @@ static void test_open_surface(void)
     sb_surface_destroy(surface);
 }
 
-CHECK_SUITE(stuffing, {"dihedral range", test_dihedral_range}, {"ball", test_ball}, {"graded count", test_graded_count},
+/* ---- what is too thin ---- */
+
+/* Shapes with one thin dimension, turned out of the axes; all have slope 1. */
+typedef struct thin_shape {
+    int kind;
+    double thickness;
+} thin_shape;
+
+static sb_real thin_distance(void *user, sb_vec3 p)
+{
+    const thin_shape *s = (const thin_shape *)user;
+    double x = 0.36 * (double)p.x + 0.48 * (double)p.y - 0.8 * (double)p.z, half = 0.5 * s->thickness, a, b, c;
+    double y = -0.8 * (double)p.x + 0.6 * (double)p.y, z = 0.48 * (double)p.x + 0.64 * (double)p.y + 0.6 * (double)p.z;
+    double r = sqrt(x * x + y * y), d = sqrt(r * r + z * z);
+    switch (s->kind) {
+    case 0: /* plate */
+        return REAL(fmax(fmax(fabs(x), fabs(y)) - 0.8, fabs(z) - half));
+    case 1: /* shell */
+        return REAL(fabs(d - 0.8) - half);
+    case 2: /* rod */
+        a = fmax(fabs(z) - 0.8, 0);
+        return REAL(sqrt(r * r + a * a) - half);
+    case 3: /* ring */
+        return REAL(sqrt((r - 0.7) * (r - 0.7) + z * z) - half);
+    case 4: /* a ball with a brim */
+        return REAL(fmin(d - 0.3, fmax(fabs(z) - half, r - 0.9)));
+    default: /* star of six needles */
+        a = fmax(fabs(x) - 0.9, 0), b = fmax(fabs(y) - 0.9, 0), c = fmax(fabs(z) - 0.9, 0);
+        a = sqrt(y * y + z * z + a * a), b = sqrt(x * x + z * z + b * b), c = sqrt(r * r + c * c);
+        return REAL(fmin(a, fmin(b, c)) - half);
+    }
+}
+
+/* The cell that an error names, 0: none. */
+static double named_cell(const sb_error *error)
+{
+    const char *at = strstr(error->message, "try cells of ");
+    return at ? strtod(at + 13, NULL) : 0;
+}
+
+/* Stuffs what is too thin for its cells: refused, unless most of it is kept; then as the error says, which must do. */
+static void check_thin(sb_stuff_def *def, const char *name, double ratio)
+{
+    sb_mesh mesh;
+    sb_stuff_report report;
+    sb_error error;
+    sb_result result;
+    verdict v;
+    memset(&mesh, 0, sizeof mesh);
+    memset(&report, 0, sizeof report);
+    result = sb_mesh_stuff(def, &mesh, &report, &error);
+    if (result == SB_OK) {
+        CHECK(report.volume_share[0] >= def->least_share && report.surface_share[0] >= def->least_share);
+        CHECK(ratio > 0.2);
+        sb_mesh_free(&mesh);
+        return;
+    }
+    CHECK_RESULT(result, SB_ERROR_MESH);
+    CHECK(mesh.nodes == NULL && report.node_count == 0);
+    if (!CHECK(named_cell(&error) > 0 && named_cell(&error) < (double)def->cell)) {
+        printf("%s: %s\n", name, error.message);
+        return;
+    }
+    def->cell = REAL(named_cell(&error));
+    def->levels = 2;
+    if (!CHECK_OK(sb_mesh_stuff(def, &mesh, &report, &error))) {
+        printf("%s, %g of a cell: %s\n", name, ratio, error.message);
+        return;
+    }
+    CHECK(report.volume_share[0] > REAL(0.5) && report.volume_share[0] < REAL(1.3));
+    CHECK(report.surface_share[0] > REAL(0.5));
+    CHECK(report.min_dihedral > REAL(10.7) && report.max_dihedral < REAL(164.8));
+    memset(&v, 0, sizeof v);
+    check_closed(&mesh, 1);
+    sb_mesh_free(&mesh);
+}
+
+static void test_thin_functions(void)
+{
+    static const char *const names[] = {"plate", "shell", "rod", "ring", "ball with a brim", "star"};
+    for (int kind = 0; kind < 6; kind++) {
+        for (int k = 0; k < 2; k++) {
+            double ratio = k == 0 ? 0.3 : 0.55, cell = kind == 2 || kind == 5 ? 0.2 : 0.3;
+            thin_shape thin;
+            sb_shape part;
+            sb_stuff_def def = sb_default_stuff_def();
+            memset(&part, 0, sizeof part);
+            thin.kind = kind;
+            thin.thickness = ratio * cell;
+            part.distance = thin_distance;
+            part.user = &thin;
+            part.max_slope = 1;
+            def.shapes = &part;
+            def.shape_count = 1;
+            def.cell = REAL(cell);
+            def.low = sb_v3(REAL(-1.3), REAL(-1.3), REAL(-1.3));
+            def.high = sb_v3(REAL(1.3), REAL(1.3), REAL(1.3));
+            check_thin(&def, names[kind], ratio);
+        }
+    }
+}
+
+/* Plates, a rod and a strip as surfaces. */
+static void test_thin_surfaces(void)
+{
+    for (int kind = 0; kind < 4; kind++) {
+        sb_mesh box, skin;
+        sb_boundary boundary;
+        sb_surface *surface = NULL;
+        sb_shape part;
+        sb_stuff_def def = sb_default_stuff_def();
+        double t = kind == 1 ? 0.02 : 0.035, length = kind == 3 ? 0.05 : 1;
+        sb_vec3 size = sb_v3(1, REAL(kind == 2 ? t : length), REAL(t));
+        memset(&part, 0, sizeof part);
+        memset(&skin, 0, sizeof skin);
+        box = scene_box(SB_TET4, 6, 6, 1, size, 0);
+        for (int v = 0; v < box.node_count; v++) { /* turned */
+            sb_vec3 p = box.nodes[v];
+            box.nodes[v] = sb_v3(REAL(0.6) * p.x - REAL(0.8) * p.z, p.y, REAL(0.8) * p.x + REAL(0.6) * p.z);
+        }
+        CHECK_OK(sb_mesh_boundary(&box, 1, NULL, &boundary, NULL));
+        CHECK_OK(sb_surface_create(&boundary.surface, NULL, &surface, NULL));
+        part.surface = surface;
+        def.shapes = &part;
+        def.shape_count = 1;
+        def.cell = REAL(kind == 1 ? 0.08 : 0.1);
+        check_thin(&def, "box", t / (double)def.cell);
+        sb_surface_destroy(surface);
+        sb_boundary_free(&boundary);
+        sb_mesh_free(&box);
+    }
+}
+
+/* Shares of what is thick enough are near 1, for each shape; a lost inner shape is named. */
+static void test_shares(void)
+{
+    shape s[3];
+    scene at;
+    sb_mesh mesh;
+    sb_stuff_report report;
+    sb_error error;
+    s[0] = make_shape(BALL, 0, 0, 0, 1, 0, 0);
+    s[1] = make_shape(BALL, 0.1, 0, 0, 0.6, 0, 0);
+    s[2] = make_shape(BALL, 0.1, 0.1, 0, 0.3, 0, 0);
+    set_scene(&at, s, 3, 0.1, 0.3);
+    if (CHECK_OK(sb_mesh_stuff(&at.def, &mesh, &report, NULL))) {
+        for (int k = 0; k < 3; k++) {
+            CHECK_NEAR(report.volume_share[k], 1, 0.12);
+            CHECK_NEAR(report.surface_share[k], 1, 0.02);
+        }
+        sb_mesh_free(&mesh);
+    }
+    at.shapes[2].p[3] = 0.02;
+    CHECK_RESULT(sb_mesh_stuff(&at.def, &mesh, &report, &error), SB_ERROR_MESH);
+    CHECK(strstr(error.message, "of shape 2") != NULL);
+    at.def.cell = REAL(named_cell(&error));
+    at.def.levels = 3;
+    CHECK(at.def.cell > REAL(0.01) && at.def.cell < REAL(0.05));
+    at.def.cell = REAL(0.1), at.def.least_share = 0;
+    if (CHECK_OK(sb_mesh_stuff(&at.def, &mesh, &report, &error)))
+        sb_mesh_free(&mesh);
+    at.def.least_share = REAL(1.5);
+    CHECK_RESULT(sb_mesh_stuff(&at.def, &mesh, &report, &error), SB_ERROR_ARGUMENT);
+}
+
+/* Surfaces that look inward: as a whole, one part of two, with a hole. Cavities are right. */
+static void test_inside_out(void)
+{
+    for (int k = 0; k < 5; k++) {
+        sb_mesh solid, both, mesh;
+        sb_boundary boundary;
+        sb_surface *surface = NULL;
+        sb_shape part;
+        sb_stuff_def def = sb_default_stuff_def();
+        sb_error error;
+        sb_result result;
+        sb_real shift = k == 4 ? 0 : 3, scale = k == 4 ? REAL(0.5) : 1;
+        memset(&part, 0, sizeof part);
+        CHECK_OK(sb_mesh_ellipsoid(SB_TET4, sb_v3(1, REAL(0.8), REAL(0.7)), 6, NULL, &solid, NULL));
+        CHECK_OK(sb_mesh_boundary(&solid, 1, NULL, &boundary, NULL));
+        CHECK_OK(sb_mesh_copy(&boundary.surface, NULL, &both, NULL));
+        for (int v = 0; v < boundary.surface.node_count; v++)
+            boundary.surface.nodes[v] =
+                sb_v3_add(sb_v3_scale(scale, boundary.surface.nodes[v]), sb_v3(shift, 0, 0));
+        if (k != 1 && k != 3)
+            CHECK_OK(sb_mesh_append(&both, &boundary.surface, NULL));
+        for (int e = 0; e < both.element_count; e++) { /* 0: as it is; 2: the second part; 4: as a cavity */
+            int *n = both.elements + 3 * e, keep = n[1];
+            if (k == 1 || k == 3 || ((k == 2 || k == 4) && e >= boundary.surface.element_count))
+                n[1] = n[2], n[2] = keep;
+        }
+        if (k == 3)
+            both.element_count -= 4; /* a hole */
+        CHECK_OK(sb_surface_create(&both, NULL, &surface, NULL));
+        part.surface = surface;
+        def.shapes = &part;
+        def.shape_count = 1;
+        def.cell = REAL(0.2);
+        result = sb_mesh_stuff(&def, &mesh, NULL, &error);
+        CHECK_INT(result, k == 0 || k == 4 ? SB_OK : SB_ERROR_MESH);
+        if (result == SB_OK)
+            sb_mesh_free(&mesh);
+        else
+            CHECK(strstr(error.message, "inside out") != NULL && error.element >= 0);
+        if (k == 2)
+            CHECK(error.element >= boundary.surface.element_count);
+        sb_surface_destroy(surface);
+        sb_mesh_free(&both);
+        sb_boundary_free(&boundary);
+        sb_mesh_free(&solid);
+    }
+}
+
+CHECK_SUITE(stuffing, {"thin functions", test_thin_functions}, {"thin surfaces", test_thin_surfaces},
+            {"shares", test_shares}, {"inside out", test_inside_out}, {"dihedral range", test_dihedral_range}, {"ball", test_ball}, {"graded count", test_graded_count},
             {"ridges", test_ridges}, {"aligned", test_aligned}, {"torus", test_torus},
             {"random shapes", test_random_shapes}, {"plates", test_plates}, {"clipped by box", test_clipped_by_box},
             {"scale", test_scale}, {"nested", test_nested}, {"side by side", test_side_by_side},

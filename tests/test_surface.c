@@ -2,6 +2,8 @@
  * repairs. */
 #include "scene.h"
 
+#define SURFACE_PI 3.14159265358979323846
+
 /* ---- surfaces to ask ---- */
 
 /* Boundary of a liver-like solid: a few hundred triangles, smooth and concave. */
@@ -1059,6 +1061,180 @@ static int surface_bad_file(const char *name, sb_mesh *mesh)
     return CHECK_OK(sb_mesh_load(mesh, path, NULL, NULL));
 }
 
+/* ---- checks: surfaces that a search of pairs would never end on ---- */
+
+/* Triangles of their own nodes, not yet placed. */
+static sb_mesh crowd_make(int count)
+{
+    sb_mesh mesh = surface_of((sb_vec3 *)calloc((size_t)count * 3, sizeof(sb_vec3)), 3 * count,
+                              (int *)malloc(sizeof(int) * 3 * (size_t)count), count);
+    for (int i = 0; i < 3 * count; i++)
+        mesh.elements[i] = i;
+    return mesh;
+}
+
+static void crowd_free(sb_mesh *mesh)
+{
+    free(mesh->nodes);
+    free(mesh->elements);
+}
+
+/* Each of these took seconds to minutes when all pairs were looked at. What is wrong is named all the same. */
+static void test_check_crowds(void)
+{
+    enum { COUNT = 12000 };
+    static const int expected[] = {
+        SB_SURFACE_SELF_CROSSING | SB_SURFACE_UNWELDED | SB_SURFACE_OPEN_EDGES | SB_SURFACE_SEVERAL_PARTS,
+        SB_SURFACE_DUPLICATES | SB_SURFACE_NONMANIFOLD_EDGES,
+        /* float cannot tell the sheets apart */
+        (sizeof(sb_real) == 4 ? (int)SB_SURFACE_SELF_CROSSING : (int)SB_SURFACE_CROWDED) | SB_SURFACE_OPEN_EDGES |
+            SB_SURFACE_SEVERAL_PARTS,
+        SB_SURFACE_NONMANIFOLD_EDGES | SB_SURFACE_OPEN_EDGES,
+        SB_SURFACE_SELF_CROSSING | SB_SURFACE_OPEN_EDGES | SB_SURFACE_NONMANIFOLD_NODES,
+        SB_SURFACE_SELF_CROSSING | SB_SURFACE_OPEN_EDGES | SB_SURFACE_SEVERAL_PARTS,
+    };
+    static const char *const names[] = {"coincident", "the same nodes", "stacked", "pages of a book", "crossing fan",
+                                        "slivers through one point"};
+    for (int k = 0; k < 6; k++) {
+        sb_mesh mesh = crowd_make(COUNT);
+        sb_surface_report report;
+        unsigned long long seed = 3;
+        for (int t = 0; t < COUNT; t++) {
+            sb_vec3 *x = mesh.nodes + 3 * t;
+            int *e = mesh.elements + 3 * t;
+            double a = 2 * SURFACE_PI * t / COUNT, h = 1e-3 * check_random_in(&seed, 0, 1);
+            sb_real z = k == 2 ? REAL(1e-11 * t) : 0;
+            x[t % 3] = sb_v3(0, 0, z), x[(t + 1) % 3] = sb_v3(1, 0, z), x[(t + 2) % 3] = sb_v3(0, 1, z);
+            if (k == 1)
+                e[0] = t % 3, e[1] = (1 + t) % 3, e[2] = (2 + t) % 3;
+            if (k == 3 || k == 4)
+                e[0] = 0;
+            if (k == 3)
+                e[1] = 1, x[2] = sb_v3(REAL(cos(a)), REAL(sin(a)), REAL(0.5));
+            if (k == 4)
+                x[1] = sb_v3(REAL(cos(a)), REAL(sin(a)), 0), x[2] = sb_v3(REAL(cos(a + 1)), REAL(sin(a + 1)), 0);
+            if (k == 5) {
+                x[0] = sb_v3(REAL(cos(a)), REAL(sin(a)), REAL(h)), x[1] = sb_v3(REAL(-cos(a)), REAL(-sin(a)), REAL(-h));
+                x[2] = sb_v3_add(x[1], sb_v3(0, 0, REAL(0.01)));
+            }
+        }
+        if (k == 3)
+            mesh.nodes[0] = sb_v3(0, 0, 0), mesh.nodes[1] = sb_v3(0, 0, 1);
+        CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
+        if ((report.findings & expected[k]) != expected[k])
+            printf("%s: findings %d\n", names[k], report.findings);
+        CHECK_INT(report.findings & expected[k], expected[k]);
+        CHECK_INT(report.crossings_partial, 1);
+        CHECK_RESULT(sb_surface_require(&mesh, SB_SURFACE_SELF_CROSSING | SB_SURFACE_CROWDED, NULL, NULL, NULL),
+                     SB_ERROR_MESH);
+        crowd_free(&mesh);
+    }
+}
+
+/* Corner i of n on a ring, turned out of the axes so that boxes fit badly. */
+static sb_vec3 turned_ring(int i, int n, double radius, double height)
+{
+    double a = 2 * SURFACE_PI * i / n, x = radius * cos(a), y = radius * sin(a), c = 0.6, s = 0.8;
+    double u = c * x + s * height, w = c * height - s * x;
+    return sb_v3(REAL(c * u - s * y), REAL(s * u + c * y), REAL(w));
+}
+
+/* Sound surfaces with fans of thousands of triangles and long slivers side by side: a bipyramid, and a needle with
+ * caps. Nothing is wrong with them; one triangle pushed through its neighbours is found. */
+static void test_check_large_fans(void)
+{
+    const int N = sizeof(sb_real) == 4 ? 300 : 3000; /* slivers that have two sides also in float */
+    const double H = sizeof(sb_real) == 4 ? 2 : 40;
+    for (int k = 0; k < 2; k++) {
+        sb_mesh mesh = crowd_make(k == 0 ? 2 * N : 4 * N);
+        sb_surface_report report;
+        mesh.node_count = k == 0 ? N + 2 : 2 * N + 2;
+        for (int i = 0; i < N; i++) {
+            int j = (i + 1) % N, *e = mesh.elements + (k == 0 ? 6 : 12) * i;
+            int side[12] = {0, 2 + i, 2 + j, 1, 2 + j, 2 + i, N + 2 + i, 2 + j, 2 + i, N + 2 + i, N + 2 + j, 2 + j};
+            mesh.nodes[2 + i] = turned_ring(i, N, 1, k == 0 ? 0 : H);
+            if (k == 1)
+                mesh.nodes[N + 2 + i] = turned_ring(i, N, 1, -H), side[4] = N + 2 + j, side[5] = N + 2 + i;
+            memcpy(e, side, sizeof(int) * (k == 0 ? 6 : 12));
+        }
+        mesh.nodes[0] = turned_ring(0, N, 0, k == 0 ? 2 : H);
+        mesh.nodes[1] = turned_ring(0, N, 0, k == 0 ? -2 : -H);
+        CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
+        CHECK_INT(report.findings, 0);
+        CHECK_NEAR(report.volume, k == 0 ? 4 * SURFACE_PI / 3 : 2 * H * SURFACE_PI, 1e-3 * (double)report.volume);
+        mesh.nodes[2 + N / 2] = turned_ring(N / 2 + 7, N, 0.9995, k == 0 ? 0 : H);
+        mesh.nodes[3 + N / 2] = turned_ring(N / 2 + 9, N, 1.0005, k == 0 ? 0 : H);
+        CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
+        CHECK(report.findings & SB_SURFACE_SELF_CROSSING);
+        CHECK_INT(report.crossings_partial, 0);
+        crowd_free(&mesh);
+    }
+}
+
+/* As many crossings as one finds taking two triangles at a time, whether they share a node with a hundred or not. */
+static void test_check_crossing_count(void)
+{
+    for (int k = 0; k < 4; k++) {
+        enum { COUNT = 100 };
+        sb_mesh mesh = crowd_make(COUNT), two = mesh;
+        sb_surface_report report;
+        unsigned long long seed = 11 + (unsigned long long)k;
+        int pairs = 0;
+        for (int t = 0; t < COUNT; t++) {
+            double middle[3], size = k < 2 ? 0.5 : 0.25;
+            for (int i = 0; i < 3; i++)
+                middle[i] = check_random_in(&seed, -1, 1);
+            for (int i = 0; i < 3; i++)
+                mesh.nodes[3 * t + i] = sb_v3(REAL(middle[0] + check_random_in(&seed, -size, size)),
+                                              REAL(middle[1] + check_random_in(&seed, -size, size)),
+                                              REAL(middle[2] + check_random_in(&seed, -size, size)));
+            if (k % 2)
+                mesh.elements[3 * t + t % 3] = 0;
+        }
+        CHECK_OK(sb_surface_check(&mesh, NULL, &report, NULL));
+        for (int t = 0; t < COUNT; t++)
+            for (int u = t + 1; u < COUNT; u++) {
+                int both[6];
+                sb_surface_report found;
+                memcpy(both, mesh.elements + 3 * t, 3 * sizeof(int));
+                memcpy(both + 3, mesh.elements + 3 * u, 3 * sizeof(int));
+                two.elements = both;
+                two.element_count = 2;
+                CHECK_OK(sb_surface_check(&two, NULL, &found, NULL));
+                pairs += found.place[8].count;
+            }
+        CHECK(pairs > 10);
+        CHECK_INT(report.place[8].count, pairs);
+        CHECK_INT(report.crossings_partial, 0);
+        crowd_free(&mesh);
+    }
+}
+
+/* Thousands of loose parts, every second one inside out: each is named, and a repair turns it. */
+static void test_check_many_parts(void)
+{
+    enum { PARTS = 6000 };
+    static const int faces[12] = {0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2};
+    sb_mesh mesh, made = crowd_make(4 * PARTS);
+    sb_surface_report report;
+    made.node_count = 4 * PARTS;
+    for (int p = 0; p < PARTS; p++) {
+        double x = p % 20, y = p / 20 % 20, z = p / 400;
+        for (int v = 0; v < 4; v++)
+            made.nodes[4 * p + v] = sb_v3(REAL(x + 0.5 * (v == 1)), REAL(y + 0.5 * (v == 2)), REAL(z + 0.5 * (v == 3)));
+        for (int i = 0; i < 12; i++)
+            made.elements[12 * p + i] = 4 * p + (p % 2 ? faces[11 - i] : faces[i]);
+    }
+    CHECK_INT(surface_findings(&made, &report), SB_SURFACE_SEVERAL_PARTS | SB_SURFACE_INSIDE_OUT);
+    CHECK_INT(report.place[7].count, PARTS / 2);
+    CHECK_INT(report.place[7].element, 4);
+    CHECK_OK(sb_mesh_copy(&made, NULL, &mesh, NULL));
+    CHECK_OK(sb_surface_repair(&mesh, NULL, NULL, NULL));
+    CHECK_INT(surface_findings(&mesh, &report), SB_SURFACE_SEVERAL_PARTS);
+    sb_mesh_free(&mesh);
+    crowd_free(&made);
+}
+
 static void test_check_bad_files(void)
 {
     static const struct {
@@ -1277,7 +1453,9 @@ CHECK_SUITE(surface, {"closest point by brute force", test_closest_brute_force},
             {"strange surfaces", test_strange_surfaces}, {"deep tree", test_deep_tree},
             {"other faces", test_other_faces}, {"check names defects", test_check_names_defects},
             {"check knows cavities", test_check_cavity}, {"check counts crossings", test_check_crossings},
-            {"check crossing neighbours", test_check_crossing_neighbours}, {"check bad files", test_check_bad_files},
+            {"check crossing neighbours", test_check_crossing_neighbours}, {"check crowds", test_check_crowds},
+            {"check large fans", test_check_large_fans}, {"check crossing count", test_check_crossing_count},
+            {"check many parts", test_check_many_parts}, {"check bad files", test_check_bad_files},
             {"repair of a soup", test_repair_soup}, {"repair of degenerate triangles", test_repair_degenerate},
             {"repair of holes", test_repair_holes}, {"repair refuses", test_repair_refuses},
             {"repair of bad files", test_repair_bad_files}, {"memory runs out", test_memory_runs_out});

@@ -135,35 +135,31 @@ static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 p
                                     : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
 }
 
-/* Whether what is far outside of a closed surface is on the inner side of its triangles: all of the box but the body
- * would become the body. */
-static int sbi_grid_is_inside_out(const sb_surface *surface)
-{
-    sb_vec3 low, high, size;
-    sb_surface_bounds(surface, &low, &high);
-    size = sb_v3_sub(high, low);
-    return sb_surface_signed_distance(surface, sb_v3_add(high, size), NULL) < 0;
-}
-
 static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 {
     const sb_allocator *allocator = &work->def->allocator;
     for (int s = 0; s < work->shape_count; s++) {
         const sb_surface *surface = sbi_grid_get_shape(work->def, s)->surface;
         size_t triangles = (size_t)sb_surface_triangle_count(surface);
+        int found, turned = -1;
         if (!surface)
             continue;
+        if (!sbi_surface_find_inside_out(surface, allocator, &turned))
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
+        if (turned >= 0)
+            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(surface, turned, NULL),
+                                    "the surface of %s is inside out, or a part of it is (element %d belongs to it): "
+                                    "sb_surface_repair turns it",
+                                    s == 0 ? "def.outer" : "an inner shape", sb_surface_triangle(surface, turned, NULL));
         if (!sb_surface_is_closed(surface)) {
             work->open |= 1u << s;
             continue;
         }
-        if (sbi_grid_is_inside_out(surface))
-            return sbi_fail(error, SB_ERROR_MESH, "the surface of %s is inside out; sb_surface_repair turns it",
-                            s == 0 ? "def.outer" : "an inner shape");
         work->doubtful[s] = (unsigned char *)sbi_alloc(allocator, triangles, 1);
-        if (!work->doubtful[s])
+        found = work->doubtful[s] ? sbi_surface_find_doubtful(surface, work->doubtful[s]) : -1;
+        if (found < 0)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for marks on %d triangles", (int)triangles);
-        if (!sbi_surface_find_doubtful(surface, work->doubtful[s])) {
+        if (found == 0) {
             sbi_free(allocator, work->doubtful[s]);
             work->doubtful[s] = NULL;
         }

@@ -91,7 +91,7 @@ typedef struct sb_grid {
 } sb_grid;
 
 /* Makes a grid. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (box,
- * cell_size, or a distance), SB_ERROR_MESH (no cell has anything inside, or a closed surface is inside out),
+ * cell_size, or a distance), SB_ERROR_MESH (no cell has anything inside, or a surface or a part of it is inside out),
  * SB_ERROR_UNSUPPORTED (more cells than an int counts, more points than max_points), SB_ERROR_CANCELLED,
  * SB_ERROR_MEMORY; *grid is untouched. Cost: for each cut cell some 4^level distances. */
 SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error *error);

@@ -98,6 +98,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void)
     memset(&def, 0, sizeof def);
     def.type = SB_TET4;
     def.max_elements = 20000000;
+    def.least_share = (sb_real)0.5;
     def.cookie = SBI_STUFF_COOKIE;
     return def;
 }
@@ -316,6 +317,26 @@ static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh
         return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
     if (def->max_elements < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
+    if (!(def->least_share >= 0 && def->least_share <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "least_share is %g, it must be 0 to 1", (double)def->least_share);
+    return SB_OK;
+}
+
+/* Surfaces, and parts of them, that look inward enclose nothing. */
+static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_error *error)
+{
+    for (int shape = 0; shape < def->shape_count; shape++) {
+        int triangle = -1;
+        if (!def->shapes[shape].surface)
+            continue;
+        if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
+        if (triangle >= 0)
+            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+                                    "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
+                                    "it): sb_surface_repair turns it",
+                                    shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
+    }
     return SB_OK;
 }
 
@@ -2059,9 +2080,9 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
+/* All but the shares. */
 static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
 {
-    memset(report, 0, sizeof *report);
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
     report->element_count = mesh->element_count;
@@ -2170,14 +2191,22 @@ static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, s
 SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
 {
     sb_mesh made, raised;
+    sb_stuff_report found;
     sb_real distance = 0;
     double told = 0;
     int cells[3];
     sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result == SB_OK)
+        result = sbi_stuffing_check_orientation(def, error);
     if (result != SB_OK)
         return result;
     memset(&made, 0, sizeof made);
+    memset(&found, 0, sizeof found);
     result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+        sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
+        result = kept == SB_OK ? result : kept;
+    }
     if (result == SB_OK)
         result = sb_mesh_reorder(&made, NULL, NULL, error);
     if (result == SB_OK && def->type == SB_TET10) {
@@ -2194,7 +2223,8 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         return result;
     }
     *mesh = made;
+    sbi_stuffing_fill_report(mesh, distance, cells, &found);
     if (report)
-        sbi_stuffing_fill_report(mesh, distance, cells, report);
+        *report = found;
     return SB_OK;
 }

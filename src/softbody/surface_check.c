@@ -1,198 +1,6 @@
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 #include "surface_tree.h"
 
-/* ---- triangles that cross ------------------------------------------------------------------------------------ */
-
-/* A triangle against the plane of another: signed distances of its corners times the plane's normal's length, 0 where
- * they are rounding or the corner is one of the other's. */
-typedef struct sbi_crossing_side {
-    sb_vec3 x[3], normal;
-    sb_real height[3];
-    int below, above; /* corners on either side */
-} sbi_crossing_side;
-
-static sb_real sbi_crossing_size(const sbi_crossing_side *side)
-{
-    sb_real longest = 0;
-    for (int i = 0; i < 3; i++)
-        longest = sb_max(longest, sb_v3_norm(sb_v3_sub(side->x[(i + 1) % 3], side->x[i])));
-    return longest;
-}
-
-/* Heights of the corners of `of` over the plane of `plane`. */
-static void sbi_crossing_heights(const sb_surface *s, int plane_triangle, const sbi_crossing_side *plane, int triangle,
-                                 sbi_crossing_side *of, sb_real size)
-{
-    sb_real rounding = 32 * SB_EPSILON * size * sb_v3_norm(plane->normal);
-    const int *nodes = s->corners[triangle], *others = s->corners[plane_triangle];
-    of->below = of->above = 0;
-    for (int i = 0; i < 3; i++) {
-        sb_real height = sb_v3_dot(plane->normal, sb_v3_sub(of->x[i], plane->x[0]));
-        int shared = nodes[i] == others[0] || nodes[i] == others[1] || nodes[i] == others[2];
-        if (shared || sb_abs(height) <= rounding)
-            height = 0;
-        of->height[i] = height;
-        of->below += height < 0;
-        of->above += height > 0;
-    }
-}
-
-/* The piece of the common line of both planes that is inside the triangle, along `axis`. */
-static void sbi_crossing_interval(const sbi_crossing_side *side, int axis, sb_real *low, sb_real *high)
-{
-    int count = 0;
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3;
-        sb_real a = side->height[i], b = side->height[j], at;
-        sb_real x = axis == 0 ? side->x[i].x : axis == 1 ? side->x[i].y : side->x[i].z;
-        sb_real y = axis == 0 ? side->x[j].x : axis == 1 ? side->x[j].y : side->x[j].z;
-        if (a == 0)
-            at = x;
-        else if ((a < 0 && b > 0) || (a > 0 && b < 0))
-            at = x + (y - x) * (a / (a - b));
-        else
-            continue;
-        *low = count == 0 ? at : sb_min(*low, at);
-        *high = count == 0 ? at : sb_max(*high, at);
-        count++;
-    }
-}
-
-static int sbi_crossing_largest(sb_vec3 v)
-{
-    sb_real x = sb_abs(v.x), y = sb_abs(v.y), z = sb_abs(v.z);
-    return x > y ? (x > z ? 0 : 2) : (y > z ? 1 : 2);
-}
-
-/* 1 when no corner of `b` is beyond edge i of `a` on the inner side, in the plane of `normal` (that of a). */
-static int sbi_crossing_edge_separates(const sbi_crossing_side *a, const sbi_crossing_side *b, sb_vec3 normal,
-                                       sb_real tolerance)
-{
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 edge = sb_v3_sub(a->x[(i + 1) % 3], a->x[i]), inward = sb_v3_cross(normal, edge);
-        sb_real least = tolerance * sb_v3_norm(inward);
-        int inside = 0;
-        for (int k = 0; k < 3; k++)
-            inside += sb_v3_dot(inward, sb_v3_sub(b->x[k], a->x[i])) > least;
-        if (inside == 0)
-            return 1;
-    }
-    return 0;
-}
-
-/* Moeller 1997: two triangles cross when each has corners strictly on both sides of the other's plane and their pieces
- * of the common line overlap; in one plane they overlap when no edge separates them. Overlaps within rounding count as
- * touching. */
-static int sbi_crossing_test(const sb_surface *s, int t, int u)
-{
-    sbi_crossing_side a, b;
-    sb_real size, tolerance, low[2] = {0, 0}, high[2] = {0, 0};
-    int axis;
-    if (s->shape[t] == SBI_SURFACE_FLAT || s->shape[u] == SBI_SURFACE_FLAT)
-        return 0;
-    sbi_surface_corners(s, t, a.x);
-    sbi_surface_corners(s, u, b.x);
-    a.normal = sbi_surface_area_vector(a.x);
-    b.normal = sbi_surface_area_vector(b.x);
-    size = sb_max(sbi_crossing_size(&a), sbi_crossing_size(&b));
-    tolerance = sb_sqrt(SB_EPSILON) * size;
-    sbi_crossing_heights(s, t, &a, u, &b, size);
-    if (b.below + b.above == 0)
-        return !sbi_crossing_edge_separates(&a, &b, a.normal, tolerance) &&
-               !sbi_crossing_edge_separates(&b, &a, b.normal, tolerance);
-    sbi_crossing_heights(s, u, &b, t, &a, size);
-    if (!a.below || !a.above || !b.below || !b.above)
-        return 0;
-    axis = sbi_crossing_largest(sb_v3_cross(a.normal, b.normal));
-    sbi_crossing_interval(&a, axis, low, high);
-    sbi_crossing_interval(&b, axis, low + 1, high + 1);
-    return sb_min(high[0], high[1]) - sb_max(low[0], low[1]) > tolerance;
-}
-
-static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
-{
-    int shared = 0;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            shared += s->corners[t][i] == s->corners[u][j];
-    return shared >= 3;
-}
-
-static int sbi_crossing_boxes_meet(const sbi_surface_node *node, int k, const float low[3], const float high[3])
-{
-    for (int axis = 0; axis < 3; axis++)
-        if (node->low[axis][k] > high[axis] || node->high[axis][k] < low[axis])
-            return 0;
-    return 1;
-}
-
-static void sbi_crossing_leaf(const sb_surface *s, const sbi_surface_leaf *leaf, int triangle, sb_surface_place *place,
-                              unsigned char *crossing)
-{
-    for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++) {
-        int other = sbi_surface_leaf_triangle(leaf, k);
-        if (other <= triangle || s->element[other] == s->element[triangle] ||
-            sbi_crossing_same_corners(s, triangle, other) || !sbi_crossing_test(s, triangle, other))
-            continue;
-        if (crossing)
-            crossing[triangle] = crossing[other] = 1;
-        if (place->count++ == 0) {
-            place->element = s->element[triangle];
-            place->other_element = s->element[other];
-        }
-    }
-}
-
-/* Pairs of triangles, counted from the one with the lower number. crossing[triangles] (or NULL) becomes 1 for both. */
-static void sbi_crossing_count(const sb_surface *s, sb_surface_place *place, unsigned char *crossing)
-{
-    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0;
-    for (int t = 0; t < s->triangle_count; t++) {
-        sb_vec3 x[3];
-        float low[3], high[3];
-        sbi_surface_corners(s, t, x);
-        sbi_surface_box_of(s, x, low, high);
-        stack[top++] = 0;
-        while (top > 0) {
-            int child = stack[--top];
-            if (child < 0) {
-                sbi_crossing_leaf(s, s->leaf + ~child, t, place, crossing);
-                continue;
-            }
-            for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
-                if (sbi_crossing_boxes_meet(s->tree + child, k, low, high))
-                    stack[top++] = s->tree[child].child[k];
-        }
-    }
-}
-
-/* Whether the winding number just off the middle of a triangle, on both sides, contradicts its orientation. */
-static int sbi_crossing_is_hidden(const sb_surface *s, int triangle)
-{
-    sb_vec3 x[3], middle, normal;
-    sb_real length;
-    sbi_surface_corners(s, triangle, x);
-    normal = sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]));
-    length = sb_v3_norm(normal);
-    if (!(length > 0))
-        return 1;
-    normal = sb_v3_scale((sb_real)1e-3 / sb_sqrt(length), normal); /* a thousandth of the triangle's size */
-    middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
-    return sbi_surface_winding(s, sb_v3_add(middle, normal)) >= 0.5 ||
-           sbi_surface_winding(s, sb_v3_sub(middle, normal)) < 0.5;
-}
-
-SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful)
-{
-    sb_surface_place place;
-    memset(&place, 0, sizeof place);
-    memset(doubtful, 0, (size_t)surface->triangle_count);
-    sbi_crossing_count(surface, &place, doubtful);
-    for (int t = 0; t < surface->triangle_count && place.count > 0; t++)
-        doubtful[t] = doubtful[t] || sbi_crossing_is_hidden(surface, t);
-    return place.count > 0;
-}
-
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
@@ -206,7 +14,8 @@ enum { /* places of the findings: 1 << place */
     SBI_FOUND_INSIDE_OUT = 7,
     SBI_FOUND_CROSSING = 8,
     SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10
+    SBI_FOUND_PARTS = 10,
+    SBI_FOUND_CROWDED = 11
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -223,6 +32,7 @@ SB_API const char *sb_surface_check_string(int finding)
     case SB_SURFACE_SELF_CROSSING: return "pairs of triangles that cross";
     case SB_SURFACE_UNREFERENCED: return "nodes of no face";
     case SB_SURFACE_SEVERAL_PARTS: return "further parts";
+    case SB_SURFACE_CROWDED: return "triangles among too many others to look for all crossings";
     default: return "unknown finding";
     }
 }
@@ -296,6 +106,7 @@ typedef struct sbi_found_scratch {
     unsigned char *skip;        /* [elements] faces with a node twice */
     int *representative;        /* [nodes] */
     double *volume;             /* [parts] */
+    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
     unsigned char *open;        /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
@@ -309,6 +120,8 @@ static void sbi_found_free(const sb_allocator *allocator, sbi_found_scratch *scr
     sbi_free(allocator, scratch->skip);
     sbi_free(allocator, scratch->representative);
     sbi_free(allocator, scratch->volume);
+    sbi_free(allocator, scratch->first);
+    sbi_free(allocator, scratch->order);
     sbi_free(allocator, scratch->open);
 }
 
@@ -326,7 +139,10 @@ static sb_result sbi_found_prepare(const sb_mesh *mesh, const sb_allocator *allo
     scratch->representative = (int *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(int));
     scratch->volume = (double *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, sizeof(double));
     scratch->open = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)scratch->parts, 1);
-    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open)
+    scratch->first = (int *)sbi_alloc(allocator, (size_t)scratch->parts + 1, sizeof(int));
+    scratch->order = (int *)sbi_alloc(allocator, (size_t)scratch->surface->triangle_count, sizeof(int));
+    if (!scratch->skip || !scratch->representative || !scratch->volume || !scratch->open || !scratch->first ||
+        !scratch->order)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     for (int i = 0; i < scratch->mesh.bad_count; i++)
         if (scratch->mesh.bad[i].defect == SB_MESH_REPEATED_NODE)
@@ -355,17 +171,39 @@ static void sbi_found_measure_parts(const sb_surface *s, sbi_found_scratch *scra
     }
 }
 
-/* Winding number of all parts but one at a point (scaled) of that one. */
-static sb_real sbi_found_winding_of_others(const sb_surface *s, const int *part, int own, sb_vec3 eye)
+/* Lists the triangles of each part, one part after the other: part p has order[first[p] .. first[p + 1]). */
+static void sbi_found_list_parts(const sb_surface *s, const sbi_found_scratch *scratch)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    for (int t = 0; t < s->triangle_count; t++) {
-        sb_vec3 x[3];
+    int *first = scratch->first;
+    memset(first, 0, sizeof(int) * ((size_t)scratch->parts + 1));
+    for (int t = 0; t < s->triangle_count; t++)
+        first[scratch->part.items[s->element[t]] + 1]++;
+    for (int p = 0; p < scratch->parts; p++)
+        first[p + 1] += first[p];
+    for (int t = 0; t < s->triangle_count; t++)
+        scratch->order[first[scratch->part.items[s->element[t]]]++] = t;
+    memmove(first + 1, first, sizeof(int) * (size_t)scratch->parts); /* filling moved each to its end */
+    first[0] = 0;
+}
+
+/* Winding number of all parts but one, just off the middle of a triangle of that one: all of them by the tree, less its
+ * own triangles. */
+static double sbi_found_winding_of_others(const sb_surface *s, const sbi_found_scratch *scratch, int part, int triangle)
+{
+    sbi_surface_angle own = sbi_surface_angle_zero();
+    sb_vec3 x[3], normal = sbi_surface_unit_normal(s, triangle), eye;
+    sb_real size;
+    sbi_surface_corners(s, triangle, x);
+    size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
+    eye = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
+    eye = sb_v3_madd(eye, sb_sqrt(SB_EPSILON) * size, normal);
+    for (int i = scratch->first[part]; i < scratch->first[part + 1]; i++) {
+        int t = scratch->order[i];
         sbi_surface_corners(s, t, x);
-        if (part[s->element[t]] != own && s->shape[t] != SBI_SURFACE_FLAT)
-            sbi_surface_angle_of(x, eye, &angle);
+        if (s->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &own);
     }
-    return (sb_real)sbi_surface_angle_turns(&angle);
+    return sbi_surface_winding(s, eye) - sbi_surface_angle_turns(&own);
 }
 
 /* Closed parts with a negative volume, unless the others surround them: then they are walls of cavities. */
@@ -373,12 +211,13 @@ static void sbi_found_inside_out(const sb_surface *s, sbi_found_scratch *scratch
 {
     const int *part = scratch->part.items;
     sbi_found_measure_parts(s, scratch);
+    sbi_found_list_parts(s, scratch);
     for (int t = 0; t < s->triangle_count; t++) {
         int p = part[s->element[t]];
-        if (scratch->open[p] || !(scratch->volume[p] < 0))
+        if (scratch->open[p] || !(scratch->volume[p] < 0) || s->shape[t] == SBI_SURFACE_FLAT)
             continue;
         scratch->open[p] = 1; /* once is enough */
-        if (sbi_found_winding_of_others(s, part, p, s->nodes[s->corners[t][0]]) < (sb_real)0.5)
+        if (sbi_found_winding_of_others(s, scratch, p, t) < 0.5)
             sbi_found_element(place, s->element[t], -1);
     }
 }
@@ -416,9 +255,12 @@ static void sbi_found_parts(const sb_mesh *mesh, const sbi_found_scratch *scratc
             place->element = e;
 }
 
-static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int crossings, sb_surface_report *report)
+/* 0: no memory. */
+static int sbi_found_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_found_scratch *scratch, int crossings,
+                         sb_surface_report *report)
 {
     sb_surface_place *place = report->place;
+    int partial = 0;
     memset(report, 0, sizeof *report);
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         place[i].element = place[i].other_element = place[i].node = place[i].other_node = -1;
@@ -428,13 +270,16 @@ static void sbi_found_all(const sb_mesh *mesh, sbi_found_scratch *scratch, int c
     sbi_found_nodes(mesh, scratch, place);
     sbi_found_inside_out(scratch->surface, scratch, place + SBI_FOUND_INSIDE_OUT);
     if (crossings)
-        sbi_crossing_count(scratch->surface, place + SBI_FOUND_CROSSING, NULL);
+        partial = sbi_surface_find_crossings(scratch->surface, allocator, place + SBI_FOUND_CROSSING,
+                                             place + SBI_FOUND_CROWDED, NULL);
     sbi_found_parts(mesh, scratch, place + SBI_FOUND_PARTS);
+    report->crossings_partial = partial != 0;
     report->parts = scratch->parts;
     report->volume = scratch->mesh.volume;
     report->area = scratch->mesh.area;
     for (int i = 0; i < SB_SURFACE_FINDING_COUNT; i++)
         report->findings |= place[i].count > 0 ? 1 << i : 0;
+    return partial >= 0;
 }
 
 /* The check with or without the search for crossings. */
@@ -442,11 +287,14 @@ static sb_result sbi_found_check(const sb_mesh *mesh, int crossings, const sb_al
                                  sb_surface_report *report, sb_error *error)
 {
     sbi_found_scratch scratch;
+    sb_surface_report found;
     sb_result result;
     memset(&scratch, 0, sizeof scratch);
     result = sbi_found_prepare(mesh, allocator, &scratch, error);
+    if (result == SB_OK && !sbi_found_all(mesh, allocator, &scratch, crossings, &found))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the check of a surface");
     if (result == SB_OK)
-        sbi_found_all(mesh, &scratch, crossings, report);
+        *report = found;
     sbi_found_free(allocator, &scratch);
     return result;
 }

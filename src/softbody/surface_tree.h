@@ -326,6 +326,10 @@ SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye);
 SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum);
 /* The sum over 4 pi. */
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
+/* Counts pairs of triangles that cross, and triangles whose search was given up; places must be 0 or -1 all over.
+ * crossing[triangles] (or NULL) becomes 1 for both. Returns 1 when pairs may be missing, 0 when not, -1: no memory. */
+SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
+                                       sb_surface_place *crowds, unsigned char *crossing);
 #endif
 
 #endif /* SBI_SURFACE_TREE_H */

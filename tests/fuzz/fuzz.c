@@ -6,7 +6,9 @@
  *
  * A finding aborts; the plain program leaves the input in build/fuzz-TARGET.crash. */
 #define SB_IMPLEMENTATION
+#define NDL_IMPLEMENTATION
 #define REG_IMPLEMENTATION
+#include "needle.h"
 #include "register.h"
 
 #include "fuzz.h"
@@ -16,6 +18,9 @@
 #include "target_cloud.h"
 #include "target_geometry.h"
 #include "target_mesh.h"
+#include "target_needle.h"
+#include "target_precond.h"
+#include "target_register.h"
 
 #include <signal.h>
 #include <time.h>
@@ -26,7 +31,10 @@ static const struct fuzz_target {
 } fuzz_targets[] = {{"vtk", fuzz_vtk},       {"gmsh", fuzz_gmsh}, {"tetgen", fuzz_tetgen},
                     {"surface", fuzz_surface}, {"geometry", fuzz_geometry}, {"mesh", fuzz_mesh}, {"case", fuzz_case},
                     {"state", fuzz_state},   {"record", fuzz_record}, {"body", fuzz_body},
-                    {"cloud", fuzz_cloud},   {"vtu", fuzz_vtu}, {"medit", fuzz_medit}};
+                    {"cloud", fuzz_cloud},   {"vtu", fuzz_vtu},       {"medit", fuzz_medit},
+                    {"needle_state", fuzz_needle_state}, {"needle_program", fuzz_needle_program},
+                    {"icp", fuzz_icp},       {"cpd", fuzz_cpd},       {"match", fuzz_match},
+                    {"nicp", fuzz_nicp},     {"precond", fuzz_precond}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
 static const struct fuzz_target *fuzz_find_target(const char *name)
