@@ -4559,6 +4559,8 @@ typedef struct sb_preconditioner_def {
                                * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
                                * Rows of such small parts are left with next to no residual, so that all of a tolerance
                                * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
+                               * Slivers are stiff across their height, too: tets at 1e-3 and 1e-4 of it, under one in a
+                               * hundred, cost three and eight times the iterations, told as E over that share 1.25 times.
                                * Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 

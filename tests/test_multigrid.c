@@ -455,25 +455,152 @@ static void test_residual(void)
 
 /* ---- iteration counts ---- */
 
-/* Iterations hardly grow from 5,000 to 300,000 unknowns; many stiff inclusions at most double them. */
+/* Iterations to a residual, with the share of the last one that it takes: of five, one more is a fifth already. */
+static double count_in_shares(problem *p, double mass, double tolerance, int *whole)
+{
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    sb_preconditioner *multigrid;
+    sb_pcg_info before, after;
+    double count = 0;
+    def.poisson = REAL(0.45);
+    multigrid = multigrid_from(p, &def);
+    assemble(p, 0.45, mass);
+    CHECK_OK(sb_preconditioner_update(multigrid, &p->a, NULL, NULL));
+    CHECK_OK(solve_to(p, multigrid, tolerance, 100, &after));
+    CHECK(after.residual <= tolerance && after.iterations > 1);
+    CHECK_RESULT(solve_to(p, multigrid, tolerance, after.iterations - 1, &before), SB_ERROR_NOT_CONVERGED);
+    count = before.iterations + log(before.residual / tolerance) / log(before.residual / after.residual);
+    *whole = after.iterations;
+    sb_preconditioner_free(multigrid);
+    return count;
+}
+
+/* Iterations hardly grow from 5,000 to 300,000 unknowns; many stiff inclusions at most double them. In float no x of
+ * 300,000 unknowns has a residual below eps |A| |x|, 9e-4 of the load here, 5e-2 at rest (6,000 unknowns: 6e-5 and 3e-3): the last
+ * iterations to 1e-3 fight with rounding, so that the series goes to 3e-3, and at rest to 1e-2 by the recurrence. */
 static void test_series(void)
 {
     static const int sizes[5] = {8, 12, 16, 22, 31}; /* 5,832, ... 284,832 unknowns */
-    double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
-    int slow = getenv("CHECK_SLOW") != NULL, least = 0;
+    double tolerance = SB_REAL_IS_FLOAT ? 3e-3 : 1e-6, at_rest = SB_REAL_IS_FLOAT ? 1e-2 : 1e-6, least = 0;
+    int slow = getenv("CHECK_SLOW") != NULL;
     for (int k = 0; k < (slow ? 5 : check_quick() ? 1 : 2); k++) {
         problem p = problem_beam(sizes[k], 0.15);
-        int count = count_for(&p, 0.45, dynamic_mass, tolerance);
-        int firm = slow ? count_for(&p, 0.45, 0, tolerance) : 0;
+        int whole, firm;
+        double count = count_in_shares(&p, dynamic_mass, tolerance, &whole);
+        double still = slow ? count_in_shares(&p, 0, at_rest, &firm) : 0;
         int many = slow && !SB_REAL_IS_FLOAT ? count_parts(&p, STIFF_INCLUSIONS, 1000, dynamic_mass, tolerance) : 0;
         if (slow)
-            printf("    %d unknowns: %d iterations, static %d, with inclusions %d\n", 3 * p.mesh.node_count, count, firm,
-                   many);
+            printf("    %d unknowns: %.2f iterations, static %.2f, with inclusions %d\n", 3 * p.mesh.node_count, count,
+                   still, many);
         least = k == 0 || count < least ? count : least;
-        CHECK(count <= 11 && many <= 2 * count);
-        CHECK(10 * count <= 13 * least);
+        CHECK(whole <= 11 && many <= 2 * whole);
+        CHECK(count <= 1.3 * least);
         problem_free(&p);
     }
+}
+
+/* ---- slivers ---- */
+
+static double tet_volume(const sb_mesh *mesh, const int *tet)
+{
+    const sb_vec3 *x = mesh->nodes;
+    return (double)sb_v3_dot(sb_v3_sub(x[tet[1]], x[tet[0]]),
+                             sb_v3_cross(sb_v3_sub(x[tet[2]], x[tet[0]]), sb_v3_sub(x[tet[3]], x[tet[0]]))) / 6;
+}
+
+/* Flattens tets here and there to `quality` of their height by moving one corner towards the opposite face, where no
+ * tet around it gets flatter than that; none shares a node with another flattened one. Returns how many. */
+static int make_slivers(sb_mesh *mesh, double quality, double share, unsigned long long seed)
+{
+    sb_index_lists around;
+    double usual = fabs(tet_volume(mesh, mesh->elements));
+    char *used = (char *)calloc((size_t)mesh->node_count, 1);
+    int made = 0;
+    if (!CHECK_OK(sb_mesh_node_elements(mesh, NULL, &around, NULL)))
+        return 0;
+    for (int t = 0; t < mesh->element_count; t++) {
+        const int *tet = mesh->elements + 4 * (size_t)t;
+        int corner = (int)check_random_in(&seed, 0, 3.999), node = tet[corner], fits = 1;
+        sb_vec3 before = mesh->nodes[node], a = mesh->nodes[tet[(corner + 1) % 4]], n;
+        double height;
+        if (check_random(&seed) > share || before.x <= 0)
+            continue;
+        for (int k = 0; k < 4; k++)
+            fits = fits && !used[tet[k]];
+        n = sb_v3_cross(sb_v3_sub(mesh->nodes[tet[(corner + 2) % 4]], a),
+                        sb_v3_sub(mesh->nodes[tet[(corner + 3) % 4]], a));
+        n = sb_v3_scale(1 / sb_v3_norm(n), n);
+        height = (double)sb_v3_dot(n, sb_v3_sub(before, a));
+        mesh->nodes[node] = sb_v3_madd(before, REAL(-(1 - quality) * height), n);
+        for (int k = around.offsets[node]; k < around.offsets[node + 1]; k++) {
+            int other = around.items[k];
+            double volume = tet_volume(mesh, mesh->elements + 4 * (size_t)other);
+            fits = fits && (other == t || volume > 0.1 * usual);
+        }
+        if (!fits) {
+            mesh->nodes[node] = before;
+            continue;
+        }
+        for (int k = 0; k < 4; k++)
+            used[tet[k]] = 1;
+        made++;
+    }
+    sb_index_lists_free(&around);
+    free(used);
+    return made;
+}
+
+/* Multigrid told that flat cells are as much stiffer as they are flatter, which is what they are along their height. */
+static sb_preconditioner *multigrid_for_slivers(problem *p, double usual)
+{
+    sb_preconditioner *multigrid;
+    sb_result result;
+    for (int t = 0; t < p->mesh.element_count; t++) {
+        double flat = tet_volume(&p->mesh, p->mesh.elements + 4 * (size_t)t) / usual;
+        p->young[t] = REAL(flat < 0.05 ? 50e3 / flat : 50e3);
+    }
+    multigrid = multigrid_with_moduli(p, NULL, &result);
+    CHECK_OK(result);
+    return multigrid;
+}
+
+static int count_of(problem *p, sb_preconditioner *multigrid, double tolerance)
+{
+    sb_pcg_info info;
+    CHECK_OK(sb_preconditioner_update(multigrid, &p->a, NULL, NULL));
+    CHECK_OK(solve_to(p, multigrid, tolerance, 500, &info));
+    return info.iterations;
+}
+
+/* Under one in a hundred tets flattened to a tenth ... a ten-thousandth of their height, in a distorted mesh: what they
+ * cost, moving, to 1e-2. Smoothers do little for them, but told of as stiff they are solved by elimination. */
+static void test_slivers(void)
+{
+    static const double qualities[5] = {1, 1e-1, 1e-2, 1e-3, 1e-4}, most[5] = {1, 1.5, 1.5, 3.5, 9};
+    int even = 0;
+    for (int seed = 5; seed < 7; seed++)
+        for (int q = 0; q < 5; q++) {
+            sb_mesh mesh = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.15);
+            double usual = 0.18 * 0.06 * 0.06 / mesh.element_count;
+            int made = q > 0 ? make_slivers(&mesh, qualities[q], 0.2, (unsigned long long)seed) : 0;
+            problem p = problem_make(mesh, 1);
+            sb_preconditioner *told = multigrid_for_slivers(&p, usual), *plain = multigrid_of(&p, NULL, 0);
+            int count, least;
+            assemble(&p, 0.45, dynamic_mass);
+            count = count_of(&p, plain, 1e-2);
+            least = count_of(&p, told, 1e-2);
+            even = q > 0 ? even : count;
+            if (getenv("CHECK_SLOW"))
+                printf("    %d of %d tets at %g: %d iterations, told %d\n", made, p.mesh.element_count, qualities[q],
+                       count, least);
+            CHECK(q == 0 || made > 50);
+            CHECK(count <= most[q] * even && least <= 1.5 * even);
+            if (!SB_REAL_IS_FLOAT)
+                CHECK(count_of(&p, told, 1e-6) <= 13);
+            sb_preconditioner_free(told);
+            sb_preconditioner_free(plain);
+            problem_free(&p);
+        }
 }
 
 /* An even body as recorded; nearly incompressible, at rest or held here and there at most twice as many. */
@@ -1431,6 +1558,7 @@ static void test_weighted_cells(void)
 CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
             {"islands", test_islands}, {"large coarser levels", test_large_level}, {"golden levels", test_golden},
             {"residual", test_residual}, {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps},
+            {"slivers", test_slivers},
             {"jumps: the answer", test_jumps_answer}, {"jumps: a dear coarsest level", test_jumps_dear},
             {"jumps: a broken matrix", test_jumps_broken},
             {"jumps: an indefinite matrix", test_jumps_indefinite}, {"free", test_free},
