@@ -1102,7 +1102,7 @@ static void test_check_crowds(void)
         for (int t = 0; t < COUNT; t++) {
             sb_vec3 *x = mesh.nodes + 3 * t;
             int *e = mesh.elements + 3 * t;
-            double a = 2 * SURFACE_PI * t / COUNT, h = 1e-3 * check_random_in(&seed, 0, 1);
+            double a = 2 * SURFACE_PI * t / (double)COUNT, h = 1e-3 * check_random_in(&seed, 0, 1);
             sb_real z = k == 2 ? REAL(1e-11 * t) : 0;
             x[t % 3] = sb_v3(0, 0, z), x[(t + 1) % 3] = sb_v3(1, 0, z), x[(t + 2) % 3] = sb_v3(0, 1, z);
             if (k == 1)

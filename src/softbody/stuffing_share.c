@@ -86,7 +86,7 @@ static void sbi_share_sample_surface(sbi_share *share)
     area *= inverse * inverse;
     per = 4 * area / (cell * cell);
     per = per < (double)SBI_SHARE_LEAST ? (double)SBI_SHARE_LEAST : per;
-    per = per > 0.9 * SBI_SHARE_MOST ? 0.9 * SBI_SHARE_MOST : per;
+    per = per > 0.9 * (double)SBI_SHARE_MOST ? 0.9 * (double)SBI_SHARE_MOST : per;
     for (int t = 0; t < s->triangle_count && area > 0; t++) {
         sb_vec3 x[3], normal = sbi_surface_unit_normal(s, t);
         sbi_surface_corners(s, t, x);
@@ -139,13 +139,13 @@ static void sbi_share_sample_function(sbi_share *share)
     sb_vec3 size = sb_v3_sub(share->high, share->low);
     sb_real h = (sb_real)0.5 * share->def->cell, slope = share->shape->max_slope;
     double n[3], share_of_near = 1, boxes, inside = 0;
-    h = sb_max(h, (sb_real)cbrt((double)size.x * (double)size.y * (double)size.z / SBI_SHARE_POINTS));
+    h = sb_max(h, (sb_real)cbrt((double)size.x * (double)size.y * (double)size.z / (double)SBI_SHARE_POINTS));
     n[0] = ceil((double)(size.x / h)), n[1] = ceil((double)(size.y / h)), n[2] = ceil((double)(size.z / h));
     boxes = n[0] * n[1] * n[2];
-    if (boxes > 4.0 * SBI_SHARE_POINTS)
+    if (boxes > 4.0 * (double)SBI_SHARE_POINTS)
         return; /* a box that is long and thin beyond reason */
-    if (boxes > 2.0 * SBI_SHARE_MOST)
-        share_of_near = 4.0 * SBI_SHARE_MOST / boxes;
+    if (boxes > 2.0 * (double)SBI_SHARE_MOST)
+        share_of_near = 4.0 * (double)SBI_SHARE_MOST / boxes;
     for (int k = 0; k < (int)n[2]; k++)
         for (int j = 0; j < (int)n[1]; j++)
             for (int i = 0; i < (int)n[0]; i++) {
