@@ -124,6 +124,8 @@ fi
 if command -v "$clang" >/dev/null && [ -d /usr/include ]; then
     cl="$clang --target=x86_64-pc-windows-msvc -fms-compatibility -fms-extensions -w -fsyntax-only -isystem /usr/include"
     cl="$cl -isystem /usr/include/$(uname -m)-linux-gnu $include -Drestrict=no_such_word"
+    # this system's names for what a Windows C library has under others
+    cl="$cl -include sys/stat.h -D_stat=stat -D_fstat=fstat -D_fileno=fileno -D_S_IFMT=0170000 -D_S_IFREG=0100000"
     for language in "-x c -std=c99" "-x c -std=c99 -DSB_REAL=float" "-x c++ -std=c++14" "-x c++ -std=c++20"; do
         $cl $language tests/implementation.c
         report $? "cl's dialect: $language"
