@@ -90,6 +90,12 @@ build/suites.h: $(TESTS)
 	@mkdir -p build
 	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(TESTS) >$@
 
+# A call of every public function with every argument in turn replaced by an absurd one. A new function whose arguments
+# tests/calls.txt has no rule for stops the build, by name.
+build/calls.h: tests/calls.awk tests/calls.txt $(filter %.h,$(PARTS))
+	@mkdir -p build
+	awk -f tests/calls.awk tests/calls.txt $(filter %.h,$(PARTS)) >$@
+
 # One build of the test program: $(call suite,NAME,COMPILER AND FLAGS,COMPILE FLAGS,LINK FLAGS,SUFFIX,TESTS) makes
 # build/NAME/testsSUFFIX of these files, or all.
 define suite
@@ -101,6 +107,7 @@ build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 	@mkdir -p $$(@D)
 	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(or $(6),$(TESTS)) >$$@
 build/$(1)/main.o: build/$(1)/suites.h
+build/$(1)/test_hostile.o: build/calls.h
 build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) tests/main.c tests/implementation.c)
 	$(2) $$^ -lm $(4) -o $$@
 endef
@@ -208,7 +215,7 @@ LINT_clangxx = $(CLANGXX) -std=c++11 $(WARNINGS) -x c++
 
 # $(call lint,COMPILER,REAL): the implementation is optimised, since some warnings need that
 define lint
-build/lint/$(1)-$(2)/%.ok: %.c $(HEADERS) build/suites.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
+build/lint/$(1)-$(2)/%.ok: %.c $(HEADERS) build/suites.h build/calls.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
 	@mkdir -p $$(@D)
 	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) -fsyntax-only $$<
 	@touch $$@

@@ -1051,7 +1051,8 @@ typedef struct ndl_obstacle {
 } ndl_obstacle;
 
 /* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value
- * divided by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
+ * divided by it: never more than the distance. SB_REAL_MAX for NULL or a kind that is none; what
+ * else is wrong with an obstacle ndl_plan_make says. */
 NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point);
 
 /* ---- plans ---- */
@@ -1959,6 +1960,9 @@ enum {
 /* ---- rod_force ---- */
 
 SB_INLINE int ndli_rod_edges(const ndl_rod *rod) { return rod->node_count - 1; }
+SB_INLINE int ndli_rod_has_edge(const ndl_rod *rod, int edge) { return rod && edge >= 0 && edge < ndli_rod_edges(rod); }
+/* Nodes between two edges, which have a curvature. */
+SB_INLINE int ndli_rod_is_inner(const ndl_rod *rod, int node) { return node > 0 && ndli_rod_has_edge(rod, node); }
 /* Largest distance of a node from the origin (m): what positions are rounded by. */
 NDLI_API double ndli_rod_reach(const ndl_rod *rod);
 /* Parallel transport of v from the unit tangent p to the unit tangent q, not opposite to it. */
@@ -2653,9 +2657,13 @@ NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section 
 NDL_API ndl_rod_stiffness ndl_rod_stiffness_of(const ndl_rod_section *section)
 {
     ndl_rod_stiffness stiffness;
-    double r2 = (double)section->radius * (double)section->radius;
-    double i2 = (double)section->inner_radius * (double)section->inner_radius, area = ndli_rod_pi * (r2 - i2);
-    double bending = 0.25 * (double)section->young * ndli_rod_pi * (r2 * r2 - i2 * i2);
+    double r2, i2, area, bending;
+    memset(&stiffness, 0, sizeof stiffness);
+    if (!section)
+        return stiffness;
+    r2 = (double)section->radius * (double)section->radius;
+    i2 = (double)section->inner_radius * (double)section->inner_radius, area = ndli_rod_pi * (r2 - i2);
+    bending = 0.25 * (double)section->young * ndli_rod_pi * (r2 * r2 - i2 * i2);
     stiffness.stretch = (sb_real)((double)section->young * area);
     stiffness.bending[0] = stiffness.bending[1] = (sb_real)bending;
     stiffness.twist = (sb_real)(bending / (1 + (double)section->poisson));
@@ -3027,7 +3035,6 @@ NDLI_API void ndli_rod_rest_changed(ndl_rod *rod)
 /* ---- supports and loads ---- */
 
 static int ndli_rod_has_node(const ndl_rod *rod, int node) { return node >= 0 && node < rod->node_count; }
-static int ndli_rod_has_edge(const ndl_rod *rod, int edge) { return edge >= 0 && edge < rod->node_count - 1; }
 
 /* Where a new support or load begins the energy may become another. */
 static void ndli_rod_touched(ndl_rod *rod) { rod->ledger_open = 0; }
@@ -3414,19 +3421,32 @@ NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length)
 
 /* ---- readings ---- */
 
-NDL_API int ndl_rod_node_count(const ndl_rod *rod) { return rod->node_count; }
-NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod) { return rod->public_x; }
-NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod) { return rod->public_v; }
-NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod) { return rod->public_reaction; }
-NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node) { return (sb_real)rod->mass[node]; }
-NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge) { return (sb_real)rod->rest_length[edge]; }
-NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge) { return (sb_real)rod->reaction_torque[edge]; }
+NDL_API int ndl_rod_node_count(const ndl_rod *rod) { return rod ? rod->node_count : 0; }
+NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod) { return rod ? rod->public_x : NULL; }
+NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod) { return rod ? rod->public_v : NULL; }
+NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod) { return rod ? rod->public_reaction : NULL; }
+NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node)
+{
+    return rod && node >= 0 && node < rod->node_count ? (sb_real)rod->mass[node] : 0;
+}
+NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge)
+{
+    return ndli_rod_has_edge(rod, edge) ? (sb_real)rod->rest_length[edge] : 0;
+}
+NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge)
+{
+    return ndli_rod_has_edge(rod, edge) ? (sb_real)rod->reaction_torque[edge] : 0;
+}
 
 NDL_API ndl_frame ndl_rod_frame(const ndl_rod *rod, int edge)
 {
     ndl_frame frame;
-    ndli_v3 t = rod->tangent[edge], d = rod->director[edge], across = ndli_cross(t, d);
+    ndli_v3 t, d, across;
     double s, c;
+    memset(&frame, 0, sizeof frame);
+    if (!ndli_rod_has_edge(rod, edge))
+        return frame;
+    t = rod->tangent[edge], d = rod->director[edge], across = ndli_cross(t, d);
     sbi_dense_sin_cos(rod->theta[edge], &s, &c);
     frame.m1 = ndli_to(ndli_madd(ndli_scale(c, d), s, across));
     frame.m2 = ndli_to(ndli_madd(ndli_scale(-s, d), c, across));
@@ -3436,6 +3456,8 @@ NDL_API ndl_frame ndl_rod_frame(const ndl_rod *rod, int edge)
 
 NDL_API void ndl_rod_tip(const ndl_rod *rod, sb_vec3 *position, ndl_frame *frame)
 {
+    if (!rod)
+        return;
     if (position)
         *position = rod->public_x[rod->node_count - 1];
     if (frame)
@@ -3445,6 +3467,8 @@ NDL_API void ndl_rod_tip(const ndl_rod *rod, sb_vec3 *position, ndl_frame *frame
 NDL_API void ndl_rod_curvature(const ndl_rod *rod, int node, sb_real curvature[2])
 {
     double w[2];
+    if (!ndli_rod_is_inner(rod, node) || !curvature)
+        return;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     w[0] = ndli_dot(rod->shape.binormal[node], ndli_add(rod->shape.m2[node - 1], rod->shape.m2[node]));
     w[1] = -ndli_dot(rod->shape.binormal[node], ndli_add(rod->shape.m1[node - 1], rod->shape.m1[node]));
@@ -3454,14 +3478,19 @@ NDL_API void ndl_rod_curvature(const ndl_rod *rod, int node, sb_real curvature[2
 
 NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node)
 {
-    return (sb_real)(rod->theta[node] - rod->theta[node - 1]);
+    return ndli_rod_is_inner(rod, node) ? (sb_real)(rod->theta[node] - rod->theta[node - 1]) : 0;
 }
 
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
 {
+    ndl_rod_energy none;
     ndl_rod_energy energy;
     ndli_rod_sums sums;
     double kinetic = 0;
+    if (!rod) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     sums = ndli_rod_shape_energy(rod);
     for (int i = 0; i < rod->node_count; i++)
@@ -3476,6 +3505,8 @@ NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
 
 NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces)
 {
+    if (!rod || !forces)
+        return;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
     ndli_rod_set_damping_shape(rod);
@@ -3486,7 +3517,10 @@ NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces)
 
 NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *torque)
 {
-    ndli_v3 moment = ndli_cross(ndli_sub(rod->x[1], rod->x[0]), rod->reaction[1]);
+    ndli_v3 moment;
+    if (!rod)
+        return;
+    moment = ndli_cross(ndli_sub(rod->x[1], rod->x[0]), rod->reaction[1]);
     if (force)
         *force = ndli_to(ndli_add(rod->reaction[0], rod->reaction[1]));
     if (torque)
@@ -4344,6 +4378,8 @@ NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb
 
 NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge)
 {
+    if (!ndli_rod_has_edge(rod, edge))
+        return 0;
     return (sb_real)-ndli_rod_grip_moment(rod, edge, rod->theta[edge] - rod->anchor[edge]);
 }
 
@@ -5578,6 +5614,8 @@ NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *wor
                                      sb_real *max_dihedral)
 {
     sb_real worst = 1, low = 1, high = -1, degrees = (sb_real)57.295779513082323;
+    if (!tissue)
+        return;
     for (int t = 0; t < tissue->tet_end; t++) {
         if (tissue->tets[4 * (size_t)t] < 0)
             continue;
@@ -5596,6 +5634,8 @@ NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *wor
 NDL_API sb_real ndl_tissue_mesh_volume(const ndl_tissue_mesh *tissue)
 {
     double sum = 0;
+    if (!tissue)
+        return 0;
     for (int t = 0; t < tissue->tet_end; t++)
         if (tissue->tets[4 * (size_t)t] >= 0)
             sum += (double)tissue->volumes[t];
@@ -5605,6 +5645,8 @@ NDL_API sb_real ndl_tissue_mesh_volume(const ndl_tissue_mesh *tissue)
 NDL_API sb_real ndl_tissue_mesh_mass(const ndl_tissue_mesh *tissue)
 {
     double sum = 0;
+    if (!tissue)
+        return 0;
     for (int n = 0; n < tissue->node_end; n++)
         if (tissue->node_flags[n])
             sum += (double)tissue->mass[n];
@@ -5657,6 +5699,8 @@ NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error 
 
 NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
 {
+    if (!tissue)
+        return 0;
     if (tissue->node_count != tissue->original_nodes || tissue->tet_count != tissue->original_tets ||
         tissue->displaced_count)
         return 0;
@@ -10377,7 +10421,7 @@ NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_rea
 
 /* ---- readings ---- */
 
-NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue->mesh.x; }
+NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue ? tissue->mesh.x : NULL; }
 NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions)
 {
     const ndl_tissue_mesh *mesh;
@@ -10396,8 +10440,8 @@ NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec
     return SB_OK;
 }
 
-NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue->mesh.v; }
-NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue->reaction; }
+NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue ? tissue->mesh.v : NULL; }
+NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue ? tissue->reaction : NULL; }
 
 /* V (mu |F - R|^2 + lambda/2 (tr(R^T F) - 3)^2) of a tet. */
 static sb_real ndli_solid_energy(const ndl_tissue *t, int tet)
@@ -10420,9 +10464,12 @@ static sb_real ndli_solid_energy(const ndl_tissue *t, int tet)
 
 NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue)
 {
-    const ndl_tissue_mesh *mesh = &tissue->mesh;
+    const ndl_tissue_mesh *mesh = tissue ? &tissue->mesh : NULL;
     double elastic = 0, kinetic = 0;
     ndl_tissue_energies energies;
+    energies.elastic = energies.kinetic = 0;
+    if (!mesh)
+        return energies;
     for (int e = 0; e < mesh->tet_end; e++)
         if (mesh->tets[4 * (size_t)e] >= 0)
             elastic += (double)ndli_solid_energy(tissue, e);
@@ -10436,8 +10483,10 @@ NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue)
 
 NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue)
 {
-    const ndl_tissue_mesh *mesh = &tissue->mesh;
+    const ndl_tissue_mesh *mesh = tissue ? &tissue->mesh : NULL;
     double sum[3] = {0, 0, 0};
+    if (!mesh)
+        return sb_v3(0, 0, 0);
     for (int i = 0; i < mesh->node_end; i++)
         if (mesh->node_flags[i]) {
             sum[0] += (double)mesh->mass[i] * (double)mesh->v[i].x;
@@ -10452,6 +10501,8 @@ NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
     sb_mat3 k = sb_m3_zero();
     const sb_real *block;
     int place;
+    if (!tissue)
+        return sb_m3_zero();
     if (tissue->broken || !ndli_solid_knows(tissue, i) || !ndli_solid_knows(tissue, j))
         return k;
     place = i == j || tissue->row_count[i] == 0 ? -1 : ndli_solid_find(tissue, i, j);
@@ -11581,16 +11632,29 @@ static ndli_pose ndli_pose_raw(const ndl_tip_pose *tip)
     return pose;
 }
 
+static ndl_tip_pose ndli_pose_none(void)
+{
+    ndl_tip_pose none;
+    memset(&none, 0, sizeof none);
+    return none;
+}
+
 NDL_API ndl_tip_pose ndl_helix_pose(const ndl_tip_pose *start, sb_real curvature, sb_real twist, sb_real length)
 {
-    ndli_pose pose = ndli_pose_raw(start);
+    ndli_pose pose;
+    if (!start)
+        return ndli_pose_none();
+    pose = ndli_pose_raw(start);
     pose = ndli_pose_helix(&pose, (double)curvature, (double)twist, (double)length);
     return ndli_pose_write(&pose);
 }
 
 NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle)
 {
-    ndli_pose pose = ndli_pose_raw(start);
+    ndli_pose pose;
+    if (!start)
+        return ndli_pose_none();
+    pose = ndli_pose_raw(start);
     pose = ndli_pose_turn(&pose, (double)angle);
     return ndli_pose_write(&pose);
 }
@@ -11713,11 +11777,13 @@ static double ndli_obstacle_distance(const ndl_obstacle *o, ndli_v3 p)
         return ndli_distance_capsule(o, p);
     if (o->kind == NDL_OBSTACLE_CYLINDER)
         return ndli_distance_cylinder(o, p);
-    return ndli_distance_shape(o->shape, p);
+    return o->kind == NDL_OBSTACLE_SHAPE && o->shape ? ndli_distance_shape(o->shape, p) : (double)SB_REAL_MAX;
 }
 
 NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point)
 {
+    if (!obstacle)
+        return SB_REAL_MAX;
     return (sb_real)ndli_obstacle_distance(obstacle, ndli_from(point));
 }
 
@@ -12383,8 +12449,13 @@ NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip
 
 NDL_API ndl_tip_pose ndl_plan_pose(const ndl_plan *plan, sb_real curvature, const ndl_tip_pose *tip, sb_real length)
 {
+    ndl_tip_pose none;
     ndli_pose pose;
     double left = (double)length;
+    if (!plan || !tip) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     pose.p = ndli_from(tip->position);
     pose.m1 = ndli_from(tip->frame.m1);
     pose.m2 = ndli_from(tip->frame.m2);
@@ -15471,12 +15542,16 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
 
 /* ---- readings ---- */
 
-NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle->rod; }
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
 
 NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
 {
     ndl_tip_pose pose;
-    ndli_v3 t, ahead = ndli_needle_heading(needle);
+    ndli_v3 t, ahead;
+    memset(&pose, 0, sizeof pose);
+    if (!needle)
+        return pose;
+    ahead = ndli_needle_heading(needle);
     ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
     t = ndli_from(pose.frame.t);
     pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
@@ -15487,13 +15562,15 @@ NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
 
 NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
 {
+    if (!needle)
+        return;
     if (force)
         *force = ndli_to(needle->base_force);
     if (torque)
         *torque = ndli_to(needle->base_torque);
 }
 
-NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle->line.first; }
+NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
 
 static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
 {
@@ -15502,33 +15579,46 @@ static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
 
 NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
 {
+    if (!needle)
+        return 0;
     return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
 }
 
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
 {
+    ndl_contact none;
+    if (!needle) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
 }
 
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
 {
+    if (!needle)
+        return sb_v3(0, 0, 0);
     return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
 }
 
 NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
 {
     double sum = 0;
+    if (!needle)
+        return 0;
     for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
         sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
     return (sb_real)sum;
 }
 
-NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return (sb_real)needle->fed; }
-NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return (sb_real)needle->advance; }
-NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return (sb_real)needle->line.cutting; }
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
 
 NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 {
+    if (!needle)
+        return 0;
     if (needle->line.count == 0)
         return 0;
     if (needle->shallow)

@@ -1239,12 +1239,19 @@ REG_API reg_rigid reg_rigid_identity(void)
 
 REG_API sb_vec3 reg_rigid_apply(const reg_rigid *motion, sb_vec3 point)
 {
+    if (!motion)
+        return sb_v3(0, 0, 0);
     return sb_v3_add(sb_m3_apply(motion->rotation, point), motion->translation);
 }
 
 REG_API reg_rigid reg_rigid_compose(const reg_rigid *then, const reg_rigid *first)
 {
+    reg_rigid none;
     reg_rigid motion;
+    if (!then || !first) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     motion.rotation = sb_m3_mul(then->rotation, first->rotation);
     motion.translation = reg_rigid_apply(then, first->translation);
     return motion;
@@ -1252,7 +1259,12 @@ REG_API reg_rigid reg_rigid_compose(const reg_rigid *then, const reg_rigid *firs
 
 REG_API reg_rigid reg_rigid_inverse(const reg_rigid *motion)
 {
+    reg_rigid none;
     reg_rigid inverse;
+    if (!motion) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     inverse.rotation = sb_m3_transpose(motion->rotation);
     inverse.translation = sb_v3_scale(-1, sb_m3_apply(inverse.rotation, motion->translation));
     return inverse;
@@ -1261,8 +1273,11 @@ REG_API reg_rigid reg_rigid_inverse(const reg_rigid *motion)
 /* The axis times 2 sin, and 1 + 2 cos: together they tell small angles and such near pi alike. */
 REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
 {
-    const sb_mat3 *r = &motion->rotation;
-    sb_vec3 axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
+    const sb_mat3 *r = motion ? &motion->rotation : NULL;
+    sb_vec3 axis;
+    if (!r)
+        return 0;
+    axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
     return (sb_real)atan2((double)sb_v3_norm(axis), (double)(r->m[0][0] + r->m[1][1] + r->m[2][2] - 1));
 }
 
@@ -1288,7 +1303,8 @@ static sb_result regi_rigid_check(const sb_vec3 *from, const sb_vec3 *to, const 
 REG_API sb_result reg_rigid_fit(const sb_vec3 *from, const sb_vec3 *to, const sb_real *weights, int count,
                                 reg_rigid *motion, sb_error *error)
 {
-    sb_result result = regi_rigid_check(from, to, weights, count, error);
+    sb_result result = motion ? regi_rigid_check(from, to, weights, count, error)
+                              : sbi_fail(error, SB_ERROR_ARGUMENT, "reg_rigid_fit needs a place for the motion");
     sb_vec3 mean_from = sb_v3(0, 0, 0), mean_to = mean_from, stretches;
     sb_mat3 spread = sb_m3_zero(), u, v;
     sb_real total = 0;
@@ -3429,6 +3445,8 @@ static int regi_field_closest_point(const reg_field *field, sb_vec3 point, reg_f
 
 REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
 {
+    if (!field || !hit)
+        return 0;
     return field->tree ? regi_field_closest_point(field, point, hit)
                        : regi_field_closest_triangle(field, point, guess, hit);
 }
@@ -3614,6 +3632,8 @@ REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_re
 {
     reg_field_hit hit;
     sb_vec3 slope = sb_v3(0, 0, 0);
+    if (!field || !phi)
+        return 0;
     if (field->kind == REG_FIELD_LAPLACE) {
         if (!sb_v3_is_finite(point))
             return 0;
@@ -3635,6 +3655,8 @@ REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direc
 {
     sb_real half = (sb_real)0.5 * step, before, after, phi;
     sb_vec3 slope_before, slope_after;
+    if (!field || !sample)
+        return 0;
     if (!reg_field_at(field, point, guess, &phi, NULL) ||
         !reg_field_at(field, sb_v3_madd(point, -half, direction), guess, &before, &slope_before) ||
         !reg_field_at(field, sb_v3_madd(point, half, direction), guess, &after, &slope_after))
@@ -3647,6 +3669,8 @@ REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direc
 
 REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high)
 {
+    if (!field || !low || !high)
+        return;
     *low = field->low;
     *high = field->high;
 }
@@ -3660,7 +3684,7 @@ REGI_API int regi_field_is_open(const reg_field *field)
     return field->tree != NULL;
 }
 
-REG_API int reg_field_sweeps(const reg_field *field) { return field->grid.sweeps; }
+REG_API int reg_field_sweeps(const reg_field *field) { return field ? field->grid.sweeps : 0; }
 
 /* ==== src/register/icp.c ==== */
 /* icp: pairs, fits, the iteration, and the search for a start.
@@ -5981,15 +6005,27 @@ REG_API void reg_cpd_destroy(reg_cpd *fit)
     sbi_free(&allocator, fit);
 }
 
-REG_API reg_cpd_info reg_cpd_get_info(const reg_cpd *fit) { return fit->info; }
-REG_API const sb_vec3 *reg_cpd_moved(const reg_cpd *fit) { return fit->moved; }
-REG_API const int *reg_cpd_partners(const reg_cpd *fit) { return fit->partners; }
-REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit) { return fit->probabilities; }
+REG_API reg_cpd_info reg_cpd_get_info(const reg_cpd *fit)
+{
+    reg_cpd_info none;
+    if (!fit) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return fit->info;
+}
+REG_API const sb_vec3 *reg_cpd_moved(const reg_cpd *fit) { return fit ? fit->moved : NULL; }
+REG_API const int *reg_cpd_partners(const reg_cpd *fit) { return fit ? fit->partners : NULL; }
+REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit) { return fit ? fit->probabilities : NULL; }
 
 REG_API void reg_cpd_linear(const reg_cpd *fit, sb_mat3 *linear, sb_vec3 *translation)
 {
-    const regi_cpd_frame *from = &fit->source, *to = &fit->target;
-    double ratio = to->unit / from->unit * (to->size / from->size), at[3];
+    const regi_cpd_frame *from, *to;
+    double ratio, at[3];
+    if (!fit || !linear || !translation)
+        return;
+    from = &fit->source, to = &fit->target;
+    ratio = to->unit / from->unit * (to->size / from->size);
     for (int j = 0; j < 3; j++) {
         at[j] = to->mean[j] + to->size * fit->map.shift[j]; /* in units of the target */
         for (int k = 0; k < 3; k++) {
@@ -6534,7 +6570,10 @@ REG_API void reg_match_destroy(reg_match *match)
 
 REG_API void reg_match_restart(reg_match *match)
 {
-    double seconds = match->info.seconds;
+    double seconds;
+    if (!match)
+        return;
+    seconds = match->info.seconds;
     memset(&match->info, 0, sizeof match->info);
     match->info.seconds = seconds;
     match->info.charge = match->first_charge;
@@ -6567,15 +6606,25 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
 
 REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points)
 {
+    if (!match || !points)
+        return;
     for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++)
         points[match->charges[i].index] = regi_match_point(match, i);
 }
 
-REG_API const sb_body *reg_match_body(const reg_match *match) { return match->body; }
+REG_API const sb_body *reg_match_body(const reg_match *match) { return match ? match->body : NULL; }
 
-REG_API reg_match_info reg_match_get_info(const reg_match *match) { return match->info; }
+REG_API reg_match_info reg_match_get_info(const reg_match *match)
+{
+    reg_match_info none;
+    if (!match) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return match->info;
+}
 
-REG_API int reg_match_sample_count(const reg_match *match) { return match->charge_count; }
+REG_API int reg_match_sample_count(const reg_match *match) { return match ? match->charge_count : 0; }
 
 REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_match_sample *sample)
 {
@@ -7765,7 +7814,10 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp)
 
 REG_API void reg_nicp_restart(reg_nicp *nicp)
 {
-    double seconds = nicp->info.seconds;
+    double seconds;
+    if (!nicp)
+        return;
+    seconds = nicp->info.seconds;
     memset(&nicp->info, 0, sizeof nicp->info);
     nicp->info.seconds = seconds;
     nicp->info.error.element = nicp->info.error.node = -1;
@@ -7794,19 +7846,34 @@ REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets
 
 REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points)
 {
+    if (!nicp || !points)
+        return;
     if (nicp->landmark_count)
         regi_nicp_points(nicp, &nicp->landmark_rows, points);
 }
 
-REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp) { return nicp->body; }
+REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp) { return nicp ? nicp->body : NULL; }
 
-REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp) { return nicp->info; }
+REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp)
+{
+    reg_nicp_info none;
+    if (!nicp) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return nicp->info;
+}
 
-REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp->vertex_count; }
+REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp ? nicp->vertex_count : 0; }
 
-REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points) { regi_nicp_points(nicp, &nicp->rows, points); }
+REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points)
+{
+    if (!nicp || !points)
+        return;
+    regi_nicp_points(nicp, &nicp->rows, points);
+}
 
-REG_API int reg_nicp_source_count(const reg_nicp *nicp) { return nicp->source_count; }
+REG_API int reg_nicp_source_count(const reg_nicp *nicp) { return nicp ? nicp->source_count : 0; }
 
 REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_source *source)
 {

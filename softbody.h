@@ -741,7 +741,9 @@ typedef SB_REAL sb_real;
 #endif
 
 /* ---- results and errors ------------------------------------------------------------------------------
- * Every call that can fail returns an sb_result and leaves its outputs untouched on failure. */
+ * Every call that can fail returns an sb_result and leaves its outputs untouched on failure. Calls that return
+ * something else give 0, NULL or a struct of zeros for an object that is NULL and for an index that is not there; those
+ * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as given. */
 typedef enum sb_result {
     SB_OK = 0,
     SB_ERROR_MEMORY = -1,        /* the allocator returned NULL, or a size does not fit size_t */
@@ -778,7 +780,7 @@ SB_API const char *sb_result_string(sb_result result);
 
 /* ---- memory -------------------------------------------------------------------------------------------
  * alloc returns at least `bytes` bytes aligned for any scalar type, or NULL; release accepts NULL. An
- * allocator of zeros ({0}) means malloc and free. */
+ * allocator of zeros ({0}), or without one of the two functions, means malloc and free. */
 typedef struct sb_allocator {
     void *(*alloc)(void *user, size_t bytes);
     void (*release)(void *user, void *pointer);
@@ -2462,6 +2464,8 @@ typedef struct sb_mesh {
 /* Nodes per element: the width of mesh->elements; 0 for an unknown type, or SB_CUSTOM without a table. */
 SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
 {
+    if (!mesh)
+        return 0;
     if (mesh->element_type == SB_CUSTOM)
         return mesh->table ? mesh->table->node_count : 0;
     return sb_element_node_count(mesh->element_type);
@@ -4450,7 +4454,7 @@ typedef enum sb_integration {
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
 
-/* Releases the arrays and leaves zeros; {0} is fine. */
+/* Releases the arrays and leaves zeros; {0} and NULL are fine. */
 SB_API void sb_domain_free(sb_domain *domain);
 
 /* Mass matrices of an element at unit density. */
@@ -4893,7 +4897,7 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
 #define SB_BODY_H
 
 
-/* Functions that return an sb_result refuse a NULL body; the others need one. */
+/* Functions that return an sb_result refuse a NULL body; the others give 0, NULL or zeros for one, or do nothing. */
 typedef struct sb_body sb_body;
 
 /* Means "let the library choose" where a def or an option says so. */
@@ -6237,6 +6241,12 @@ SBI_API int sbi_size_add(size_t *total, size_t count, size_t size)
     return 1;
 }
 
+/* One that lacks a function is no allocator: memory is malloc's then, and free's. */
+static int sbi_allocator_is_whole(const sb_allocator *allocator)
+{
+    return allocator && allocator->alloc && allocator->release;
+}
+
 SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size)
 {
     size_t bytes = 0;
@@ -6244,7 +6254,7 @@ SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size
         return NULL;
     if (bytes == 0)
         bytes = 1;
-    if (allocator && allocator->alloc)
+    if (sbi_allocator_is_whole(allocator))
         return allocator->alloc(allocator->user, bytes);
     return malloc(bytes);
 }
@@ -6261,7 +6271,7 @@ SBI_API void sbi_free(const sb_allocator *allocator, void *pointer)
 {
     if (!pointer)
         return;
-    if (allocator && allocator->alloc)
+    if (sbi_allocator_is_whole(allocator))
         allocator->release(allocator->user, pointer);
     else
         free(pointer);
@@ -6862,6 +6872,8 @@ static sb_element_type sbi_element_face_type(sb_element_type type)
 SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
                            sb_element_type *face_type)
 {
+    if (!nodes)
+        return 0;
     if (face < 0 || face >= sb_element_face_count(type))
         return 0;
     sb_element_type of_face = sbi_element_face_type(type);
@@ -6875,6 +6887,8 @@ SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE
 
 SB_API int sb_element_edge(sb_element_type type, int edge, int nodes[3])
 {
+    if (!nodes)
+        return 0;
     if (edge < 0 || edge >= sb_element_edge_count(type))
         return 0;
     int corners = sb_element_corner_count(type);
@@ -6919,6 +6933,8 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
 {
     int corners = sb_element_corner_count(type), at[3];
     int ends[3] = {node, node, -1};
+    if (!xi)
+        return 0;
     if (node < 0 || node >= sb_element_node_count(type))
         return 0;
     if (sbi_element_is_box(type)) {
@@ -7042,6 +7058,8 @@ static void sbi_element_shape_serendipity(sb_element_type type, const sb_real xi
 SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
                              sb_real (*gradient)[3])
 {
+    if (!xi)
+        return;
     if (type == SB_HEX8 || type == SB_QUAD4)
         sbi_element_shape_box(sb_element_dimension(type), xi, shape, gradient);
     else if (type == SB_HEX20 || type == SB_QUAD8)
@@ -7178,6 +7196,8 @@ SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
 {
     int dimension = sb_element_dimension(type), tet_points = sbi_element_tet_points(type, kind);
     sbi_element_rule rule;
+    if (!points || !weights)
+        return 0;
     rule.points = points;
     rule.weights = weights;
     rule.count = 0;
@@ -8428,6 +8448,8 @@ SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh)
 
 SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
 {
+    if (!low || !high)
+        return;
     *low = *high = sb_v3(0, 0, 0);
     if (mesh && mesh->nodes)
         sbi_mesh_finite_bounds(mesh, low, high);
@@ -8554,7 +8576,8 @@ SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_re
 {
     const sb_real degrees = (sb_real)57.295779513082321;
     sb_real sharp = -1, blunt = 1;
-    int is_tet = mesh && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10) && mesh->element_count > 0;
+    int is_tet = mesh && mesh->nodes && mesh->elements &&
+                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
     for (int e = 0; is_tet && e < mesh->element_count; e++) {
         const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
         sb_vec3 corners[4];
@@ -23962,17 +23985,24 @@ SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_
 
 SB_API sb_real sb_material_bulk(const sb_material *material)
 {
+    if (!material)
+        return 0;
     return material->lambda + 2 * material->mu / 3;
 }
 
 SB_API sb_real sb_material_young(const sb_material *material)
 {
-    sb_real lambda = material->lambda, mu = material->mu;
+    sb_real lambda, mu;
+    if (!material)
+        return 0;
+    lambda = material->lambda, mu = material->mu;
     return mu * (3 * lambda + 2 * mu) / (lambda + mu);
 }
 
 SB_API sb_real sb_material_poisson(const sb_material *material)
 {
+    if (!material)
+        return 0;
     return material->lambda / (2 * (material->lambda + material->mu));
 }
 
@@ -24364,6 +24394,8 @@ SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
 
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P)
 {
+    if (!material)
+        return sb_m3_zero();
     return material->model == SB_LINEAR ? P : sb_cauchy_stress(F, P);
 }
 
@@ -24488,6 +24520,8 @@ SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, con
 SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 {
     sb_real left = 1;
+    if (!material)
+        return 0;
     for (int i = 0; i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS) && time > 0; i++)
         left -= material->prony_g[i] * (1 - sb_exp(-time / material->prony_tau[i]));
     return left;
@@ -25645,6 +25679,8 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
 
 SB_API void sb_matrix_clear(sb_matrix *matrix)
 {
+    if (!matrix)
+        return;
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     memset(matrix->fixed, 0, (size_t)matrix->row_count);
 }
@@ -25652,6 +25688,8 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
 {
     int low, high;
+    if (!matrix)
+        return 0;
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
@@ -25753,6 +25791,8 @@ static void sbi_sparse_multiply_task(void *user, int chunk)
 SB_API void sb_matrix_multiply(const sb_matrix *matrix, const sb_real *x, sb_real *y, const sb_jobs *jobs)
 {
     sbi_sparse_product product;
+    if (!matrix || !x || !y)
+        return;
     product.matrix = matrix;
     product.x = x;
     product.y = y;
@@ -25762,6 +25802,8 @@ SB_API void sb_matrix_multiply(const sb_matrix *matrix, const sb_real *x, sb_rea
 SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
 {
     sb_real largest = 0, difference = 0;
+    if (!matrix)
+        return 0;
     for (int q = 0; q < matrix->block_count; q++) {
         const sb_real *a = matrix->blocks[q], *b = matrix->blocks[matrix->transpose[q]];
         for (int r = 0; r < 3; r++)
@@ -25831,6 +25873,8 @@ SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigne
 
 SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
 {
+    if (!matrix)
+        return 0;
     return sbi_matrix_diagonal_scale(matrix, mask, NULL);
 }
 
@@ -25897,6 +25941,8 @@ SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, 
 SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
                                 sb_real *rhs)
 {
+    if (!matrix || !mask)
+        return;
     sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
 }
 
@@ -27052,7 +27098,15 @@ SB_API void sb_direct_free(sb_direct *direct)
     sbi_free(&allocator, direct);
 }
 
-SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct) { return direct->info; }
+SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct)
+{
+    sb_direct_info none;
+    if (!direct) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return direct->info;
+}
 
 /* ---- factoring ---- */
 
@@ -31905,6 +31959,8 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_
 SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z)
 {
     sb_real largest = 0;
+    if (!preconditioner || !r || !z)
+        return;
     for (size_t k = 0; k < 3 * (size_t)preconditioner->row_count; k++) {
         sb_real size = r[k] < 0 ? -r[k] : r[k];
         largest = size > largest ? size : largest;
@@ -32395,7 +32451,12 @@ SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
 
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
 {
+    sb_preconditioner_info none;
     sb_preconditioner_info info;
+    if (!preconditioner) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     info.kind = preconditioner->kind;
     info.piece_count = preconditioner->coarse.piece_count;
     info.attempts = preconditioner->attempts;
@@ -33713,6 +33774,8 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner)
 {
     sbi_precond_walk walk;
+    if (!preconditioner)
+        return 0;
     if (preconditioner->kind == SB_PRECOND_MULTIGRID)
         return 0;
     memset(&walk, 0, sizeof walk);
@@ -34567,7 +34630,10 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
 
 SB_API void sb_domain_free(sb_domain *domain)
 {
-    sb_allocator allocator = domain->allocator;
+    sb_allocator allocator;
+    if (!domain)
+        return;
+    allocator = domain->allocator;
     sbi_free(&allocator, domain->cells);
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
@@ -34736,6 +34802,8 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
+    if ((int)integration < SB_INTEGRATION_AUTO || (int)integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "integration is %d, which is none", (int)integration);
     if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
                         sb_element_name(mesh->element_type));
@@ -35004,6 +35072,8 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
 
 SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
 {
+    if (!mapping || !x || !out)
+        return;
     for (int j = 0; j < mapping->row_count; j++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
@@ -35014,6 +35084,8 @@ SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec
 
 SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
 {
+    if (!mapping || !f || !forces)
+        return;
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
             sb_vec3 *force = forces + mapping->nodes[k];
@@ -36346,7 +36418,9 @@ SB_API sb_result sb_grid_map_surface(const sb_grid *grid, const sb_mesh *surface
 
 SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces)
 {
-    const sb_mapping *mapping = &rows->rows;
+    const sb_mapping *mapping = rows ? &rows->rows : NULL;
+    if (!mapping || !tractions || !forces)
+        return;
     for (int j = 0; j < mapping->row_count && rows->areas; j++)
         for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
             sb_vec3 *force = forces + mapping->nodes[k];
@@ -40472,14 +40546,19 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 
 /* ---- sizes ---- */
 
-SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
-SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
-SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
+SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
+SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
+SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
 SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
 {
+    sb_preconditioner_info none;
+    if (!body) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
 
 /* ---- properties ---- */
 
@@ -40750,15 +40829,15 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
     return SB_OK;
 }
 
-SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body->fixed; }
+SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
 
 /* ---- state ---- */
 
-SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body->position; }
-SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body->displacement; }
-SB_API const sb_vec3 *sb_body_velocities(const sb_body *body) { return body->velocity; }
-SB_API const sb_vec3 *sb_body_reactions(const sb_body *body) { return body->reaction; }
-SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body) { return body->external; }
+SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body ? body->position : NULL; }
+SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body ? body->displacement : NULL; }
+SB_API const sb_vec3 *sb_body_velocities(const sb_body *body) { return body ? body->velocity : NULL; }
+SB_API const sb_vec3 *sb_body_reactions(const sb_body *body) { return body ? body->reaction : NULL; }
+SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body) { return body ? body->external : NULL; }
 
 static int sbi_body_all_finite(const sb_vec3 *values, int count)
 {
@@ -40814,7 +40893,9 @@ static void sbi_body_reset_load(sbi_load *load)
 
 SB_API void sb_body_reset(sb_body *body)
 {
-    size_t bytes = (size_t)body->domain.node_count * sizeof(sb_vec3);
+    size_t bytes = (size_t)sb_body_node_count(body) * sizeof(sb_vec3);
+    if (!body)
+        return;
     memset(body->displacement, 0, bytes);
     memset(body->velocity, 0, bytes);
     memset(body->acceleration, 0, bytes);
@@ -40923,6 +41004,8 @@ SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_
 SB_API sb_real sb_body_mass(const sb_body *body)
 {
     sb_real sum = 0;
+    if (!body)
+        return 0;
     for (int i = 0; i < body->domain.node_count; i++)
         sum += body->lumped_mass[i];
     return sum;
@@ -40931,6 +41014,8 @@ SB_API sb_real sb_body_mass(const sb_body *body)
 SB_API sb_vec3 sb_body_momentum(const sb_body *body)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
+    if (!body)
+        return sb_v3(0, 0, 0);
     for (int i = 0; i < body->domain.node_count; i++)
         sum = sb_v3_madd(sum, body->mass_blocks ? body->load_mass[i] : body->lumped_mass[i], body->velocity[i]);
     return sum;
@@ -41003,14 +41088,20 @@ static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 {
+    if (!body || !values)
+        return;
     for (int e = 0; e < body->domain.cell_count; e++)
         values[e] = sbi_body_element_von_mises(body, e);
 }
 
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
-    const sb_domain *domain = &body->domain;
-    const sb_index_lists *lists = &body->node_elements;
+    const sb_domain *domain;
+    const sb_index_lists *lists;
+    if (!body || !values)
+        return;
+    domain = &body->domain;
+    lists = &body->node_elements;
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
@@ -41095,6 +41186,8 @@ static void sbi_body_turn_task(void *user, int chunk)
 SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
 {
     sbi_body_turning turning;
+    if (!body || !rotations)
+        return;
     turning.rows[0] = body->work;
     turning.rows[1] = body->work2;
     turning.rows[2] = body->rhs;
@@ -41520,6 +41613,8 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
 
 SB_API void sb_body_clear_loads(sb_body *body)
 {
+    if (!body)
+        return;
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
@@ -45353,6 +45448,8 @@ SB_API sb_result sb_body_remove_constraint(sb_body *body, int id, sb_error *erro
 
 SB_API void sb_body_clear_constraints(sb_body *body)
 {
+    if (!body)
+        return;
     if (!body->elimination)
         return;
     sbi_elimination_free(body->elimination);
@@ -45363,6 +45460,8 @@ SB_API void sb_body_clear_constraints(sb_body *body)
 
 SB_API int sb_body_constraint_count(const sb_body *body)
 {
+    if (!body)
+        return 0;
     return body->elimination ? body->elimination->equations.count : 0;
 }
 
@@ -49931,7 +50030,12 @@ SB_API void sb_recording_destroy(sb_recording *recording)
 
 SB_API sb_recording_info sb_recording_get_info(const sb_recording *recording)
 {
+    sb_recording_info none;
     sb_recording_info info;
+    if (!recording) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     info.commands = recording->commands;
     info.steps = recording->steps;
     info.complete = !recording->incomplete;

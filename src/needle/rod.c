@@ -27,9 +27,13 @@ NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section 
 NDL_API ndl_rod_stiffness ndl_rod_stiffness_of(const ndl_rod_section *section)
 {
     ndl_rod_stiffness stiffness;
-    double r2 = (double)section->radius * (double)section->radius;
-    double i2 = (double)section->inner_radius * (double)section->inner_radius, area = ndli_rod_pi * (r2 - i2);
-    double bending = 0.25 * (double)section->young * ndli_rod_pi * (r2 * r2 - i2 * i2);
+    double r2, i2, area, bending;
+    memset(&stiffness, 0, sizeof stiffness);
+    if (!section)
+        return stiffness;
+    r2 = (double)section->radius * (double)section->radius;
+    i2 = (double)section->inner_radius * (double)section->inner_radius, area = ndli_rod_pi * (r2 - i2);
+    bending = 0.25 * (double)section->young * ndli_rod_pi * (r2 * r2 - i2 * i2);
     stiffness.stretch = (sb_real)((double)section->young * area);
     stiffness.bending[0] = stiffness.bending[1] = (sb_real)bending;
     stiffness.twist = (sb_real)(bending / (1 + (double)section->poisson));
@@ -401,7 +405,6 @@ NDLI_API void ndli_rod_rest_changed(ndl_rod *rod)
 /* ---- supports and loads ---- */
 
 static int ndli_rod_has_node(const ndl_rod *rod, int node) { return node >= 0 && node < rod->node_count; }
-static int ndli_rod_has_edge(const ndl_rod *rod, int edge) { return edge >= 0 && edge < rod->node_count - 1; }
 
 /* Where a new support or load begins the energy may become another. */
 static void ndli_rod_touched(ndl_rod *rod) { rod->ledger_open = 0; }
@@ -788,19 +791,32 @@ NDL_API sb_result ndl_rod_feed(ndl_rod *rod, sb_real length)
 
 /* ---- readings ---- */
 
-NDL_API int ndl_rod_node_count(const ndl_rod *rod) { return rod->node_count; }
-NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod) { return rod->public_x; }
-NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod) { return rod->public_v; }
-NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod) { return rod->public_reaction; }
-NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node) { return (sb_real)rod->mass[node]; }
-NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge) { return (sb_real)rod->rest_length[edge]; }
-NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge) { return (sb_real)rod->reaction_torque[edge]; }
+NDL_API int ndl_rod_node_count(const ndl_rod *rod) { return rod ? rod->node_count : 0; }
+NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod) { return rod ? rod->public_x : NULL; }
+NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod) { return rod ? rod->public_v : NULL; }
+NDL_API const sb_vec3 *ndl_rod_reactions(const ndl_rod *rod) { return rod ? rod->public_reaction : NULL; }
+NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node)
+{
+    return rod && node >= 0 && node < rod->node_count ? (sb_real)rod->mass[node] : 0;
+}
+NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge)
+{
+    return ndli_rod_has_edge(rod, edge) ? (sb_real)rod->rest_length[edge] : 0;
+}
+NDL_API sb_real ndl_rod_reaction_torque(const ndl_rod *rod, int edge)
+{
+    return ndli_rod_has_edge(rod, edge) ? (sb_real)rod->reaction_torque[edge] : 0;
+}
 
 NDL_API ndl_frame ndl_rod_frame(const ndl_rod *rod, int edge)
 {
     ndl_frame frame;
-    ndli_v3 t = rod->tangent[edge], d = rod->director[edge], across = ndli_cross(t, d);
+    ndli_v3 t, d, across;
     double s, c;
+    memset(&frame, 0, sizeof frame);
+    if (!ndli_rod_has_edge(rod, edge))
+        return frame;
+    t = rod->tangent[edge], d = rod->director[edge], across = ndli_cross(t, d);
     sbi_dense_sin_cos(rod->theta[edge], &s, &c);
     frame.m1 = ndli_to(ndli_madd(ndli_scale(c, d), s, across));
     frame.m2 = ndli_to(ndli_madd(ndli_scale(-s, d), c, across));
@@ -810,6 +826,8 @@ NDL_API ndl_frame ndl_rod_frame(const ndl_rod *rod, int edge)
 
 NDL_API void ndl_rod_tip(const ndl_rod *rod, sb_vec3 *position, ndl_frame *frame)
 {
+    if (!rod)
+        return;
     if (position)
         *position = rod->public_x[rod->node_count - 1];
     if (frame)
@@ -819,6 +837,8 @@ NDL_API void ndl_rod_tip(const ndl_rod *rod, sb_vec3 *position, ndl_frame *frame
 NDL_API void ndl_rod_curvature(const ndl_rod *rod, int node, sb_real curvature[2])
 {
     double w[2];
+    if (!ndli_rod_is_inner(rod, node) || !curvature)
+        return;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     w[0] = ndli_dot(rod->shape.binormal[node], ndli_add(rod->shape.m2[node - 1], rod->shape.m2[node]));
     w[1] = -ndli_dot(rod->shape.binormal[node], ndli_add(rod->shape.m1[node - 1], rod->shape.m1[node]));
@@ -828,14 +848,19 @@ NDL_API void ndl_rod_curvature(const ndl_rod *rod, int node, sb_real curvature[2
 
 NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node)
 {
-    return (sb_real)(rod->theta[node] - rod->theta[node - 1]);
+    return ndli_rod_is_inner(rod, node) ? (sb_real)(rod->theta[node] - rod->theta[node - 1]) : 0;
 }
 
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
 {
+    ndl_rod_energy none;
     ndl_rod_energy energy;
     ndli_rod_sums sums;
     double kinetic = 0;
+    if (!rod) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     sums = ndli_rod_shape_energy(rod);
     for (int i = 0; i < rod->node_count; i++)
@@ -850,6 +875,8 @@ NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod)
 
 NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces)
 {
+    if (!rod || !forces)
+        return;
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     ndli_rod_derivatives(rod, 0, rod->gradient, rod->turn_gradient, NULL);
     ndli_rod_set_damping_shape(rod);
@@ -860,7 +887,10 @@ NDL_API void ndl_rod_forces(ndl_rod *rod, sb_vec3 *forces)
 
 NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *torque)
 {
-    ndli_v3 moment = ndli_cross(ndli_sub(rod->x[1], rod->x[0]), rod->reaction[1]);
+    ndli_v3 moment;
+    if (!rod)
+        return;
+    moment = ndli_cross(ndli_sub(rod->x[1], rod->x[0]), rod->reaction[1]);
     if (force)
         *force = ndli_to(ndli_add(rod->reaction[0], rod->reaction[1]));
     if (torque)

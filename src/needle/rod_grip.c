@@ -85,6 +85,8 @@ NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb
 
 NDL_API sb_real ndl_rod_grip_torque(const ndl_rod *rod, int edge)
 {
+    if (!ndli_rod_has_edge(rod, edge))
+        return 0;
     return (sb_real)-ndli_rod_grip_moment(rod, edge, rod->theta[edge] - rod->anchor[edge]);
 }
 

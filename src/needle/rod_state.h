@@ -112,6 +112,9 @@ enum {
 /* ---- rod_force ---- */
 
 SB_INLINE int ndli_rod_edges(const ndl_rod *rod) { return rod->node_count - 1; }
+SB_INLINE int ndli_rod_has_edge(const ndl_rod *rod, int edge) { return rod && edge >= 0 && edge < ndli_rod_edges(rod); }
+/* Nodes between two edges, which have a curvature. */
+SB_INLINE int ndli_rod_is_inner(const ndl_rod *rod, int node) { return node > 0 && ndli_rod_has_edge(rod, node); }
 /* Largest distance of a node from the origin (m): what positions are rounded by. */
 NDLI_API double ndli_rod_reach(const ndl_rod *rod);
 /* Parallel transport of v from the unit tangent p to the unit tangent q, not opposite to it. */

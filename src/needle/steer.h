@@ -87,7 +87,8 @@ typedef struct ndl_obstacle {
 } ndl_obstacle;
 
 /* Distance (m) of a point from an obstacle, negative inside; for functions of slopes up to max_slope their value
- * divided by it: never more than the distance. The obstacle must be valid (ndl_plan_make says). */
+ * divided by it: never more than the distance. SB_REAL_MAX for NULL or a kind that is none; what
+ * else is wrong with an obstacle ndl_plan_make says. */
 NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point);
 
 /* ---- plans ---- */

@@ -144,16 +144,29 @@ static ndli_pose ndli_pose_raw(const ndl_tip_pose *tip)
     return pose;
 }
 
+static ndl_tip_pose ndli_pose_none(void)
+{
+    ndl_tip_pose none;
+    memset(&none, 0, sizeof none);
+    return none;
+}
+
 NDL_API ndl_tip_pose ndl_helix_pose(const ndl_tip_pose *start, sb_real curvature, sb_real twist, sb_real length)
 {
-    ndli_pose pose = ndli_pose_raw(start);
+    ndli_pose pose;
+    if (!start)
+        return ndli_pose_none();
+    pose = ndli_pose_raw(start);
     pose = ndli_pose_helix(&pose, (double)curvature, (double)twist, (double)length);
     return ndli_pose_write(&pose);
 }
 
 NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle)
 {
-    ndli_pose pose = ndli_pose_raw(start);
+    ndli_pose pose;
+    if (!start)
+        return ndli_pose_none();
+    pose = ndli_pose_raw(start);
     pose = ndli_pose_turn(&pose, (double)angle);
     return ndli_pose_write(&pose);
 }
@@ -276,11 +289,13 @@ static double ndli_obstacle_distance(const ndl_obstacle *o, ndli_v3 p)
         return ndli_distance_capsule(o, p);
     if (o->kind == NDL_OBSTACLE_CYLINDER)
         return ndli_distance_cylinder(o, p);
-    return ndli_distance_shape(o->shape, p);
+    return o->kind == NDL_OBSTACLE_SHAPE && o->shape ? ndli_distance_shape(o->shape, p) : (double)SB_REAL_MAX;
 }
 
 NDL_API sb_real ndl_obstacle_distance(const ndl_obstacle *obstacle, sb_vec3 point)
 {
+    if (!obstacle)
+        return SB_REAL_MAX;
     return (sb_real)ndli_obstacle_distance(obstacle, ndli_from(point));
 }
 

@@ -621,8 +621,13 @@ NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip
 
 NDL_API ndl_tip_pose ndl_plan_pose(const ndl_plan *plan, sb_real curvature, const ndl_tip_pose *tip, sb_real length)
 {
+    ndl_tip_pose none;
     ndli_pose pose;
     double left = (double)length;
+    if (!plan || !tip) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     pose.p = ndli_from(tip->position);
     pose.m1 = ndli_from(tip->frame.m1);
     pose.m2 = ndli_from(tip->frame.m2);

@@ -293,7 +293,7 @@ NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_rea
 
 /* ---- readings ---- */
 
-NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue->mesh.x; }
+NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue ? tissue->mesh.x : NULL; }
 NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions)
 {
     const ndl_tissue_mesh *mesh;
@@ -312,8 +312,8 @@ NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec
     return SB_OK;
 }
 
-NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue->mesh.v; }
-NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue->reaction; }
+NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue ? tissue->mesh.v : NULL; }
+NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue ? tissue->reaction : NULL; }
 
 /* V (mu |F - R|^2 + lambda/2 (tr(R^T F) - 3)^2) of a tet. */
 static sb_real ndli_solid_energy(const ndl_tissue *t, int tet)
@@ -336,9 +336,12 @@ static sb_real ndli_solid_energy(const ndl_tissue *t, int tet)
 
 NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue)
 {
-    const ndl_tissue_mesh *mesh = &tissue->mesh;
+    const ndl_tissue_mesh *mesh = tissue ? &tissue->mesh : NULL;
     double elastic = 0, kinetic = 0;
     ndl_tissue_energies energies;
+    energies.elastic = energies.kinetic = 0;
+    if (!mesh)
+        return energies;
     for (int e = 0; e < mesh->tet_end; e++)
         if (mesh->tets[4 * (size_t)e] >= 0)
             elastic += (double)ndli_solid_energy(tissue, e);
@@ -352,8 +355,10 @@ NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue)
 
 NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue)
 {
-    const ndl_tissue_mesh *mesh = &tissue->mesh;
+    const ndl_tissue_mesh *mesh = tissue ? &tissue->mesh : NULL;
     double sum[3] = {0, 0, 0};
+    if (!mesh)
+        return sb_v3(0, 0, 0);
     for (int i = 0; i < mesh->node_end; i++)
         if (mesh->node_flags[i]) {
             sum[0] += (double)mesh->mass[i] * (double)mesh->v[i].x;
@@ -368,6 +373,8 @@ NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
     sb_mat3 k = sb_m3_zero();
     const sb_real *block;
     int place;
+    if (!tissue)
+        return sb_m3_zero();
     if (tissue->broken || !ndli_solid_knows(tissue, i) || !ndli_solid_knows(tissue, j))
         return k;
     place = i == j || tissue->row_count[i] == 0 ? -1 : ndli_solid_find(tissue, i, j);

@@ -771,6 +771,8 @@ NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *wor
                                      sb_real *max_dihedral)
 {
     sb_real worst = 1, low = 1, high = -1, degrees = (sb_real)57.295779513082323;
+    if (!tissue)
+        return;
     for (int t = 0; t < tissue->tet_end; t++) {
         if (tissue->tets[4 * (size_t)t] < 0)
             continue;
@@ -789,6 +791,8 @@ NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *wor
 NDL_API sb_real ndl_tissue_mesh_volume(const ndl_tissue_mesh *tissue)
 {
     double sum = 0;
+    if (!tissue)
+        return 0;
     for (int t = 0; t < tissue->tet_end; t++)
         if (tissue->tets[4 * (size_t)t] >= 0)
             sum += (double)tissue->volumes[t];
@@ -798,6 +802,8 @@ NDL_API sb_real ndl_tissue_mesh_volume(const ndl_tissue_mesh *tissue)
 NDL_API sb_real ndl_tissue_mesh_mass(const ndl_tissue_mesh *tissue)
 {
     double sum = 0;
+    if (!tissue)
+        return 0;
     for (int n = 0; n < tissue->node_end; n++)
         if (tissue->node_flags[n])
             sum += (double)tissue->mass[n];
@@ -850,6 +856,8 @@ NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error 
 
 NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
 {
+    if (!tissue)
+        return 0;
     if (tissue->node_count != tissue->original_nodes || tissue->tet_count != tissue->original_tets ||
         tissue->displaced_count)
         return 0;

@@ -726,15 +726,27 @@ REG_API void reg_cpd_destroy(reg_cpd *fit)
     sbi_free(&allocator, fit);
 }
 
-REG_API reg_cpd_info reg_cpd_get_info(const reg_cpd *fit) { return fit->info; }
-REG_API const sb_vec3 *reg_cpd_moved(const reg_cpd *fit) { return fit->moved; }
-REG_API const int *reg_cpd_partners(const reg_cpd *fit) { return fit->partners; }
-REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit) { return fit->probabilities; }
+REG_API reg_cpd_info reg_cpd_get_info(const reg_cpd *fit)
+{
+    reg_cpd_info none;
+    if (!fit) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return fit->info;
+}
+REG_API const sb_vec3 *reg_cpd_moved(const reg_cpd *fit) { return fit ? fit->moved : NULL; }
+REG_API const int *reg_cpd_partners(const reg_cpd *fit) { return fit ? fit->partners : NULL; }
+REG_API const sb_real *reg_cpd_probabilities(const reg_cpd *fit) { return fit ? fit->probabilities : NULL; }
 
 REG_API void reg_cpd_linear(const reg_cpd *fit, sb_mat3 *linear, sb_vec3 *translation)
 {
-    const regi_cpd_frame *from = &fit->source, *to = &fit->target;
-    double ratio = to->unit / from->unit * (to->size / from->size), at[3];
+    const regi_cpd_frame *from, *to;
+    double ratio, at[3];
+    if (!fit || !linear || !translation)
+        return;
+    from = &fit->source, to = &fit->target;
+    ratio = to->unit / from->unit * (to->size / from->size);
     for (int j = 0; j < 3; j++) {
         at[j] = to->mean[j] + to->size * fit->map.shift[j]; /* in units of the target */
         for (int k = 0; k < 3; k++) {

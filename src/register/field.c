@@ -229,6 +229,8 @@ static int regi_field_closest_point(const reg_field *field, sb_vec3 point, reg_f
 
 REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, reg_field_hit *hit)
 {
+    if (!field || !hit)
+        return 0;
     return field->tree ? regi_field_closest_point(field, point, hit)
                        : regi_field_closest_triangle(field, point, guess, hit);
 }
@@ -414,6 +416,8 @@ REG_API int reg_field_at(const reg_field *field, sb_vec3 point, int guess, sb_re
 {
     reg_field_hit hit;
     sb_vec3 slope = sb_v3(0, 0, 0);
+    if (!field || !phi)
+        return 0;
     if (field->kind == REG_FIELD_LAPLACE) {
         if (!sb_v3_is_finite(point))
             return 0;
@@ -435,6 +439,8 @@ REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direc
 {
     sb_real half = (sb_real)0.5 * step, before, after, phi;
     sb_vec3 slope_before, slope_after;
+    if (!field || !sample)
+        return 0;
     if (!reg_field_at(field, point, guess, &phi, NULL) ||
         !reg_field_at(field, sb_v3_madd(point, -half, direction), guess, &before, &slope_before) ||
         !reg_field_at(field, sb_v3_madd(point, half, direction), guess, &after, &slope_after))
@@ -447,6 +453,8 @@ REG_API int reg_field_along(const reg_field *field, sb_vec3 point, sb_vec3 direc
 
 REG_API void reg_field_bounds(const reg_field *field, sb_vec3 *low, sb_vec3 *high)
 {
+    if (!field || !low || !high)
+        return;
     *low = field->low;
     *high = field->high;
 }
@@ -460,4 +468,4 @@ REGI_API int regi_field_is_open(const reg_field *field)
     return field->tree != NULL;
 }
 
-REG_API int reg_field_sweeps(const reg_field *field) { return field->grid.sweeps; }
+REG_API int reg_field_sweeps(const reg_field *field) { return field ? field->grid.sweeps : 0; }

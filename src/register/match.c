@@ -440,7 +440,10 @@ REG_API void reg_match_destroy(reg_match *match)
 
 REG_API void reg_match_restart(reg_match *match)
 {
-    double seconds = match->info.seconds;
+    double seconds;
+    if (!match)
+        return;
+    seconds = match->info.seconds;
     memset(&match->info, 0, sizeof match->info);
     match->info.seconds = seconds;
     match->info.charge = match->first_charge;
@@ -473,15 +476,25 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
 
 REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points)
 {
+    if (!match || !points)
+        return;
     for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++)
         points[match->charges[i].index] = regi_match_point(match, i);
 }
 
-REG_API const sb_body *reg_match_body(const reg_match *match) { return match->body; }
+REG_API const sb_body *reg_match_body(const reg_match *match) { return match ? match->body : NULL; }
 
-REG_API reg_match_info reg_match_get_info(const reg_match *match) { return match->info; }
+REG_API reg_match_info reg_match_get_info(const reg_match *match)
+{
+    reg_match_info none;
+    if (!match) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return match->info;
+}
 
-REG_API int reg_match_sample_count(const reg_match *match) { return match->charge_count; }
+REG_API int reg_match_sample_count(const reg_match *match) { return match ? match->charge_count : 0; }
 
 REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_match_sample *sample)
 {

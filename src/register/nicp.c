@@ -628,7 +628,10 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp)
 
 REG_API void reg_nicp_restart(reg_nicp *nicp)
 {
-    double seconds = nicp->info.seconds;
+    double seconds;
+    if (!nicp)
+        return;
+    seconds = nicp->info.seconds;
     memset(&nicp->info, 0, sizeof nicp->info);
     nicp->info.seconds = seconds;
     nicp->info.error.element = nicp->info.error.node = -1;
@@ -657,19 +660,34 @@ REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets
 
 REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points)
 {
+    if (!nicp || !points)
+        return;
     if (nicp->landmark_count)
         regi_nicp_points(nicp, &nicp->landmark_rows, points);
 }
 
-REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp) { return nicp->body; }
+REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp) { return nicp ? nicp->body : NULL; }
 
-REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp) { return nicp->info; }
+REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp)
+{
+    reg_nicp_info none;
+    if (!nicp) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return nicp->info;
+}
 
-REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp->vertex_count; }
+REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp ? nicp->vertex_count : 0; }
 
-REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points) { regi_nicp_points(nicp, &nicp->rows, points); }
+REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points)
+{
+    if (!nicp || !points)
+        return;
+    regi_nicp_points(nicp, &nicp->rows, points);
+}
 
-REG_API int reg_nicp_source_count(const reg_nicp *nicp) { return nicp->source_count; }
+REG_API int reg_nicp_source_count(const reg_nicp *nicp) { return nicp ? nicp->source_count : 0; }
 
 REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_source *source)
 {

@@ -11,12 +11,19 @@ REG_API reg_rigid reg_rigid_identity(void)
 
 REG_API sb_vec3 reg_rigid_apply(const reg_rigid *motion, sb_vec3 point)
 {
+    if (!motion)
+        return sb_v3(0, 0, 0);
     return sb_v3_add(sb_m3_apply(motion->rotation, point), motion->translation);
 }
 
 REG_API reg_rigid reg_rigid_compose(const reg_rigid *then, const reg_rigid *first)
 {
+    reg_rigid none;
     reg_rigid motion;
+    if (!then || !first) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     motion.rotation = sb_m3_mul(then->rotation, first->rotation);
     motion.translation = reg_rigid_apply(then, first->translation);
     return motion;
@@ -24,7 +31,12 @@ REG_API reg_rigid reg_rigid_compose(const reg_rigid *then, const reg_rigid *firs
 
 REG_API reg_rigid reg_rigid_inverse(const reg_rigid *motion)
 {
+    reg_rigid none;
     reg_rigid inverse;
+    if (!motion) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     inverse.rotation = sb_m3_transpose(motion->rotation);
     inverse.translation = sb_v3_scale(-1, sb_m3_apply(inverse.rotation, motion->translation));
     return inverse;
@@ -33,8 +45,11 @@ REG_API reg_rigid reg_rigid_inverse(const reg_rigid *motion)
 /* The axis times 2 sin, and 1 + 2 cos: together they tell small angles and such near pi alike. */
 REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
 {
-    const sb_mat3 *r = &motion->rotation;
-    sb_vec3 axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
+    const sb_mat3 *r = motion ? &motion->rotation : NULL;
+    sb_vec3 axis;
+    if (!r)
+        return 0;
+    axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
     return (sb_real)atan2((double)sb_v3_norm(axis), (double)(r->m[0][0] + r->m[1][1] + r->m[2][2] - 1));
 }
 
@@ -60,7 +75,8 @@ static sb_result regi_rigid_check(const sb_vec3 *from, const sb_vec3 *to, const 
 REG_API sb_result reg_rigid_fit(const sb_vec3 *from, const sb_vec3 *to, const sb_real *weights, int count,
                                 reg_rigid *motion, sb_error *error)
 {
-    sb_result result = regi_rigid_check(from, to, weights, count, error);
+    sb_result result = motion ? regi_rigid_check(from, to, weights, count, error)
+                              : sbi_fail(error, SB_ERROR_ARGUMENT, "reg_rigid_fit needs a place for the motion");
     sb_vec3 mean_from = sb_v3(0, 0, 0), mean_to = mean_from, stretches;
     sb_mat3 spread = sb_m3_zero(), u, v;
     sb_real total = 0;

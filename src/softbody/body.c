@@ -1072,14 +1072,19 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 
 /* ---- sizes ---- */
 
-SB_API int sb_body_node_count(const sb_body *body) { return body->domain.node_count; }
-SB_API int sb_body_element_count(const sb_body *body) { return body->domain.cell_count; }
-SB_API int sb_body_point_count(const sb_body *body) { return sbi_body_points(body); }
+SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
+SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
+SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
 SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
 {
+    sb_preconditioner_info none;
+    if (!body) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body->matrix.block_count; }
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
 
 /* ---- properties ---- */
 
@@ -1350,15 +1355,15 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
     return SB_OK;
 }
 
-SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body->fixed; }
+SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
 
 /* ---- state ---- */
 
-SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body->position; }
-SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body->displacement; }
-SB_API const sb_vec3 *sb_body_velocities(const sb_body *body) { return body->velocity; }
-SB_API const sb_vec3 *sb_body_reactions(const sb_body *body) { return body->reaction; }
-SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body) { return body->external; }
+SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body ? body->position : NULL; }
+SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body ? body->displacement : NULL; }
+SB_API const sb_vec3 *sb_body_velocities(const sb_body *body) { return body ? body->velocity : NULL; }
+SB_API const sb_vec3 *sb_body_reactions(const sb_body *body) { return body ? body->reaction : NULL; }
+SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body) { return body ? body->external : NULL; }
 
 static int sbi_body_all_finite(const sb_vec3 *values, int count)
 {
@@ -1414,7 +1419,9 @@ static void sbi_body_reset_load(sbi_load *load)
 
 SB_API void sb_body_reset(sb_body *body)
 {
-    size_t bytes = (size_t)body->domain.node_count * sizeof(sb_vec3);
+    size_t bytes = (size_t)sb_body_node_count(body) * sizeof(sb_vec3);
+    if (!body)
+        return;
     memset(body->displacement, 0, bytes);
     memset(body->velocity, 0, bytes);
     memset(body->acceleration, 0, bytes);
@@ -1523,6 +1530,8 @@ SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_
 SB_API sb_real sb_body_mass(const sb_body *body)
 {
     sb_real sum = 0;
+    if (!body)
+        return 0;
     for (int i = 0; i < body->domain.node_count; i++)
         sum += body->lumped_mass[i];
     return sum;
@@ -1531,6 +1540,8 @@ SB_API sb_real sb_body_mass(const sb_body *body)
 SB_API sb_vec3 sb_body_momentum(const sb_body *body)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
+    if (!body)
+        return sb_v3(0, 0, 0);
     for (int i = 0; i < body->domain.node_count; i++)
         sum = sb_v3_madd(sum, body->mass_blocks ? body->load_mass[i] : body->lumped_mass[i], body->velocity[i]);
     return sum;
@@ -1603,14 +1614,20 @@ static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 
 SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 {
+    if (!body || !values)
+        return;
     for (int e = 0; e < body->domain.cell_count; e++)
         values[e] = sbi_body_element_von_mises(body, e);
 }
 
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
-    const sb_domain *domain = &body->domain;
-    const sb_index_lists *lists = &body->node_elements;
+    const sb_domain *domain;
+    const sb_index_lists *lists;
+    if (!body || !values)
+        return;
+    domain = &body->domain;
+    lists = &body->node_elements;
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
@@ -1695,6 +1712,8 @@ static void sbi_body_turn_task(void *user, int chunk)
 SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
 {
     sbi_body_turning turning;
+    if (!body || !rotations)
+        return;
     turning.rows[0] = body->work;
     turning.rows[1] = body->work2;
     turning.rows[2] = body->rhs;

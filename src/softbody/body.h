@@ -7,7 +7,7 @@
 #include "pcg.h"
 #include "precond.h"
 
-/* Functions that return an sb_result refuse a NULL body; the others need one. */
+/* Functions that return an sb_result refuse a NULL body; the others give 0, NULL or zeros for one, or do nothing. */
 typedef struct sb_body sb_body;
 
 /* Means "let the library choose" where a def or an option says so. */

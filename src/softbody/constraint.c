@@ -245,6 +245,8 @@ SB_API sb_result sb_body_remove_constraint(sb_body *body, int id, sb_error *erro
 
 SB_API void sb_body_clear_constraints(sb_body *body)
 {
+    if (!body)
+        return;
     if (!body->elimination)
         return;
     sbi_elimination_free(body->elimination);
@@ -255,6 +257,8 @@ SB_API void sb_body_clear_constraints(sb_body *body)
 
 SB_API int sb_body_constraint_count(const sb_body *body)
 {
+    if (!body)
+        return 0;
     return body->elimination ? body->elimination->equations.count : 0;
 }
 

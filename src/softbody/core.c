@@ -107,6 +107,12 @@ SBI_API int sbi_size_add(size_t *total, size_t count, size_t size)
     return 1;
 }
 
+/* One that lacks a function is no allocator: memory is malloc's then, and free's. */
+static int sbi_allocator_is_whole(const sb_allocator *allocator)
+{
+    return allocator && allocator->alloc && allocator->release;
+}
+
 SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size)
 {
     size_t bytes = 0;
@@ -114,7 +120,7 @@ SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size
         return NULL;
     if (bytes == 0)
         bytes = 1;
-    if (allocator && allocator->alloc)
+    if (sbi_allocator_is_whole(allocator))
         return allocator->alloc(allocator->user, bytes);
     return malloc(bytes);
 }
@@ -131,7 +137,7 @@ SBI_API void sbi_free(const sb_allocator *allocator, void *pointer)
 {
     if (!pointer)
         return;
-    if (allocator && allocator->alloc)
+    if (sbi_allocator_is_whole(allocator))
         allocator->release(allocator->user, pointer);
     else
         free(pointer);

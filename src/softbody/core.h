@@ -119,7 +119,9 @@ typedef SB_REAL sb_real;
 #endif
 
 /* ---- results and errors ------------------------------------------------------------------------------
- * Every call that can fail returns an sb_result and leaves its outputs untouched on failure. */
+ * Every call that can fail returns an sb_result and leaves its outputs untouched on failure. Calls that return
+ * something else give 0, NULL or a struct of zeros for an object that is NULL and for an index that is not there; those
+ * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as given. */
 typedef enum sb_result {
     SB_OK = 0,
     SB_ERROR_MEMORY = -1,        /* the allocator returned NULL, or a size does not fit size_t */
@@ -156,7 +158,7 @@ SB_API const char *sb_result_string(sb_result result);
 
 /* ---- memory -------------------------------------------------------------------------------------------
  * alloc returns at least `bytes` bytes aligned for any scalar type, or NULL; release accepts NULL. An
- * allocator of zeros ({0}) means malloc and free. */
+ * allocator of zeros ({0}), or without one of the two functions, means malloc and free. */
 typedef struct sb_allocator {
     void *(*alloc)(void *user, size_t bytes);
     void (*release)(void *user, void *pointer);

@@ -422,7 +422,15 @@ SB_API void sb_direct_free(sb_direct *direct)
     sbi_free(&allocator, direct);
 }
 
-SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct) { return direct->info; }
+SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct)
+{
+    sb_direct_info none;
+    if (!direct) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return direct->info;
+}
 
 /* ---- factoring ---- */
 

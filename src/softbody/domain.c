@@ -5,7 +5,10 @@
 
 SB_API void sb_domain_free(sb_domain *domain)
 {
-    sb_allocator allocator = domain->allocator;
+    sb_allocator allocator;
+    if (!domain)
+        return;
+    allocator = domain->allocator;
     sbi_free(&allocator, domain->cells);
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
@@ -174,6 +177,8 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
+    if ((int)integration < SB_INTEGRATION_AUTO || (int)integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "integration is %d, which is none", (int)integration);
     if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
                         sb_element_name(mesh->element_type));
@@ -442,6 +447,8 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
 
 SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
 {
+    if (!mapping || !x || !out)
+        return;
     for (int j = 0; j < mapping->row_count; j++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
@@ -452,6 +459,8 @@ SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec
 
 SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
 {
+    if (!mapping || !f || !forces)
+        return;
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
             sb_vec3 *force = forces + mapping->nodes[k];

@@ -50,7 +50,7 @@ typedef enum sb_integration {
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
 
-/* Releases the arrays and leaves zeros; {0} is fine. */
+/* Releases the arrays and leaves zeros; {0} and NULL are fine. */
 SB_API void sb_domain_free(sb_domain *domain);
 
 /* Mass matrices of an element at unit density. */

@@ -63,6 +63,8 @@ static sb_element_type sbi_element_face_type(sb_element_type type)
 SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
                            sb_element_type *face_type)
 {
+    if (!nodes)
+        return 0;
     if (face < 0 || face >= sb_element_face_count(type))
         return 0;
     sb_element_type of_face = sbi_element_face_type(type);
@@ -76,6 +78,8 @@ SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE
 
 SB_API int sb_element_edge(sb_element_type type, int edge, int nodes[3])
 {
+    if (!nodes)
+        return 0;
     if (edge < 0 || edge >= sb_element_edge_count(type))
         return 0;
     int corners = sb_element_corner_count(type);
@@ -120,6 +124,8 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
 {
     int corners = sb_element_corner_count(type), at[3];
     int ends[3] = {node, node, -1};
+    if (!xi)
+        return 0;
     if (node < 0 || node >= sb_element_node_count(type))
         return 0;
     if (sbi_element_is_box(type)) {
@@ -243,6 +249,8 @@ static void sbi_element_shape_serendipity(sb_element_type type, const sb_real xi
 SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
                              sb_real (*gradient)[3])
 {
+    if (!xi)
+        return;
     if (type == SB_HEX8 || type == SB_QUAD4)
         sbi_element_shape_box(sb_element_dimension(type), xi, shape, gradient);
     else if (type == SB_HEX20 || type == SB_QUAD8)
@@ -379,6 +387,8 @@ SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
 {
     int dimension = sb_element_dimension(type), tet_points = sbi_element_tet_points(type, kind);
     sbi_element_rule rule;
+    if (!points || !weights)
+        return 0;
     rule.points = points;
     rule.weights = weights;
     rule.count = 0;

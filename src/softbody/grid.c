@@ -1323,7 +1323,9 @@ SB_API sb_result sb_grid_map_surface(const sb_grid *grid, const sb_mesh *surface
 
 SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces)
 {
-    const sb_mapping *mapping = &rows->rows;
+    const sb_mapping *mapping = rows ? &rows->rows : NULL;
+    if (!mapping || !tractions || !forces)
+        return;
     for (int j = 0; j < mapping->row_count && rows->areas; j++)
         for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
             sb_vec3 *force = forces + mapping->nodes[k];

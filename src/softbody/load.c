@@ -32,6 +32,8 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
 
 SB_API void sb_body_clear_loads(sb_body *body)
 {
+    if (!body)
+        return;
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }

@@ -7,17 +7,24 @@
 
 SB_API sb_real sb_material_bulk(const sb_material *material)
 {
+    if (!material)
+        return 0;
     return material->lambda + 2 * material->mu / 3;
 }
 
 SB_API sb_real sb_material_young(const sb_material *material)
 {
-    sb_real lambda = material->lambda, mu = material->mu;
+    sb_real lambda, mu;
+    if (!material)
+        return 0;
+    lambda = material->lambda, mu = material->mu;
     return mu * (3 * lambda + 2 * mu) / (lambda + mu);
 }
 
 SB_API sb_real sb_material_poisson(const sb_material *material)
 {
+    if (!material)
+        return 0;
     return material->lambda / (2 * (material->lambda + material->mu));
 }
 
@@ -409,6 +416,8 @@ SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
 
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P)
 {
+    if (!material)
+        return sb_m3_zero();
     return material->model == SB_LINEAR ? P : sb_cauchy_stress(F, P);
 }
 
@@ -533,6 +542,8 @@ SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, con
 SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 {
     sb_real left = 1;
+    if (!material)
+        return 0;
     for (int i = 0; i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS) && time > 0; i++)
         left -= material->prony_g[i] * (1 - sb_exp(-time / material->prony_tau[i]));
     return left;

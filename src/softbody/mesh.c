@@ -875,6 +875,8 @@ SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh)
 
 SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
 {
+    if (!low || !high)
+        return;
     *low = *high = sb_v3(0, 0, 0);
     if (mesh && mesh->nodes)
         sbi_mesh_finite_bounds(mesh, low, high);
@@ -1001,7 +1003,8 @@ SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_re
 {
     const sb_real degrees = (sb_real)57.295779513082321;
     sb_real sharp = -1, blunt = 1;
-    int is_tet = mesh && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10) && mesh->element_count > 0;
+    int is_tet = mesh && mesh->nodes && mesh->elements &&
+                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
     for (int e = 0; is_tet && e < mesh->element_count; e++) {
         const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
         sb_vec3 corners[4];

@@ -22,6 +22,8 @@ typedef struct sb_mesh {
 /* Nodes per element: the width of mesh->elements; 0 for an unknown type, or SB_CUSTOM without a table. */
 SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
 {
+    if (!mesh)
+        return 0;
     if (mesh->element_type == SB_CUSTOM)
         return mesh->table ? mesh->table->node_count : 0;
     return sb_element_node_count(mesh->element_type);

@@ -241,6 +241,8 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_
 SB_API void sb_preconditioner_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z)
 {
     sb_real largest = 0;
+    if (!preconditioner || !r || !z)
+        return;
     for (size_t k = 0; k < 3 * (size_t)preconditioner->row_count; k++) {
         sb_real size = r[k] < 0 ? -r[k] : r[k];
         largest = size > largest ? size : largest;
@@ -731,7 +733,12 @@ SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
 
 SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner *preconditioner)
 {
+    sb_preconditioner_info none;
     sb_preconditioner_info info;
+    if (!preconditioner) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     info.kind = preconditioner->kind;
     info.piece_count = preconditioner->coarse.piece_count;
     info.attempts = preconditioner->attempts;

@@ -193,6 +193,8 @@ static void sbi_precond_pass_over(sb_preconditioner *p, sbi_precond_walk *w)
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner)
 {
     sbi_precond_walk walk;
+    if (!preconditioner)
+        return 0;
     if (preconditioner->kind == SB_PRECOND_MULTIGRID)
         return 0;
     memset(&walk, 0, sizeof walk);

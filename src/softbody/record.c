@@ -233,7 +233,12 @@ SB_API void sb_recording_destroy(sb_recording *recording)
 
 SB_API sb_recording_info sb_recording_get_info(const sb_recording *recording)
 {
+    sb_recording_info none;
     sb_recording_info info;
+    if (!recording) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
     info.commands = recording->commands;
     info.steps = recording->steps;
     info.complete = !recording->incomplete;

@@ -270,6 +270,8 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
 
 SB_API void sb_matrix_clear(sb_matrix *matrix)
 {
+    if (!matrix)
+        return;
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     memset(matrix->fixed, 0, (size_t)matrix->row_count);
 }
@@ -277,6 +279,8 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
 {
     int low, high;
+    if (!matrix)
+        return 0;
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
@@ -378,6 +382,8 @@ static void sbi_sparse_multiply_task(void *user, int chunk)
 SB_API void sb_matrix_multiply(const sb_matrix *matrix, const sb_real *x, sb_real *y, const sb_jobs *jobs)
 {
     sbi_sparse_product product;
+    if (!matrix || !x || !y)
+        return;
     product.matrix = matrix;
     product.x = x;
     product.y = y;
@@ -387,6 +393,8 @@ SB_API void sb_matrix_multiply(const sb_matrix *matrix, const sb_real *x, sb_rea
 SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
 {
     sb_real largest = 0, difference = 0;
+    if (!matrix)
+        return 0;
     for (int q = 0; q < matrix->block_count; q++) {
         const sb_real *a = matrix->blocks[q], *b = matrix->blocks[matrix->transpose[q]];
         for (int r = 0; r < 3; r++)
@@ -456,6 +464,8 @@ SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigne
 
 SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask)
 {
+    if (!matrix)
+        return 0;
     return sbi_matrix_diagonal_scale(matrix, mask, NULL);
 }
 
@@ -522,5 +532,7 @@ SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, 
 SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
                                 sb_real *rhs)
 {
+    if (!matrix || !mask)
+        return;
     sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
 }

@@ -1,0 +1,950 @@
+/* hostile_world.h: one of each thing that public functions take, small, made when first asked for. */
+#ifndef HOSTILE_WORLD_H
+#define HOSTILE_WORLD_H
+
+#include "needle.h"
+#include "register.h"
+#include "scene.h"
+#include "softbody.h"
+#include "wedge.h"
+
+enum { WORLD_NODES = 27, WORLD_CLOUD = 60, WORLD_IMAGE = 1 << 20 };
+#define WORLD_FILE "build/test_hostile.tmp"
+
+typedef struct world {
+    sb_allocator allocator;
+    sb_jobs jobs;
+    sb_mesh mesh, hexes, surface; /* 2 x 2 x 2 cells of 2 cm, and the boundary of the tets */
+    sb_mesh spoilt;               /* arrays of a mesh that is to have bad content */
+    sb_element_table table;
+    sb_material material;
+    sb_body *body;                /* with every kind of load and a constraint */
+    int pressure, springs, mapping, constraint;
+    sb_body *plain;               /* for registration: without */
+    sb_recording *recording;      /* of plain */
+    sb_domain domain;
+    sb_matrix matrix;
+    sb_direct *direct;
+    sb_preconditioner *preconditioner;
+    sb_pcg_workspace workspace;
+    sb_embedding *embedding;
+    sb_surface *shape;
+    sb_grid grid;
+    sb_grid_rows rows;
+    ndl_tissue *tissue;
+    ndl_tissue_mesh tissue_mesh;
+    ndl_needle *needle;
+    ndl_remesh *remesh;
+    ndl_rod *rod;
+    ndl_steer steer;
+    ndl_push push;
+    int has_steer, has_push;
+    reg_cloud cloud;
+    reg_cpd *cpd;
+    reg_field *field;
+    reg_kdtree *tree;
+    reg_match *match;
+    reg_nicp *nicp;
+    int has_file;
+    sb_output output; /* a file that is being written */
+    /* arguments that are looked at during a call only */
+    sb_vec3 vectors[WORLD_CLOUD];
+    sb_real reals[4 * WORLD_CLOUD];
+    int ints[4 * WORLD_CLOUD];
+    sb_quat turns[WORLD_CLOUD];
+    sb_constraint_term terms[2];
+    sb_shape solid;
+    sb_mapping rows_of_two;
+    sb_body_def body_def;
+    sb_surface_hit hit;
+    ndl_surface_hit entry;
+    sb_embedding_def embedding_def;
+    sb_grid_def grid_def;
+    sb_stuff_def stuff_def;
+    sb_field fields[1];
+    sb_test_point tests[6];
+    sb_load_options load_options;
+    sb_fit_options fit_options;
+    sb_modes_options modes_options;
+    sb_static_options static_options;
+    sb_pcg_options pcg_options;
+    sb_preconditioner_def preconditioner_def;
+    sb_direct_def direct_def;
+    sb_surface_repair_def repair_def;
+    ndl_tissue_material tissue_material;
+    ndl_tissue_def tissue_def;
+    ndl_needle_def needle_def;
+    ndl_remesh_def remesh_def;
+    ndl_rod_def rod_def;
+    ndl_rod_static_options rod_options;
+    ndl_tip_pose pose;
+    ndl_bevel bevel;
+    ndl_obstacle obstacle;
+    ndl_plan_def plan_def;
+    ndl_plan plan;
+    ndl_steer_def steer_def;
+    ndl_push_def push_def;
+    ndl_command command;
+    ndl_needle *needles[1];
+    reg_rigid motion;
+    reg_icp_shape icp_shape;
+    reg_icp_options icp_options;
+    reg_cpd_options cpd_options;
+    reg_field_def field_def;
+    reg_match_def match_def;
+    reg_nicp_def nicp_def;
+    reg_loads_def loads_def;
+    unsigned char *image;
+    size_t image_bytes;
+} world;
+
+/* Arguments that are the same in every world; those that calls change are put right by world_begin. */
+static const sb_mat3 world_identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+static const sb_mat3 world_compliance = {{{REAL(0.001), 0, 0}, {0, REAL(0.001), 0}, {0, 0, REAL(0.001)}}};
+static const unsigned char world_mask[WORLD_NODES] = {SB_XYZ, SB_X};
+static const int world_two[1] = {2}, world_slave[1] = {26}, world_starts[2] = {0, 4}, world_pivots[3] = {0, 1, 2};
+static const sb_real world_shares[1] = {REAL(0.3)};
+static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
+static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
+static sb_material world_prony, world_rubber;
+static sb_material_history world_history;
+static sb_mesh_report world_report;
+static sb_index_table world_index_table;
+static sb_index_lists world_index_lists;
+static sb_boundary world_boundary;
+static sb_mesh_sets world_sets;
+static sb_embedding_rows world_embedding_rows;
+
+/* What asks for more than a hundred megabytes here asks for nonsense. */
+static void *world_alloc(void *user, size_t bytes)
+{
+    (void)user;
+    return bytes > (size_t)100 << 20 ? NULL : malloc(bytes);
+}
+
+static void world_release(void *user, void *pointer)
+{
+    (void)user;
+    free(pointer);
+}
+
+static double world_clock(void) { return 0; }
+
+static void world_begin(world *w)
+{
+    memset(w, 0, sizeof *w);
+    w->allocator.alloc = world_alloc;
+    w->allocator.release = world_release;
+    w->material = sb_material_corotated(5000, REAL(0.4), 1000);
+    w->table = wedge_table();
+    for (int i = 0; i < WORLD_CLOUD; i++) {
+        w->vectors[i] = sb_v3(REAL(0.001) * REAL(i % 3), REAL(0.001) * REAL(i % 7), REAL(0.001) * REAL(i % 11));
+        w->turns[i] = sb_quat_identity();
+    }
+    for (int i = 0; i < 4 * WORLD_CLOUD; i++) {
+        w->reals[i] = REAL(1) + REAL(0.01) * REAL(i);
+        w->ints[i] = i % 8;
+    }
+    w->pose.position = sb_v3(0, 0, 0);
+    w->pose.frame.t = sb_v3(0, 0, 1), w->pose.frame.m1 = sb_v3(1, 0, 0), w->pose.frame.m2 = sb_v3(0, 1, 0);
+    w->motion = reg_rigid_identity();
+    world_rubber = sb_material_neo_hookean(5000, REAL(0.4), 1000);
+    world_prony = sb_material_with_prony(world_rubber, world_shares, world_shares, 1);
+    memset(&world_history, 0, sizeof world_history);
+    memset(&world_report, 0, sizeof world_report);
+    memset(&world_index_table, 0, sizeof world_index_table);
+    memset(&world_index_lists, 0, sizeof world_index_lists);
+    memset(&world_boundary, 0, sizeof world_boundary);
+    memset(&world_sets, 0, sizeof world_sets);
+    memset(&world_embedding_rows, 0, sizeof world_embedding_rows);
+}
+
+/* ---- softbody ---- */
+
+static sb_mesh *world_mesh(world *w)
+{
+    if (!w->mesh.nodes)
+        CHECK_OK(sb_mesh_beam(SB_TET4, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), &w->allocator, &w->mesh, NULL));
+    if (w->mesh.nodes && !w->mesh.regions)
+        w->mesh.regions = (int *)calloc((size_t)w->mesh.element_count, sizeof(int));
+    return &w->mesh;
+}
+
+static sb_mesh *world_hexes(world *w)
+{
+    if (!w->hexes.nodes)
+        CHECK_OK(sb_mesh_beam(SB_HEX8, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), &w->allocator, &w->hexes, NULL));
+    return &w->hexes;
+}
+
+static sb_mesh *world_surface(world *w)
+{
+    sb_boundary boundary;
+    if (w->surface.nodes)
+        return &w->surface;
+    CHECK_OK(sb_mesh_boundary(world_mesh(w), 1, &w->allocator, &boundary, NULL));
+    w->surface = boundary.surface;
+    memset(&boundary.surface, 0, sizeof boundary.surface);
+    sb_boundary_free(&boundary);
+    return &w->surface;
+}
+
+/* A mesh's arrays as copies with bad content; what is replaced: see hostile_put_mesh. */
+static void world_spoil_mesh(world *w, sb_mesh *mesh, int value)
+{
+    int width = sb_mesh_element_width(mesh);
+    sb_mesh_free(&w->spoilt);
+    CHECK_OK(sb_mesh_copy(mesh, NULL, &w->spoilt, NULL));
+    if (value == 2)
+        w->spoilt.nodes[0].y = REAL(HUGE_VAL) - REAL(HUGE_VAL);
+    else
+        w->spoilt.elements[value ? width * mesh->element_count - 1 : 0] = value ? INT_MAX : -1;
+    mesh->nodes = w->spoilt.nodes;
+    mesh->elements = w->spoilt.elements;
+}
+
+static sb_body_def *world_body_def(world *w)
+{
+    w->body_def = sb_default_body_def();
+    w->body_def.mesh = world_mesh(w);
+    w->body_def.material = w->material;
+    w->body_def.allocator = w->allocator;
+    w->body_def.gravity = sb_v3(0, 0, REAL(-9.81));
+    return &w->body_def;
+}
+
+/* Nodes of a corner face of the mesh's boundary, in the numbers of the volume. */
+static const int *world_face(world *w)
+{
+    sb_boundary boundary;
+    if (sb_mesh_boundary(world_mesh(w), 0, NULL, &boundary, NULL) == SB_OK) {
+        memcpy(w->ints, boundary.surface.elements, 3 * sizeof(int));
+        sb_boundary_free(&boundary);
+    }
+    return w->ints;
+}
+
+static sb_mapping *world_mapping(world *w)
+{
+    static const int starts[2] = {0, 2}, nodes[2] = {13, 14};
+    static const sb_real weights[2] = {REAL(0.5), REAL(0.5)};
+    w->rows_of_two.row_count = 1;
+    w->rows_of_two.row_start = starts;
+    w->rows_of_two.nodes = nodes;
+    w->rows_of_two.weights = weights;
+    return &w->rows_of_two;
+}
+
+static sb_constraint_term *world_terms(world *w, int slave)
+{
+    w->terms[0].node = slave, w->terms[0].axis = 0, w->terms[0].coefficient = 1;
+    w->terms[1].node = 25, w->terms[1].axis = 0, w->terms[1].coefficient = -1;
+    return w->terms;
+}
+
+static sb_body *world_body(world *w)
+{
+    sb_real k = 10;
+    int node = 26;
+    if (w->body)
+        return w->body;
+    CHECK_OK(sb_body_create(world_body_def(w), &w->body, NULL));
+    if (!w->body)
+        return NULL;
+    scene_fix_plane(w->body, world_mesh(w), 0, 0, SB_XYZ);
+    CHECK_OK(sb_body_add_pressure(w->body, world_face(w), 1, 3, 10, &w->pressure, NULL));
+    CHECK_OK(sb_body_add_springs(w->body, &node, 1, &k, 1, w->mesh.nodes + 26, &w->springs, NULL));
+    CHECK_OK(sb_body_add_mapping(w->body, world_mapping(w), &k, 1, w->mesh.nodes + 13, &w->mapping, NULL));
+    CHECK_OK(sb_body_add_constraint(w->body, world_terms(w, 23), 2, 0, &w->constraint, NULL));
+    CHECK_OK(sb_body_step(w->body, REAL(0.01), NULL));
+    return w->body;
+}
+
+static sb_body *world_plain(world *w)
+{
+    sb_body_def def = *world_body_def(w);
+    def.gravity = sb_v3(0, 0, 0);
+    if (!w->plain)
+        CHECK_OK(sb_body_create(&def, &w->plain, NULL));
+    return w->plain;
+}
+
+static sb_recording *world_recording(world *w)
+{
+    if (!w->recording) {
+        CHECK_OK(sb_recording_start(world_plain(w), 1, &w->allocator, &w->recording, NULL));
+        CHECK_OK(sb_body_step(world_plain(w), REAL(0.01), NULL));
+    }
+    return w->recording;
+}
+
+/* A recording that has ended, so that it may be played on the body. */
+static sb_recording *world_ended(world *w)
+{
+    sb_recording_stop(world_recording(w));
+    return w->recording;
+}
+
+static sb_domain *world_domain(world *w)
+{
+    if (!w->domain.cells)
+        CHECK_OK(sb_domain_create(world_mesh(w), SB_INTEGRATION_AUTO, 0, &w->allocator, &w->domain, NULL));
+    return &w->domain;
+}
+
+/* The pattern of the mesh with 3 on the diagonal and -0.1 beside it. */
+static sb_matrix *world_matrix(world *w)
+{
+    sb_mesh *mesh = world_mesh(w);
+    if (w->matrix.blocks)
+        return &w->matrix;
+    CHECK_OK(sb_matrix_create(mesh->node_count, mesh->element_count, 4, NULL, mesh->elements, &w->allocator, &w->matrix,
+                              NULL));
+    for (int i = 0; i < w->matrix.row_count; i++)
+        for (int q = w->matrix.row_start[i]; q < w->matrix.row_start[i + 1]; q++)
+            for (int k = 0; k < 9; k += 4)
+                w->matrix.blocks[q][k] = w->matrix.columns[q] == i ? 3 : REAL(-0.1);
+    return &w->matrix;
+}
+
+static sb_preconditioner_def *world_preconditioner_def(world *w)
+{
+    w->preconditioner_def = sb_default_preconditioner_def();
+    w->preconditioner_def.kind = SB_PRECOND_IC0;
+    w->preconditioner_def.positions = world_mesh(w)->nodes;
+    w->preconditioner_def.piece_count = 2;
+    return &w->preconditioner_def;
+}
+
+static sb_preconditioner *world_preconditioner(world *w)
+{
+    if (!w->preconditioner) {
+        CHECK_OK(sb_preconditioner_create(world_preconditioner_def(w), world_matrix(w), &w->allocator,
+                                          &w->preconditioner, NULL));
+        CHECK_OK(sb_preconditioner_update(w->preconditioner, &w->matrix, NULL, NULL));
+    }
+    return w->preconditioner;
+}
+
+static sb_direct_def *world_direct_def(world *w)
+{
+    w->direct_def = sb_default_direct_def();
+    w->direct_def.positions = world_mesh(w)->nodes;
+    return &w->direct_def;
+}
+
+static sb_direct *world_direct(world *w)
+{
+    if (!w->direct) {
+        CHECK_OK(sb_direct_create(world_direct_def(w), world_matrix(w), &w->allocator, &w->direct, NULL));
+        CHECK_OK(sb_direct_update(w->direct, &w->matrix, NULL));
+    }
+    return w->direct;
+}
+
+static sb_pcg_workspace *world_workspace(world *w)
+{
+    if (!w->workspace.memory)
+        CHECK_OK(sb_pcg_workspace_create(WORLD_NODES, &w->allocator, &w->workspace, NULL));
+    return &w->workspace;
+}
+
+static sb_embedding_def *world_embedding_def(world *w)
+{
+    w->embedding_def = sb_default_embedding_def();
+    w->embedding_def.mesh = world_mesh(w);
+    w->embedding_def.surface = world_surface(w);
+    w->embedding_def.allocator = w->allocator;
+    return &w->embedding_def;
+}
+
+static sb_embedding *world_embedding(world *w)
+{
+    if (!w->embedding)
+        CHECK_OK(sb_embedding_create(world_embedding_def(w), &w->embedding, NULL));
+    return w->embedding;
+}
+
+static sb_surface *world_shape(world *w)
+{
+    if (!w->shape)
+        CHECK_OK(sb_surface_create(world_surface(w), &w->allocator, &w->shape, NULL));
+    return w->shape;
+}
+
+static sb_surface_hit *world_hit(world *w)
+{
+    sb_surface_closest(world_shape(w), sb_v3(REAL(0.05), REAL(0.02), REAL(0.02)), 1, &w->hit);
+    return &w->hit;
+}
+
+static sb_shape *world_solid(world *w)
+{
+    w->solid.surface = world_shape(w);
+    w->solid.max_slope = 1;
+    return &w->solid;
+}
+
+static sb_grid_def *world_grid_def(world *w)
+{
+    w->grid_def = sb_default_grid_def();
+    w->grid_def.outer = *world_solid(w);
+    w->grid_def.cells = 2;
+    w->grid_def.level = 1;
+    w->grid_def.allocator = w->allocator;
+    return &w->grid_def;
+}
+
+static sb_grid *world_grid(world *w)
+{
+    if (!w->grid.mesh.nodes)
+        CHECK_OK(sb_grid_create(world_grid_def(w), &w->grid, NULL));
+    return &w->grid;
+}
+
+static sb_grid_rows *world_rows(world *w)
+{
+    if (!w->rows.memory)
+        CHECK_OK(sb_grid_map_surface(world_grid(w), world_surface(w), NULL, 0, &w->allocator, &w->rows, NULL));
+    return &w->rows;
+}
+
+static sb_stuff_def *world_stuff_def(world *w)
+{
+    w->stuff_def = sb_default_stuff_def();
+    w->stuff_def.shapes = world_solid(w);
+    w->stuff_def.shape_count = 1;
+    w->stuff_def.cell = REAL(0.01);
+    w->stuff_def.allocator = w->allocator;
+    w->stuff_def.max_elements = 100000;
+    return &w->stuff_def;
+}
+
+static sb_field *world_fields(world *w)
+{
+    w->fields[0].name = "stress";
+    w->fields[0].location = SB_FIELD_NODES;
+    w->fields[0].components = 1;
+    w->fields[0].values = w->reals;
+    return w->fields;
+}
+
+static sb_test_point *world_tests(world *w)
+{
+    for (int i = 0; i < 6; i++) {
+        sb_real stretch = REAL(1.1) + REAL(0.1) * REAL(i);
+        w->tests[i].kind = SB_TEST_UNIAXIAL;
+        w->tests[i].measure = SB_STRESS_NOMINAL;
+        w->tests[i].strain = stretch;
+        w->tests[i].stress = 1000 * (stretch - 1 / (stretch * stretch));
+    }
+    return w->tests;
+}
+
+static sb_real *world_decay(world *w, int count)
+{
+    for (int i = 0; i < count; i++)
+        w->reals[i] = REAL(0.5) + REAL(0.5) * sb_exp(REAL(-0.01) * REAL(i));
+    return w->reals;
+}
+
+#define WORLD_DEFAULT(type, field, make) \
+    static type *world_##field(world *w) \
+    { \
+        w->field = make; \
+        return &w->field; \
+    }
+WORLD_DEFAULT(sb_load_options, load_options, sb_default_load_options())
+WORLD_DEFAULT(sb_fit_options, fit_options, sb_default_fit_options())
+WORLD_DEFAULT(sb_modes_options, modes_options, sb_default_modes_options())
+WORLD_DEFAULT(sb_static_options, static_options, sb_default_static_options())
+WORLD_DEFAULT(sb_pcg_options, pcg_options, sb_default_pcg_options())
+WORLD_DEFAULT(sb_surface_repair_def, repair_def, sb_default_surface_repair())
+WORLD_DEFAULT(ndl_rod_static_options, rod_options, ndl_default_rod_static_options())
+WORLD_DEFAULT(ndl_plan_def, plan_def, ndl_default_plan_def(10, REAL(0.15)))
+WORLD_DEFAULT(ndl_steer_def, steer_def, ndl_default_steer_def(10, REAL(0.15)))
+
+/* ---- files and images ---- */
+
+static const char *world_vtk(world *w)
+{
+    CHECK_OK(sb_mesh_save_vtk(WORLD_FILE, world_mesh(w), NULL, 0, NULL));
+    w->has_file = 1;
+    return WORLD_FILE;
+}
+static const char *world_ply(world *w)
+{
+    CHECK_OK(sb_mesh_save_ply(WORLD_FILE, world_surface(w), NULL));
+    w->has_file = 1;
+    return WORLD_FILE;
+}
+static const char *world_file(world *w)
+{
+    w->has_file = 1;
+    return WORLD_FILE;
+}
+static const char *world_state_file(world *w)
+{
+    CHECK_OK(sb_body_state_save_file(world_body(w), WORLD_FILE, NULL));
+    w->has_file = 1;
+    return WORLD_FILE;
+}
+static const char *world_recording_file(world *w)
+{
+    CHECK_OK(sb_recording_save_file(world_ended(w), WORLD_FILE, NULL));
+    w->has_file = 1;
+    return WORLD_FILE;
+}
+
+static sb_output *world_output(world *w)
+{
+    CHECK_OK(sb_output_open(&w->output, WORLD_FILE, NULL));
+    w->has_file = 1;
+    return &w->output;
+}
+
+static void *world_room(world *w, size_t bytes)
+{
+    free(w->image);
+    w->image = (unsigned char *)malloc(bytes + !bytes);
+    if (w->image)
+        memset(w->image, 0x5A, bytes);
+    w->image_bytes = bytes;
+    return w->image;
+}
+static const char *world_text(world *w)
+{
+    (void)w;
+    return "# vtk DataFile Version 3.0\ntet\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 0 0 1\n"
+           "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n";
+}
+
+/* Saved states of the world's things, in w->image. */
+#define WORLD_IMAGE_OF(name, size, save) \
+    static void *world_##name##_image(world *w) \
+    { \
+        world_room(w, size); \
+        CHECK_OK(save); \
+        return w->image; \
+    }
+WORLD_IMAGE_OF(body, sb_body_state_size(world_body(w)), sb_body_state_save(w->body, w->image, w->image_bytes))
+WORLD_IMAGE_OF(recording, sb_recording_get_info(world_ended(w)).bytes,
+               sb_recording_save(w->recording, w->image, w->image_bytes))
+WORLD_IMAGE_OF(preconditioner, sb_preconditioner_saved_size(world_preconditioner(w)),
+               sb_preconditioner_save(w->preconditioner, w->image, w->image_bytes))
+
+/* ---- needle ---- */
+
+static ndl_tissue_def *world_tissue_def(world *w)
+{
+    w->tissue_material.young = 50000, w->tissue_material.poisson = REAL(0.4), w->tissue_material.density = 1000;
+    w->tissue_def = ndl_default_tissue_def();
+    w->tissue_def.mesh = world_mesh(w);
+    w->tissue_def.materials = &w->tissue_material;
+    w->tissue_def.material_count = 1;
+    w->tissue_def.fixed_nodes = w->ints;
+    w->tissue_def.fixed_count = 8;
+    w->tissue_def.gravity = sb_v3(0, 0, REAL(-9.81));
+    w->tissue_def.allocator = w->allocator;
+    return &w->tissue_def;
+}
+
+static ndl_tissue *world_tissue(world *w)
+{
+    if (!w->tissue)
+        CHECK_OK(ndl_tissue_create(world_tissue_def(w), &w->tissue, NULL));
+    return w->tissue;
+}
+
+static ndl_needle_def *world_needle_def(world *w)
+{
+    w->needle_def = ndl_default_needle_def();
+    w->needle_def.tissue = world_tissue(w);
+    w->needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
+    w->needle_def.direction = sb_v3(0, 0, -1);
+    w->needle_def.director = sb_v3(1, 0, 0);
+    w->needle_def.length = REAL(0.05);
+    w->needle_def.capacity = 32;
+    w->needle_def.allocator = w->allocator;
+    return &w->needle_def;
+}
+
+/* A centimetre deep. */
+static ndl_needle *world_needle(world *w)
+{
+    ndl_command command;
+    if (w->needle)
+        return w->needle;
+    CHECK_OK(ndl_needle_create(world_needle_def(w), &w->needle, NULL));
+    memset(&command, 0, sizeof command);
+    command.insertion = REAL(0.1);
+    for (int i = 0; i < 5 && w->needle; i++)
+        CHECK_OK(ndl_step(w->tissue, &w->needle, 1, REAL(0.02), &command, NULL, NULL));
+    return w->needle;
+}
+
+static ndl_needle **world_needles(world *w)
+{
+    w->needles[0] = world_needle(w);
+    return w->needles;
+}
+
+static ndl_command *world_command(world *w)
+{
+    w->command.insertion = REAL(0.01);
+    return &w->command;
+}
+
+static ndl_tissue_mesh *world_tissue_mesh(world *w)
+{
+    sb_real density = 1000;
+    if (!w->tissue_mesh.block)
+        CHECK_OK(ndl_tissue_mesh_create(world_mesh(w), &density, 1, REAL(0.5), &w->allocator, &w->tissue_mesh, NULL));
+    return &w->tissue_mesh;
+}
+
+static ndl_remesh_def *world_remesh_def(world *w)
+{
+    w->remesh_def = ndl_default_remesh_def();
+    w->remesh_def.tissue = world_tissue_mesh(w);
+    w->remesh_def.allocator = w->allocator;
+    return &w->remesh_def;
+}
+
+static const ndl_surface_hit *world_entry(world *w)
+{
+    ndl_tissue_mesh_hit(world_tissue_mesh(w), sb_v3(REAL(0.0213), REAL(0.0191), 1), sb_v3(REAL(0.0213), REAL(0.0191), 0),
+                        &w->entry);
+    return &w->entry;
+}
+
+/* Needle 0 is in the tissue. */
+static ndl_remesh *world_remesh(world *w)
+{
+    if (w->remesh)
+        return w->remesh;
+    CHECK_OK(ndl_remesh_create(world_remesh_def(w), &w->remesh, NULL));
+    CHECK_OK(ndl_remesh_puncture(w->remesh, 0, world_entry(w), NULL, NULL));
+    CHECK_OK(ndl_remesh_penetrate(w->remesh, 0, sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.032)), NULL, NULL));
+    return w->remesh;
+}
+static ndl_remesh *world_remesh_outside(world *w)
+{
+    if (!w->remesh)
+        CHECK_OK(ndl_remesh_create(world_remesh_def(w), &w->remesh, NULL));
+    return w->remesh;
+}
+
+static ndl_rod_def *world_rod_def(world *w)
+{
+    for (int i = 0; i < 5; i++)
+        w->vectors[i] = sb_v3(REAL(0.01) * REAL(i), 0, 0);
+    w->rod_def = ndl_default_rod_def();
+    w->rod_def.nodes = w->vectors;
+    w->rod_def.node_count = 5;
+    w->rod_def.capacity = 8;
+    w->rod_def.gravity = sb_v3(0, 0, REAL(-9.81));
+    w->rod_def.allocator = w->allocator;
+    return &w->rod_def;
+}
+
+static ndl_rod *world_rod(world *w)
+{
+    if (!w->rod) {
+        CHECK_OK(ndl_rod_create(world_rod_def(w), &w->rod, NULL));
+        CHECK_OK(ndl_rod_step(w->rod, REAL(0.01), NULL));
+    }
+    return w->rod;
+}
+
+static ndl_bevel *world_bevel(world *w)
+{
+    w->bevel.law = NDL_BEVEL_CURVATURE;
+    w->bevel.curvature = 10;
+    return &w->bevel;
+}
+
+static ndl_obstacle *world_obstacle(world *w)
+{
+    w->obstacle.kind = NDL_OBSTACLE_CAPSULE;
+    w->obstacle.a = sb_v3(REAL(0.1), 0, 0), w->obstacle.b = sb_v3(REAL(0.1), 0, REAL(0.1));
+    w->obstacle.radius = REAL(0.01);
+    return &w->obstacle;
+}
+
+static ndl_plan *world_plan(world *w)
+{
+    CHECK_OK(ndl_plan_make(world_plan_def(w), &w->pose, sb_v3(REAL(0.01), REAL(0.01), REAL(0.08)), &w->plan, NULL));
+    return &w->plan;
+}
+
+static ndl_steer *world_steer(world *w)
+{
+    if (!w->has_steer)
+        CHECK_OK(ndl_steer_begin(world_steer_def(w), &w->steer, NULL));
+    w->has_steer = 1;
+    return &w->steer;
+}
+
+static ndl_push_def *world_push_def(world *w)
+{
+    w->push_def = ndl_default_push_def();
+    w->push_def.compliance = sb_m3_scale(REAL(0.001), sb_m3_identity());
+    w->push_def.line_direction = sb_v3(0, 0, 1);
+    w->push_def.max_force = 5;
+    return &w->push_def;
+}
+
+static ndl_push *world_push(world *w)
+{
+    if (!w->has_push)
+        CHECK_OK(ndl_push_begin(world_push_def(w), &w->push, NULL));
+    w->has_push = 1;
+    return &w->push;
+}
+
+WORLD_IMAGE_OF(tissue, ndl_tissue_state_size(world_tissue(w)), ndl_tissue_save(w->tissue, w->image, w->image_bytes, NULL))
+WORLD_IMAGE_OF(remesh, ndl_remesh_state_size(world_remesh(w)), ndl_remesh_save(w->remesh, w->image, w->image_bytes, NULL))
+WORLD_IMAGE_OF(rod, ndl_rod_state_size(world_rod(w)), ndl_rod_save(w->rod, w->image, w->image_bytes, NULL))
+
+/* ---- register ---- */
+
+/* Points spread over an ellipsoid. */
+static const sb_vec3 *world_points(world *w)
+{
+    unsigned long long seed = 11;
+    for (int i = 0; i < WORLD_CLOUD; i++) {
+        sb_vec3 d = sb_v3(REAL(check_random_in(&seed, -1, 1)), REAL(check_random_in(&seed, -1, 1)),
+                          REAL(check_random_in(&seed, -1, 1)));
+        d = sb_v3_scale(1 / sb_v3_norm(d), d);
+        w->vectors[i] = sb_v3(REAL(0.03) * d.x, REAL(0.02) * d.y, REAL(0.04) * d.z);
+    }
+    return w->vectors;
+}
+
+static reg_cloud *world_cloud(world *w)
+{
+    if (!w->cloud.points)
+        CHECK_OK(reg_cloud_from_points(&w->cloud, world_points(w), NULL, WORLD_CLOUD, &w->allocator, NULL));
+    return &w->cloud;
+}
+
+static reg_icp_shape *world_icp_shape(world *w)
+{
+    memset(&w->icp_shape, 0, sizeof w->icp_shape);
+    w->icp_shape.points = world_surface(w)->nodes;
+    w->icp_shape.count = w->surface.node_count;
+    w->icp_shape.surface = world_shape(w);
+    return &w->icp_shape;
+}
+
+static reg_icp_options *world_icp_options(world *w)
+{
+    w->icp_options = reg_default_icp_options();
+    w->icp_options.clock = world_clock;
+    w->icp_options.allocator = w->allocator;
+    return &w->icp_options;
+}
+
+static reg_cpd_options *world_cpd_options(world *w)
+{
+    w->cpd_options = reg_default_cpd_options();
+    w->cpd_options.max_iterations = 3;
+    w->cpd_options.clock = world_clock;
+    w->cpd_options.allocator = w->allocator;
+    return &w->cpd_options;
+}
+
+static reg_cpd *world_cpd(world *w)
+{
+    if (!w->cpd)
+        CHECK_OK(reg_cpd_fit(world_points(w), WORLD_CLOUD, w->vectors, WORLD_CLOUD, world_cpd_options(w), &w->cpd, NULL));
+    return w->cpd;
+}
+
+static reg_field_def *world_field_def(world *w)
+{
+    w->field_def = reg_default_field_def();
+    w->field_def.surface = world_surface(w);
+    w->field_def.allocator = w->allocator;
+    return &w->field_def;
+}
+
+static reg_field *world_field(world *w)
+{
+    if (!w->field)
+        CHECK_OK(reg_field_create(world_field_def(w), &w->field, NULL));
+    return w->field;
+}
+
+static reg_kdtree *world_tree(world *w)
+{
+    if (!w->tree)
+        CHECK_OK(reg_kdtree_create(world_points(w), WORLD_CLOUD, &w->allocator, &w->tree, NULL));
+    return w->tree;
+}
+
+static reg_match_def *world_match_def(world *w)
+{
+    w->match_def = reg_default_match_def();
+    w->match_def.body = world_plain(w);
+    w->match_def.target = world_surface(w);
+    w->match_def.landmarks = w->surface.nodes;
+    w->match_def.landmark_targets = w->surface.nodes;
+    w->match_def.landmark_count = 2;
+    w->match_def.clock = world_clock;
+    w->match_def.allocator = w->allocator;
+    return &w->match_def;
+}
+
+static reg_match *world_match(world *w)
+{
+    if (!w->match)
+        CHECK_OK(reg_match_create(world_match_def(w), &w->match, NULL));
+    return w->match;
+}
+
+static reg_nicp_def *world_nicp_def(world *w)
+{
+    w->nicp_def = reg_default_nicp_def();
+    w->nicp_def.body = world_plain(w);
+    w->nicp_def.target = world_surface(w);
+    w->nicp_def.landmarks = w->surface.nodes;
+    w->nicp_def.landmark_targets = w->surface.nodes;
+    w->nicp_def.landmark_count = 2;
+    w->nicp_def.clock = world_clock;
+    w->nicp_def.allocator = w->allocator;
+    return &w->nicp_def;
+}
+
+static reg_nicp *world_nicp(world *w)
+{
+    if (!w->nicp)
+        CHECK_OK(reg_nicp_create(world_nicp_def(w), &w->nicp, NULL));
+    return w->nicp;
+}
+
+static reg_loads_def *world_loads_def(world *w)
+{
+    w->loads_def = reg_default_loads_def();
+    w->loads_def.match = world_match(w);
+    w->loads_def.samples = 30;
+    w->loads_def.rounds = 1;
+    w->loads_def.allocator = w->allocator;
+    return &w->loads_def;
+}
+
+/* ---- all of it ---- */
+
+static unsigned long long world_mix(unsigned long long hash, const void *data, size_t bytes)
+{
+    return hash * 31 + scene_hash(data, bytes);
+}
+
+static unsigned long long world_step_body(sb_body *body, unsigned long long hash)
+{
+    size_t bytes = (size_t)sb_body_node_count(body) * sizeof(sb_vec3);
+    sb_result result = sb_body_step(body, REAL(0.01), NULL);
+    hash = world_mix(hash, &result, sizeof result);
+    CHECK(scene_all_finite(sb_body_positions(body), sb_body_node_count(body)));
+    return world_mix(world_mix(hash, sb_body_positions(body), bytes), sb_body_velocities(body), bytes);
+}
+
+static unsigned long long world_step_needles(world *w, unsigned long long hash)
+{
+    const ndl_tissue_mesh *mesh;
+    ndl_step_info info;
+    sb_result result = ndl_step(w->tissue, &w->needle, w->needle ? 1 : 0, REAL(0.01), NULL, &info, NULL);
+    hash = world_mix(hash, &result, sizeof result);
+    mesh = ndl_tissue_get_mesh(w->tissue);
+    CHECK(scene_all_finite(mesh->x, mesh->node_end));
+    return world_mix(hash, mesh->x, (size_t)mesh->node_end * sizeof(sb_vec3));
+}
+
+/* Lets everything there is go on, and gives the bits of where it comes to. */
+static unsigned long long world_go_on(world *w)
+{
+    unsigned long long hash = 1;
+    sb_real z[3 * WORLD_NODES];
+    if (w->body)
+        hash = world_step_body(w->body, hash);
+    if (w->match && !w->nicp)
+        reg_match_step(w->match, NULL);
+    if (w->nicp)
+        reg_nicp_step(w->nicp, NULL);
+    if (w->plain)
+        hash = world_step_body(w->plain, hash);
+    if (w->tissue)
+        hash = world_step_needles(w, hash);
+    if (w->rod) {
+        sb_result result = ndl_rod_step(w->rod, REAL(0.01), NULL);
+        hash = world_mix(hash, &result, sizeof result);
+        hash = world_mix(hash, ndl_rod_positions(w->rod), (size_t)ndl_rod_node_count(w->rod) * sizeof(sb_vec3));
+    }
+    if (w->remesh) {
+        hash = world_mix(hash, w->tissue_mesh.X, (size_t)w->tissue_mesh.node_end * sizeof(sb_vec3));
+        CHECK_OK(ndl_tissue_mesh_check(&w->tissue_mesh, NULL));
+    }
+    if (w->preconditioner && w->matrix.row_count == WORLD_NODES) {
+        sb_preconditioner_apply(w->preconditioner, w->reals, z);
+        hash = world_mix(hash, z, sizeof z);
+    }
+    if (w->direct && w->matrix.row_count == WORLD_NODES) {
+        sb_result result = sb_direct_solve(w->direct, w->reals, z, 1);
+        hash = world_mix(world_mix(hash, &result, sizeof result), z, sizeof z);
+    }
+    if (w->embedding) {
+        sb_vec3 points[WORLD_NODES];
+        CHECK_OK(sb_embedding_update(w->embedding, w->mesh.nodes, points, NULL, NULL));
+        hash = world_mix(hash, points, 26 * sizeof(sb_vec3));
+    }
+    if (w->shape) {
+        sb_real distance = sb_surface_signed_distance(w->shape, sb_v3(REAL(0.07), REAL(0.01), REAL(0.02)), NULL);
+        hash = world_mix(hash, &distance, sizeof distance);
+    }
+    if (w->field) {
+        sb_real phi = 0;
+        reg_field_at(w->field, sb_v3(REAL(0.07), REAL(0.01), REAL(0.02)), -1, &phi, NULL);
+        hash = world_mix(hash, &phi, sizeof phi);
+    }
+    return hash;
+}
+
+static void world_free(world *w)
+{
+    reg_nicp_destroy(w->nicp);
+    reg_match_destroy(w->match);
+    reg_kdtree_destroy(w->tree);
+    reg_field_destroy(w->field);
+    reg_cpd_destroy(w->cpd);
+    reg_cloud_free(&w->cloud);
+    ndl_rod_destroy(w->rod);
+    ndl_remesh_destroy(w->remesh);
+    ndl_needle_destroy(w->needle);
+    ndl_tissue_destroy(w->tissue);
+    ndl_tissue_mesh_free(&w->tissue_mesh);
+    sb_grid_rows_free(&w->rows);
+    sb_grid_free(&w->grid);
+    sb_surface_destroy(w->shape);
+    sb_embedding_destroy(w->embedding);
+    sb_pcg_workspace_free(&w->workspace);
+    sb_preconditioner_free(w->preconditioner);
+    sb_direct_free(w->direct);
+    sb_matrix_free(&w->matrix);
+    sb_domain_free(&w->domain);
+    sb_recording_destroy(w->recording);
+    sb_body_destroy(w->plain);
+    sb_body_destroy(w->body);
+    sb_mesh_free(&w->spoilt);
+    sb_mesh_free(&w->surface);
+    sb_mesh_free(&w->hexes);
+    sb_mesh_free(&w->mesh);
+    free(w->image);
+    if (w->output.file)
+        sb_output_discard(&w->output);
+    if (w->has_file)
+        remove(WORLD_FILE);
+    memset(w, 0, sizeof *w);
+}
+
+#endif /* HOSTILE_WORLD_H */
