@@ -2,9 +2,12 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double              make install    PREFIX=/usr/local, DESTDIR=
+#   make test       the tests in double, some 3 minutes on two cores
+#   make check      all that CI runs, see tests/check.sh; up to 40 minutes on two busy cores
+#   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
 #   make test-golden                                 the same bits from each compiler and optimisation
+#   make test-traps                                  the tests where an invalid operation or a division by 0 is a signal
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
@@ -40,7 +43,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers test test-float test-cpp test-openmp test-golden verification sanitize cross bench race \
+.PHONY: all examples demo headers test check test-float test-cpp test-openmp test-golden test-traps verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
@@ -130,6 +133,7 @@ $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
 $(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float,,,$(FLOAT_TESTS)))
 $(eval $(call suite,cpp,$(CXX) $(OTHER_CFLAGS),-std=c++11 $(WARNINGS) -x c++,,,$(call some,$(PORTABLE))))
 $(eval $(call suite,openmp,$(CC) $(OTHER_CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP,,,$(call some,$(THREADED))))
+$(eval $(call suite,traps,$(CC) $(OTHER_CFLAGS) -g,-std=c99 $(C_WARNINGS) -DCHECK_TRAPS,,,$(filter-out $(LONG) tests/test_hostile.c,$(TESTS))))
 $(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C_WARNINGS),,,$(filter-out $(LONG),$(TESTS))))
 $(eval $(call suite,mingw,$(MINGW) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,.exe,$(call some,$(PORTABLE))))
 $(eval $(call suite,wasm,$(WASM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm,$(call some,$(PORTABLE))))
@@ -159,6 +163,9 @@ test-cpp: build/cpp/tests
 	build/cpp/tests $(QUICK)
 test-openmp: build/openmp/tests
 	build/openmp/tests $(or $(FILTER),$(SLOW))
+# Without the suite `hostile`: comparing the NaN that it hands over is an invalid operation itself.
+test-traps: build/traps/tests
+	build/traps/tests $(QUICK)
 sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
@@ -242,6 +249,11 @@ build/split/tests: $(SPLIT) $(filter-out %/implementation.o,$(TEST_UNITS:tests/%
 
 lint: $(LINT_OK) build/split/tests
 	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
+
+# ---- all that CI runs ------------------------------------------------------------------------------------------
+
+check:
+	tests/check.sh
 
 # ---- benchmarks and fuzzing ----------------------------------------------------------------------------------
 

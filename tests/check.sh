@@ -1,0 +1,79 @@
+#!/bin/bash
+# All that must hold before a change goes in, and all that CI runs (make check). Two steps at a time, each of which keeps
+# one core busy. Tools that only serve other systems may be missing and are then reported as skips. Ends with one line
+# `N passed, N failed, N skipped`.
+#
+# The order is that of what has found defects so far, the longest of those first: what comes last is cut off first when
+# time runs out. Every line says when it begins, and each step how long it took.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+lane=()
+timed() { lane+=("begin=\$(date +%s); echo \"== \$(date +%T) $1\"; $2; status=\$?; echo \"== \$(date +%T) took \$((\$(date +%s) - begin)) s: $1\"; (exit \$status)"); }
+counted() { timed "$1" "$2"; } # a command that ends with a closing line of its own
+single() { timed "$1" "{ $2; } && echo '1 passed, 0 failed, 0 skipped'"; }
+skipped() { lane+=("echo 'skip: $1'; echo '0 passed, 0 failed, 1 skipped'"); }
+optional() { # optional TOOL NAME COMMAND
+    if command -v "$1" >/dev/null; then single "$2" "$3"; else skipped "no $1: $2"; fi
+}
+
+# No debugging symbols, programs linked with one object that holds the implementation, what calls it not optimised.
+library=build/double/implementation.o
+make="make --no-print-directory -s CFLAGS=-O2 EXAMPLE_CFLAGS=-O1 SANITIZE_CFLAGS=-O1 UNIT_CFLAGS=-O0 LIBRARY=$library"
+unset MAKEFLAGS MFLAGS MAKELEVEL
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+git status --porcelain >"$work/before"
+
+single "the generated files are those that src/ gives" "$make headers
+    if [ -n \"\$(git status --porcelain -- *.h src/*/names.h)\" ]; then
+        echo 'The headers are not what src/ gives. Mend them with these two commands:'
+        echo '    make headers'
+        echo '    git add *.h src/*/names.h'
+        false
+    fi"
+single "the tests and examples build" "$make -j$(nproc) build/double/tests build/amalgamate build/fuzz/plain examples"
+first=("${lane[@]}")
+
+lane=()
+counted "tests under the address and undefined-behaviour sanitizers" "$make sanitize FILTER='\$(SLOW)'"
+counted "tests in double" "$make test"
+counted "warnings, split build, linkage: every compiler, language and precision" "$make lint"
+counted "tests in float" "CHECK_QUICK=1 $make test-float"
+counted "fuzz targets" "$make fuzz FUZZ_SECONDS=5"
+counted "tests where invalid operations are signals" "CHECK_QUICK=1 $make test-traps"
+# Waiting threads leave their processor to the other step.
+counted "tests with OpenMP" "OMP_WAIT_POLICY=passive $make test-openmp"
+counted "golden results of each compiler and optimisation" "$make test-golden"
+counted "tests as C++11" "CHECK_QUICK=1 $make test-cpp"
+counted "random sessions on every element" "$make soak SOAK_SECONDS=20"
+counted "many random cases" "CHECK_SLOW=1 $make test FILTER=anything"
+counted "other systems: MinGW under wine, wasm32 under node" "CHECK_QUICK=1 $make cross"
+optional pkg-config "installed header, found by pkg-config" "$make install DESTDIR=$work/root PREFIX=/usr >/dev/null
+    export PKG_CONFIG_SYSROOT_DIR=$work/root PKG_CONFIG_LIBDIR=$work/root/usr/share/pkgconfig
+    cat tests/implementation.c tests/link/declarations.c >$work/app.c &&
+        cc -Wall -Wextra -Wpedantic -Werror \$(pkg-config --cflags softbody) $work/app.c \$(pkg-config --libs softbody) -o $work/app && $work/app"
+optional cmake "CMake package" "cmake -S . -B $work/cmake -DCMAKE_INSTALL_PREFIX=$work/prefix >/dev/null &&
+    cmake --install $work/cmake >/dev/null && mkdir -p $work/user &&
+    printf '%s\n' 'cmake_minimum_required(VERSION 3.10)' 'project(user C)' 'find_package(softbody 0.5 REQUIRED)' \
+        'add_executable(app app.c)' 'target_link_libraries(app softbody::softbody)' >$work/user/CMakeLists.txt &&
+    cat tests/implementation.c tests/link/declarations.c >$work/user/app.c &&
+    cmake -S $work/user -B $work/user/build -DCMAKE_PREFIX_PATH=$work/prefix >/dev/null &&
+    cmake --build $work/user/build >/dev/null && $work/user/build/app"
+single "benchmarks compile" "$make benches BENCH_CFLAGS='-fsyntax-only -std=gnu11 -fopenmp -DSB_USE_OPENMP'"
+steps=("${lane[@]}")
+
+lane=()
+single "nothing left lying in the tree" "git status --porcelain | diff $work/before -"
+
+tests/total.sh "${first[@]}" | tee "$work/first" || true
+sums=("tail -n 1 $work/first")
+for step in "${!steps[@]}"; do
+    printf '%s' "${steps[step]}" >"$work/step.$step"
+    sums+=("tail -n 1 $work/out.$step")
+done
+export work
+printf '%s\n' "${!steps[@]}" | xargs -P 2 -I STEP sh -c '
+    tests/total.sh "$(cat "$work/step.STEP")" >"$work/out.STEP" 2>&1
+    cat "$work/out.STEP"' || true
+tests/total.sh "${sums[@]}" "${lane[@]}"
