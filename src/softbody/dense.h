@@ -803,10 +803,11 @@ SBI_FORCE_INLINE int sbi_polar_newton(sb_mat3 f, sb_quat q, sb_vec3 *u, sb_real 
     sb_real c00 = g11 * g22 - g12 * g12, c01 = g12 * g02 - g01 * g22, c02 = g01 * g12 - g11 * g02;
     sb_real c11 = g00 * g22 - g02 * g02, c12 = g01 * g02 - g00 * g12, c22 = g00 * g11 - g01 * g01;
     sb_real det = g00 * c00 + g01 * c01 + g02 * c02, trace = g00 + g11 + g22;
-    int definite = (det > SBI_POLAR_DEFINITE * (trace * trace * trace)) & (g00 > 0) & (c22 > 0) &
-                   (trace > SBI_POLAR_LEAST) & (trace < SBI_POLAR_MOST);
-    sb_real divisor = definite ? det : (sb_real)1, quotient = (sb_real)1 / divisor; /* no division by zero in any lane */
-    sb_real inverse = definite ? quotient : (sb_real)0;
+    sb_real size = sb_abs(g00) + sb_abs(g11) + sb_abs(g22) + sb_abs(g01) + sb_abs(g02) + sb_abs(g12) + sb_abs(ax) +
+                   sb_abs(ay) + sb_abs(az) + SBI_POLAR_LEAST;
+    /* No lane divides by zero. A maximum, since compilers turn conditions into branches. It is det wherever the step is
+     * taken: a definite H has size <= 2 trace + |a|_1, and a step with |a|_1 > 2 trace is too long. */
+    sb_real divisor = sb_max(det, SBI_POLAR_DEFINITE / 64 * (size * size * size)), inverse = (sb_real)1 / divisor;
     sb_mat3 c = sb_m3_columns(sb_v3(c00, c01, c02), sb_v3(c01, c11, c12), sb_v3(c02, c12, c22));
     sb_vec3 a = sb_v3(ax, ay, az), first = sb_v3_scale(inverse, sb_m3_apply(c, a)), before, change;
     before = sbi_polar_correct(first, first, a, c, inverse);
@@ -814,7 +815,8 @@ SBI_FORCE_INLINE int sbi_polar_newton(sb_mat3 f, sb_quat q, sb_vec3 *u, sb_real 
     *u = sbi_polar_correct(before, first, a, c, inverse);
     change = sb_v3_sub(*u, before);
     *last = sb_v3_dot(change, change);
-    return definite & (sb_v3_dot(first, first) < (sb_real)0.25);
+    return (det > SBI_POLAR_DEFINITE * (trace * trace * trace)) & (det >= divisor) & (g00 > 0) & (c22 > 0) &
+           (trace > SBI_POLAR_LEAST) & (trace < SBI_POLAR_MOST) & (sb_v3_dot(first, first) < (sb_real)0.25);
 }
 
 /* q (1, u) for |u| <= 0.6: the rotation q and then the step. The length stays within a few per cent of |q|
